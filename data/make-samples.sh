@@ -6,6 +6,6 @@
 set -eu
 lab=${1:-granite-lab}
 here=$(dirname "$0")/samples
-rm -f "$here"/virtual_v*_r*.csv "$here/sealed.bin"
+rm -f "$here"/virtual_v*_r*.csv "$here"/truth/virtual_v*_r*.csv "$here/sealed.bin"
 "$lab" hide --effect tyre_windup+drive_reaction --seed 2021 --name virtual \
     --out "$here" --truth "$here/truth" --jobs 0

@@ -1,5 +1,5 @@
 from .api.hidden import hide, kit, reveal
-from .api.logs import Checked, check, ingest, inspect, view
+from .api.logs import Checked, check, check_logs, ingest, inspect, view
 from .api.model import list_effects, params, show_effect, simulate, wheel
 from .api.trials import compare, discover, fit_a_theta, fit_k92, plan_next, record, report, study
 from .errors import EstimateError, InputError, LabError, UsageError
@@ -16,6 +16,7 @@ __all__ = [
     "LabError",
     "UsageError",
     "check",
+    "check_logs",
     "compare",
     "compare_studies",
     "discover",

@@ -28,6 +28,10 @@ SCHEMA = "granite-lab/report/2"
 """Of ``report.json``."""
 
 
+WHOLE = "study"
+"""Name of the recording of a whole study, beside those of its trials."""
+
+
 @dataclass(frozen=True, eq=False)
 class TrialResult:
     """One trial through the whole chain."""

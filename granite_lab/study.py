@@ -13,12 +13,13 @@ from granite_lab.effects.model_file import load_model
 from granite_lab.errors import EstimateError, LabError
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit
+from granite_lab.folders import distinct, replacing
 from granite_lab.logs.trial import InputFile, Trial, name_of
 from granite_lab.model.effect import Active
 from granite_lab.parameters import load_soil
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.processes import shared_out
-from granite_lab.results import Source, StudyResult, TrialResult, command_of
+from granite_lab.results import WHOLE, Source, StudyResult, TrialResult, command_of
 from granite_lab.running import Execution, Options, each_trial, sifted
 from granite_lab.running.cache import code, fingerprint
 from granite_lab.running.each import HERE
@@ -206,13 +207,13 @@ def record(
     Raises:
         LabError: a file cannot be written.
     """
-    paths = [folder / "study.rrd", *(folder / f"{r.trial.name}.rrd" for r in result.trials)]
-    count = len(paths)
-    for k, _ in enumerate(shared_out(_record, (result, paths), count, "wrote recordings", jobs=jobs), 1):
-        progress("recordings", k)
-    for path in set(folder.glob("*.rrd")) - set(paths):
-        path.unlink()  # of a trial that is no longer in the study
-    return [*paths[1:], paths[0]]
+    names = [f"{name}.rrd" for name in distinct([WHOLE, *(r.trial.name for r in result.trials)])]
+    with replacing(folder, "recordings") as new:
+        paths = [new / name for name in names]
+        done = shared_out(_record, (result, paths), len(paths), "wrote recordings", jobs=jobs)
+        for k, _ in enumerate(done, 1):
+            progress("recordings", k)
+    return [folder / name for name in (*names[1:], names[0])]
 
 
 def _record(given: tuple[StudyResult, Sequence[Path]], k: int) -> None:

@@ -10,12 +10,14 @@ The hashes are those of what is kept.
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 from PIL import Image
 
+from granite_lab.folders import LIST
 from granite_lab.reporting.json_report import dumps, hashes_of
 
 ROOT = Path(__file__).parent.parent
@@ -24,7 +26,8 @@ COLOURS = 48
 
 
 def study() -> None:
-    """Analyse the samples; what is remembered from before is used."""
+    """Analyse the samples; what is remembered from before is used, and the old example is removed."""
+    shutil.rmtree(EXAMPLE, ignore_errors=True)
     command = "from granite_lab.cli import main; main()"
     arguments = ["study", "data/samples", "--out", "reports/example", "--no-recordings"]
     subprocess.run([sys.executable, "-c", command, *arguments], cwd=ROOT, check=True)
@@ -40,6 +43,7 @@ def slim() -> None:
         png.with_suffix(".pdf").unlink(missing_ok=True)
     for table in (EXAMPLE / "tables").glob("*.tex"):
         table.unlink()
+    (EXAMPLE / LIST).unlink(missing_ok=True)
     page = EXAMPLE / "report.md"
     page.write_text(page.read_text(encoding="utf-8").replace(".svg)", ".png)"), encoding="utf-8")
     numbers = EXAMPLE / "report.json"

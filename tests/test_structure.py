@@ -14,7 +14,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 
 STAGES = [
     {"errors", "estimate", "__init__", "__version__"},
-    {"csv_rows", "files", "processes", "shown"},
+    {"csv_rows", "files", "folders", "processes", "shown"},
     {"parameters"},
     {"logs"},
     {"hidden"},

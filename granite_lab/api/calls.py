@@ -76,6 +76,9 @@ EffectFile = Annotated[File, Arg("your own effect file (.py). It is executed: us
 Topics = Annotated[
     Mapping[str, str] | None, Arg("of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic")
 ]
+Strict = Annotated[
+    bool, Arg("a trial that fails is an error; by default it is left out and listed in the result", False)
+]
 Jobs = Annotated[int, Arg("number of processes; 0 means one per core", 0, low=0)]
 Done = Annotated[Callable[[Path], None], Arg("called with each path once it is finished", lambda _: None)]
 

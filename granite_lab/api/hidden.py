@@ -108,15 +108,24 @@ def hide(
 
     if [*folder.glob(f"{label}_v*_r*.csv"), *folder.glob(NAME)]:
         raise UsageError(f"{folder}: holds a hidden set already", "choose another folder")
+    if truth is not None and Path(truth).resolve() == folder.resolve():
+        raise UsageError(
+            f"{truth}: would hold logs and their truth under the same names", "choose two folders"
+        )
+    if truth is not None and (there := sorted(Path(truth).glob(f"{label}_v*_r*.csv"))):
+        raise UsageError(f"{there[0]}: is there already", "choose another folder for the truth")
     true: dict[str, pd.DataFrame] = {}
     wish = Wish(effect, seed, strength, noise, sand_off, lab, dict(sizes or {}))
     the_robot, the_soil = load_robot(robot or "granite"), load_soil(soil or "dry_sand")
+    own = lab_of(lab, seed, the_robot, the_soil).files()
+    if there := [folder / name for name in own if (folder / name).exists()]:
+        raise UsageError(f"{there[0]}: is there already", "choose another folder")
     trials, answer = make_set(
         wish, the_robot, the_soil,
         repetitions=repetitions, label=label, jobs=jobs or os.cpu_count() or 1, done=done,
         keep=true.__setitem__,
     )  # fmt: skip
-    for name, text in lab_of(lab, seed, the_robot, the_soil).files().items():
+    for name, text in own.items():
         write_text(folder / name, text)
     files = []
     for trial in trials:

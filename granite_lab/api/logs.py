@@ -14,16 +14,18 @@ from granite_lab import estimation, reporting
 from granite_lab import logs as log_files
 from granite_lab.api import calls
 from granite_lab.api.calls import Arg, checked
-from granite_lab.api.project import About, Logs, choose
+from granite_lab.api.project import About, Chosen, Logs, choose
 from granite_lab.api.records import Origin, Records
 from granite_lab.errors import EstimateError, InputError, LabError, UsageError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.files import is_folder, refuse_special
-from granite_lab.logs.trial import Array, Trial, TrialInfo, is_bag, is_log, name_of
+from granite_lab.folders import replacing
+from granite_lab.logs.trial import Array, Trial, TrialInfo, is_bag, is_log, name_of, trial_files
 from granite_lab.parameters import WHEELS, Robot
 from granite_lab.processes import one_thread
-from granite_lab.running import each_trial, sifted
+from granite_lab.results import WHOLE
+from granite_lab.running import Options, each_trial, sifted
 from granite_lab.running.options import corrected, read, soil_of
 from granite_lab.shown import Shown, frame
 
@@ -47,12 +49,16 @@ SHARE = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Ingested(Shown):
-    """The trial of a log, its robot and its motion; if asked for, the judgement by the log's reference."""
+    """The trial of a log, its robot and its motion; if asked for, the judgement by the log's reference.
+
+    `log` is the path of the log.
+    """
 
     trial: Trial
     robot: Robot
     motion: Motion
     judgement: Any = None
+    log: Path = Path()
 
     def __repr__(self) -> str:
         return f"Ingested({self.motion!r})"
@@ -80,11 +86,14 @@ def ingest(
     rests: Sequence[tuple[float, float]] = (),
     distance_measured: Estimate | None = None,
     against_reference: bool = False,
+    strict: calls.Strict = False,
     jobs: calls.Jobs = 0,
     done: calls.Done = lambda _: None,
     **said: Unpack[About],
 ) -> Records[Ingested]:
     """Estimate body velocity, slip and their uncertainty from logs.
+
+    A log that cannot be used is left out and listed with the reason.
 
     Args:
         logs: paths of logs, or of folders with logs.
@@ -102,8 +111,8 @@ def ingest(
         one record a log; its table has a row for each IMU stamp.
 
     Raises:
-        InputError: a log cannot be used.
-        EstimateError: the motion cannot be had from it.
+        InputError: no log can be used.
+        EstimateError: the motion cannot be had from any.
         UsageError: the arguments do not fit together.
     """
     apart = {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference}
@@ -114,18 +123,39 @@ def ingest(
         logs, {**said, "jobs": jobs, "cache": False},
         rows=rows, rests=tuple(rests), distance_measured=distance_measured, **paths,
     )  # fmt: skip
+    together, note = ({}, "") if paths or rows else _halves(choice)
+    if together:
+        paths, choice = together, replace(choice, files=(together["imu"],))
     if len(choice.files) > 1 and (paths or variant):
         raise UsageError("--variant and files of sensors go with one trial", "ingest the trials one by one")
-    options = choice.options
+    options = replace(choice.options, **paths)
     if variant:
         options = replace(options, info=TrialInfo(robot=options.robot, v_desired=variant))
     outcomes = each_trial(corrected, choice.files, options, execution=choice.execution, done=done)
-    found = [Ingested(*one) for one in sifted(choice.files, outcomes, strict=True)[0]]
-    if against_reference:
-        found = [replace(i, judgement=estimation.judge(i.motion, i.trial, 0.0)) for i in found]
+    pairs = zip(choice.files, outcomes, strict=True)
+    records = [_ingested(path, outcome, against_reference) for path, outcome in pairs]
+    found, failed = sifted(choice.files, records, strict=strict)
     warnings = tuple(f"{item.name}: {line}" for item in found for line in item.motion.warnings)
-    origin = Origin(left_out=choice.excluded, warnings=warnings)
+    origin = Origin(left_out=(*choice.excluded, *failed), warnings=(*([note] if note else []), *warnings))
     return Records(found, [item.name for item in found], origin)
+
+
+def _ingested(log: Path, outcome: tuple[Trial, Robot, Motion] | LabError, judge: bool) -> Ingested | LabError:
+    """Return the record of a log, if asked for with its judgement; the error of one that has none."""
+    if isinstance(outcome, LabError):
+        return outcome
+    found = Ingested(*outcome, log=log)
+    try:
+        return replace(found, judgement=estimation.judge(found.motion, found.trial, 0.0)) if judge else found
+    except EstimateError as error:
+        return error
+
+
+def _halves(choice: Chosen) -> tuple[dict[str, Any], str]:
+    """Return the files of a trial that was logged in two halves, and what to say of it."""
+    from granite_lab.logs.halves import halves  # noqa: PLC0415, heavy
+
+    return halves(choice.files, choice.options.column_map, dict(choice.options.topics))
 
 
 @checked
@@ -141,21 +171,23 @@ def inspect(
     A log that is not understood is reported as a `problem`, not as an error.
 
     Args:
-        logs: paths of logs.
+        logs: paths of logs, or of folders with logs.
 
     Returns:
         what was recognised, file by file; its table has a row for each column.
 
     Raises:
         InputError: a file does not exist.
-        UsageError: unknown robot or column map.
+        UsageError: unknown robot or column map, or a folder holds no log.
     """
-    paths = [logs] if isinstance(logs, (str, Path)) else list(logs)
+    paths = [Path(path) for path in ([logs] if isinstance(logs, (str, Path)) else logs)]
     if not paths:
-        raise UsageError("no log given", "name the files of one trial")
+        raise UsageError("no log given", "name one or more logs, or a folder of them")
     for path in paths:
-        refuse_special(Path(path))
-    return log_files.inspect_logs(paths, map=column_map, robot=robot, topics=topics)
+        refuse_special(path)
+    named = [trial_files(path) if is_folder(path) and not is_log(path) else [path] for path in paths]
+    files = [file for inside in named for file in inside]
+    return log_files.inspect_logs(files, map=column_map, robot=robot, topics=topics)
 
 
 @checked
@@ -199,8 +231,10 @@ def view(
 
         said = {"robot": robot, "soil": soil, "column_map": column_map}
         found = analyse(path, choose(path, said, everything=True).options)
-        made = Path("reports") / "view" / f"{name_of(path)}.rrd"
-        path = reporting.recording.record_trial(found.trial, found.comparison, made)
+        place, name = Path("reports") / "view", f"{name_of(path)}.rrd"
+        with replacing(place, name) as new:
+            reporting.recording.record_trial(found.trial, found.comparison, new / name)
+        path = place / name
     if screenshot is not None:
         reporting.recording.save_picture(path, Path(screenshot), at)
     elif web:
@@ -215,10 +249,12 @@ def _recording_in(folder: Path, trial: str | None) -> Path:
     if not found:
         hint = "make one with 'granite-lab study TRIALS --out DIR'"
         raise InputError(f"{folder}: no recording in it", hint)
+    if trial is not None and trial.casefold() == WHOLE and f"{trial} (2)" in found:
+        trial = f"{trial} (2)"  # the log has the name of the whole study's recording
     if trial is not None and trial not in found:
         hint = f"there are: {', '.join(sorted(found))}"
         raise InputError(f"{folder}: no recording of trial '{trial}'", hint)
-    return found[trial] if trial else found.get("study", found[min(found)])
+    return found[trial] if trial else found.get(WHOLE, found[min(found)])
 
 
 @dataclass(frozen=True)
@@ -239,18 +275,40 @@ class Checked:
         log: its path.
         virtual: a simulator wrote it.
         checks: in the order in which they were made; what a failure makes impossible is not there.
-        error: None where all checks passed; else what the command ends with.
+        grade: of the estimate, as `ingest` has it; empty where there is none.
+        unusable: the log cannot be used, or a sensor does not work; otherwise what failed is the run.
     """
 
     log: Path
     virtual: bool
     checks: tuple[Check, ...]
-    error: LabError | None = None
+    grade: str = ""
+    unusable: bool = False
 
     @property
     def good(self) -> bool:
         """All checks passed."""
-        return self.error is None
+        return all(check.good for check in self.checks)
+
+    @property
+    def reason(self) -> str:
+        """What failed; of a good run its speed, slip ratio and the grade of its estimate."""
+        if not self.good:
+            return "; ".join(f"{check.name}: {check.found}" for check in self.checks if not check.good)
+        told = [check.found for check in self.checks if check.name in ("speed", "slip")]
+        return "; ".join([*told, f"estimate {self.grade}"])
+
+    @property
+    def error(self) -> LabError | None:
+        """None where all checks passed; else what the command ends with."""
+        bad = [check for check in self.checks if not check.good]
+        if not bad:
+            return None
+        kind: type[LabError] = InputError if self.unusable else EstimateError
+        if len(self.checks) == 1:  # the log cannot be read
+            return kind(bad[0].found, bad[0].advice)
+        failed = ", ".join(dict.fromkeys(check.name for check in bad))
+        return kind(f"{self.log}: failed: {failed}", bad[0].advice)
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row a check."""
@@ -274,26 +332,57 @@ def check(log: str | Path, **said: Unpack[About]) -> Checked:
     """
     choice = choose(log, said, everything=True)
     if len(choice.files) > 1:
-        raise UsageError(f"{log}: {len(choice.files)} logs", "check one after the other")
-    path, options = choice.files[0], choice.options
+        raise UsageError(f"{log}: {len(choice.files)} logs", "check_logs checks several")
+    return _checked(choice.files[0], choice.options)
+
+
+@checked
+def check_logs(
+    logs: Logs, *, jobs: calls.Jobs = 0, done: calls.Done = lambda _: None, **said: Unpack[About]
+) -> Records[Checked]:
+    """Check logs after runs in the field: readable, sensors, standstills, speed, slip, estimate.
+
+    A log that cannot be used is reported as a failed check.
+
+    Args:
+        logs: paths of logs, or of folders with logs.
+
+    Returns:
+        one record a log, as of `check`; the table has a row for each check.
+
+    Raises:
+        UsageError: unknown robot or column map, or no log.
+    """
+    choice = choose(logs, {**said, "jobs": jobs, "cache": False}, everything=True)
+    outcomes = each_trial(_checked, choice.files, choice.options, execution=choice.execution, done=done)
+    pairs = zip(choice.files, outcomes, strict=True)
+    found = [_unread(path, one) if isinstance(one, LabError) else one for path, one in pairs]
+    return Records(found, [name_of(one.log) for one in found])
+
+
+def _unread(path: Path, error: LabError) -> Checked:
+    return Checked(path, False, (Check("log", False, error.message, error.hint),), unusable=True)
+
+
+def _checked(path: Path, options: Options) -> Checked:
+    """Check one log; raises nothing that is the log's fault."""
     try:
         trial, robot = read(path, options)
     except InputError as error:
-        return Checked(path, False, (Check("log", False, error.message, error.hint),), error)
-    checks = [_log(trial, path), *_sensors(trial)]
-    failed: type[LabError] = InputError if not all(c.good for c in checks) else EstimateError
+        return _unread(path, error)
+    checks, grade = [_log(trial, path), *_sensors(trial)], ""
+    unusable = not all(check.good for check in checks)
     try:
         with one_thread():
-            checks += _motion(estimation.correct(trial, robot, soil=soil_of(trial, options.soil))[1], trial)
+            motion = estimation.correct(trial, robot, soil=soil_of(trial, options.soil))[1]
+        checks += _motion(motion, trial)
+        grade = motion.health.grade
     except EstimateError as error:
         checks.append(Check("estimate", False, error.message, error.hint))
     except InputError as error:
-        failed = InputError
+        unusable = True
         checks.append(Check("log", False, error.message, error.hint))
-    bad = [c for c in checks if not c.good]
-    told = f"{path}: failed: {', '.join(dict.fromkeys(c.name for c in bad))}"
-    end = failed(told, bad[0].advice) if bad else None
-    return Checked(path, trial.info.virtual, tuple(checks), end)
+    return Checked(path, trial.info.virtual, tuple(checks), grade, unusable)
 
 
 def _log(trial: Trial, path: Path) -> Check:

@@ -44,9 +44,7 @@ class Work(About, total=False):
     """What may be said of work over many trials."""
 
     effects: calls.EffectFile
-    strict: Annotated[
-        bool, Arg("a trial that fails is an error; by default it is left out and listed in the result", False)
-    ]
+    strict: calls.Strict
     jobs: calls.Jobs
     scheduler: Annotated[str | None, Arg("address of a Dask scheduler that does the work")]
     cache: Annotated[bool, Arg("store results and reuse those with the same inputs", True)]
@@ -101,10 +99,13 @@ class Excluded:
 class Project:
     """What the file says. A relative path starts at the file's folder; an empty text says nothing.
 
+    It holds for the logs in its folder, and for those that it names if it lies where a command is run.
+
     Attributes:
         robot, soil, map: names of the catalogue or .toml files.
         out: folder in which each command makes its own folder of results.
         exclude: trials that are left out.
+        logs: paths of logs, or of folders with logs.
     """
 
     robot: str = ""
@@ -112,6 +113,7 @@ class Project:
     map: str = ""
     out: str = ""
     exclude: tuple[Excluded, ...] = ()
+    logs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -129,7 +131,8 @@ def project_in(folder: Path) -> Project:
     """Return what the file of a folder says, with full paths; nothing where there is no file.
 
     Raises:
-        InputError: unknown key, robot, soil or map; an excluded trial that is not there or has no reason.
+        InputError: unknown key, robot, soil or map; no such log; an excluded trial that is not there or lacks
+            a reason.
     """
     path = folder / FILE
     if not path.is_file():
@@ -148,7 +151,11 @@ def project_in(folder: Path) -> Project:
         named[key] = str(folder / file) if own else text
         if own and not (folder / file).is_file():
             raise InputError(f"{path}: {key} = '{text}': no such file", f"paths start at {folder}")
-    logs = [name_of(log) for log in folder.iterdir() if is_log(log)]
+    for text in read.logs:
+        if not (folder / text).exists():
+            raise InputError(f"{path}: logs: '{text}': does not exist", f"paths start at {folder}")
+    named_too = tuple(str(folder / text) for text in read.logs)
+    logs = [name_of(log) for log in _logs_of(folder, named_too)]
     for i, item in enumerate(read.exclude, 1):
         if item.trial not in logs:
             close = difflib.get_close_matches(item.trial, logs, n=1)
@@ -158,7 +165,40 @@ def project_in(folder: Path) -> Project:
             )
         if not item.reason.strip():
             raise InputError(f"{path}: [exclude.{i}]: reason is empty", "say why the trial is left out")
-    return Project(**named, out=str(folder / read.out) if read.out else "", exclude=read.exclude)
+    out = str(folder / read.out) if read.out else ""
+    return Project(**named, out=out, exclude=read.exclude, logs=named_too)
+
+
+def _logs_of(folder: Path, named: Sequence[str]) -> list[Path]:
+    """Return the logs in a folder of a project, and those that its file names."""
+    beside = [log for log in sorted(folder.iterdir()) if is_log(log)]
+    return [*beside, *(trial_files(named) if named else ())]
+
+
+def named_logs(folder: Path) -> tuple[Path, ...]:
+    """Return the logs that the file of a folder names, or else those beside it; none where there is no file.
+
+    Raises:
+        InputError, UsageError: the file is wrong, or a folder that it names holds no log.
+    """
+    project = project_in(folder)
+    if project.logs:
+        return tuple(trial_files(project.logs))
+    return tuple(_logs_of(folder, ())) if (folder / FILE).is_file() else ()
+
+
+def _projects_of(files: Sequence[Path]) -> dict[Path, tuple[Path, Project]]:
+    """Return of each log the folder of the project's file that holds for it, and the project."""
+    here = Path()
+    mine = project_in(here)
+    known = {path.resolve() for path in (trial_files(mine.logs) if mine.logs else ())}
+    beside = {folder: project_in(folder) for folder in dict.fromkeys(path.parent for path in files)}
+    return {
+        path: (here, mine)
+        if path.resolve() in known and not (path.parent / FILE).is_file()
+        else (path.parent, beside[path.parent])
+        for path in files
+    }
 
 
 def choose(logs: Logs, said: Mapping[str, Any], *, everything: bool = False, **more: Any) -> Chosen:
@@ -178,7 +218,8 @@ def choose(logs: Logs, said: Mapping[str, Any], *, everything: bool = False, **m
     files = trial_files(logs)
     if not any(map(os.path.exists, files)):
         refuse_special(files[0])  # which says what is wrong with it
-    projects = {folder: project_in(folder) for folder in dict.fromkeys(path.parent for path in files)}
+    project_of = _projects_of(files)
+    projects = dict(project_of.values())
     names: dict[str, str | None] = {}
     for key in ("robot", "soil", "map", "out"):
         given = said.get("column_map" if key == "map" else key)
@@ -189,13 +230,17 @@ def choose(logs: Logs, said: Mapping[str, Any], *, everything: bool = False, **m
                 f"give --{key}, or logs of one folder",
             )
         names[key] = str(given) if given is not None else next(iter(values)) or None
-    reasons = {(folder, e.trial): e for folder, p in projects.items() for e in p.exclude if not everything}
-    taken = tuple(path for path in files if (path.parent, name_of(path)) not in reasons)
-    said_of = [reasons[path.parent, name_of(path)] for path in files if path not in taken]
-    excluded = tuple(Failure(item.trial, f"{EXCLUDED}{item.reason}") for item in said_of)
+    reasons = {
+        path: item
+        for path, (_, project) in project_of.items()
+        for item in project.exclude
+        if item.trial == name_of(path) and not everything
+    }
+    taken = tuple(path for path in files if path not in reasons)
+    excluded = tuple(Failure(item.trial, f"{EXCLUDED}{item.reason}") for item in reasons.values())
     if not taken:
         raise UsageError(
-            f"{files[0].parent / FILE}: excludes {'all trials' if len(files) > 1 else files[0].name}",
+            f"{project_of[files[0]][0] / FILE}: excludes {'all trials' if len(files) > 1 else files[0].name}",
             f"reason given: {excluded[0].reason}",
         )
     # All files that are named are read once, so that a wrong one is told before any work.

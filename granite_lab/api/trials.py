@@ -22,6 +22,7 @@ from granite_lab.effects import library
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import refuse_special
 from granite_lab.fitting.fit import AThetaFit, K92Fit
+from granite_lab.folders import files_of
 from granite_lab.logs.trial import name_of, trial_files
 from granite_lab.results import Failure, StudyResult, TrialResult, load_report
 from granite_lab.running import Execution, Options, each_trial, sifted
@@ -33,6 +34,10 @@ from granite_lab.running.output import Guard, claimed, tell
 if TYPE_CHECKING:
     from granite_lab.planning.plan import Plan
     from granite_lab.study import Written
+
+
+PAGES = ("index.html", "report.md")
+"""Files of every report: where others stand in their place, it is told before the work."""
 
 
 def _analysed(command: str, logs: Logs, said: Fit) -> tuple[list[TrialResult], Origin]:
@@ -137,7 +142,7 @@ def studied(logs: Logs, **said: Unpack[Chain]) -> tuple[Written, Origin]:
 
     folder = None if said["out"] is None else Path(said["out"])
     options, execution, cache = choice.options, choice.execution, choice.execution.cache
-    with claimed(folder) if folder else nullcontext():
+    with claimed(folder, PAGES) if folder else nullcontext():
         result = run(
             choice.files, folder.name if folder else "study", options, execution=execution,
             discover=said["discover"], strict=said["strict"], done=said["done"], progress=progress,
@@ -158,8 +163,7 @@ def studied(logs: Logs, **said: Unpack[Chain]) -> tuple[Written, Origin]:
         progress("report", 0)
         written = write(result, options, folder, failures=guard.lines, jobs=jobs)
         if cache is not None and not written.failures:
-            files = sorted(path for path in folder.rglob("*") if path.is_file())
-            known = {path.relative_to(folder).as_posix(): fingerprint(path) for path in files}
+            known = {path.relative_to(folder).as_posix(): fingerprint(path) for path in files_of(folder)}
             cache.put(key, encode(((), known)))
     return written, origin
 
@@ -229,7 +233,7 @@ def discovered(logs: Logs, *, out: calls.File = None, **said: Unpack[Search]) ->
     written = Written(StudyResult(name, (), (), None, source, replace(finding, notes=notes)))
     if out is not None:
         progress("writing the report", 0)
-        with claimed(Path(out)):
+        with claimed(Path(out), PAGES):
             pairs = list(zip(trials, motions, strict=True))
             written = write(written.result, options, Path(out), pairs, jobs=execution.jobs)
     lines = (f"{trial.name}: {line}" for trial in trials for line in trial.warnings)

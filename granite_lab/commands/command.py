@@ -69,6 +69,15 @@ class Call(Generic[T]):
         logs = self.said.get("logs") or [self.said[key] for key in ("imu",) if key in self.said]
         return Path(given) if given else choose(logs, self.said).out / name
 
+    def take_logs_at_hand(self) -> None:
+        """Take the logs at hand where none are given, and say which on stderr."""
+        from granite_lab.api.at_hand import logs_at_hand
+
+        if not self.said["logs"]:
+            found = logs_at_hand()
+            print(printable(found.line), file=sys.stderr)
+            self.said = {**found.said, **self.said, "logs": list(found.logs)}
+
     def json(self, schema: str, document: Mapping[str, Any]) -> None:
         """Print one JSON document on stdout where it is asked for; `schema` is its name and version."""
         if not self.as_json:
@@ -78,9 +87,9 @@ class Call(Generic[T]):
         # A file's name may hold bytes that are no character; JSON can, the terminal's encoding cannot.
         sys.stdout.write(re.sub("[\ud800-\udfff]", lambda c: f"\\u{ord(c[0]):04x}", text) + "\n")
 
-    def line(self, text: object) -> None:
+    def line(self, text: object, style: str = "") -> None:
         """Print a line as it is, however long: nothing in it is markup."""
-        self.shown.print(str(text), soft_wrap=True, markup=False)
+        self.shown.print(str(text), soft_wrap=True, markup=False, style=style or None)
 
     def say(self, text: str, style: str = "") -> None:
         """Print a sentence."""

@@ -194,6 +194,13 @@ FLAGS: dict[str, Flag] = {
 }  # fmt: skip
 """By the parameter's name."""
 
+AT_HAND = replace(
+    FLAGS["logs"],
+    help=f"{TRIALS} By default those that granite-lab.toml names, else those that ingest has read, else "
+    "data/samples.",
+)
+"""Logs of commands that take those at hand where none are given."""
+
 FROM, TO = "--from", "--to"
 
 

@@ -10,11 +10,13 @@ import typer
 from granite_lab import reporting, two_studies
 from granite_lab.api import logs
 from granite_lab.api import trials as api
+from granite_lab.api.at_hand import refuse_others, remember
 from granite_lab.api.records import Origin, Records
 from granite_lab.commands.command import Call, command, warn, warn_of, write_picture
-from granite_lab.commands.options import Flag, Format, Table, picture
-from granite_lab.errors import LabError
+from granite_lab.commands.options import AT_HAND, Flag, Format, Table, picture
+from granite_lab.errors import EstimateError, InputError, LabError, printable
 from granite_lab.files import ending_of, write_table, write_text
+from granite_lab.logs.trial import name_of
 from granite_lab.running import Execution
 from granite_lab.running.output import tell
 from granite_lab.shown import picked
@@ -32,12 +34,41 @@ MOST, PROPOSALS = 20, 8
 """Differences and proposed trials that are printed at most."""
 
 
-@command(logs.check, log=Flag(metavar="TRIAL", help="Log of one run (CSV, ROS bag, MCAP)."))
-def check(call: Call[logs.Checked]) -> None:
-    """The exit code is 3 if the log cannot be used and 4 if it is poor."""
-    found, words = call(), reporting.table.words
-    document = {"log": found.log, "virtual": found.virtual, "good": found.good, "checks": found.checks}
-    call.json("check/1", document)
+@command(logs.check_logs, busy="checking", logs=AT_HAND)
+def check(call: Call[Records[logs.Checked]]) -> None:
+    """Of several logs one line each is shown. The exit code is 3 if one cannot be used, 4 if one is poor."""
+    call.take_logs_at_hand()
+    found = call()
+    if len(found) == 1:
+        _show_checks(call, found[0])
+    else:
+        _show_sheet(call, found)
+
+
+def _check_as_json(found: logs.Checked) -> dict[str, Any]:
+    return picked(found, "log", "virtual", "good", "checks") | {"health": {"grade": found.grade or None}}
+
+
+def _show_sheet(call: Call[Any], found: Records[logs.Checked]) -> None:
+    """Print one line a run, and end with the exit code of the worst."""
+    errors = [one.error for one in found if one.error is not None]
+    call.json("check/2", {"good": not errors, "runs": [_check_as_json(one) for one in found]})
+    width = max(len(printable(name_of(one.log))) for one in found)
+    for one in found:
+        mark, style = ("good", "green") if one.good else ("BAD ", "red")
+        virtual = " (virtual)" if one.virtual else ""
+        call.line(f"{mark}  {printable(name_of(one.log)):<{width}}  {printable(one.reason)}{virtual}", style)
+    if errors:
+        kind = InputError if any(isinstance(error, InputError) for error in errors) else EstimateError
+        hint = "check one of them alone to see all of its checks and what to do"
+        raise kind(f"{len(errors)} of {len(found)} runs are bad", hint)
+    call.say(f"All {len(found)} runs are good.", "bold green")
+
+
+def _show_checks(call: Call[Any], found: logs.Checked) -> None:
+    """Print each check of one run."""
+    words = reporting.table.words
+    call.json("check/1", _check_as_json(found))
     cells = {
         "mark": lambda c: words("good", "good") if c.good else words("BAD", "bad"),
         "found": lambda c: c.found if c.good else f"{c.found}. {reporting.names.capital(c.advice)}.",
@@ -79,20 +110,29 @@ def ingest(
     ] = None,
     table_format: Format = None,
 ) -> None:
-    """The motion of each log is written as a table, a row for each IMU sample."""
+    """The motion of each log is written as a table, a row for each IMU sample.
+
+    The logs are listed beside the tables: commands that are given no logs take these.
+    """
     ending, folder = ending_of(None, table_format), out or call.folder("ingest")
     found = call()
     rows = [(item.motion, folder / f"{item.name}{ending}", item.judgement) for item in found]
+    tables = {item.log: path for item, (_, path, _) in zip(found, rows, strict=True)}
+    refuse_others(folder, tables.values())
     for motion, path, _ in rows:
         write_table(path, motion.to_frame(), ending)
+    remember(folder, tables, call.said)
     documents = [
         {"name": m.trial, "virtual": m.virtual, "warnings": m.warnings, "motion": path}
         | reporting.json_report.motion_as_json(m)
         | ({"judgement": judged} if judged is not None else {})
         for m, path, judged in rows
     ]
-    call.json("ingest/2", {"trials": documents} | warn_of(found.origin))
+    failures = [one for one in found.origin.left_out if not one.excluded]
+    call.json("ingest/2", {"trials": documents, "failures": failures} | warn_of(found.origin))
     reporting.terminal.show_motions(rows, call.shown)
+    for one in failures:
+        call.say(f"left out: {one.trial}: {one.message}", "red")
 
 
 @command(
@@ -114,13 +154,14 @@ def _origin(origin: Origin) -> dict[str, Any]:
     return {"provenance": source and reporting.json_report.provenance_as_json(source)} | warn_of(origin)
 
 
-@command(api.fit_k92, busy="fitting")
+@command(api.fit_k92, busy="fitting", logs=AT_HAND)
 def fit_k92(
     call: Call[Records[K92Fit]],
     out: Table = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Print the notes of the fits.")] = False,
 ) -> None:
     """Fits without an optimum are marked; --verbose prints notes on all fits."""
+    call.take_logs_at_hand()
     fits = call()
     if out is not None:
         write_text(out, reporting.tables.k92_table(list(fits)).to_csv())
@@ -134,9 +175,11 @@ def fit_k92(
     reporting.terminal.show_k92_fits(list(fits), call.shown, notes=verbose)
 
 
-@command(api.fit_a_theta, run=api.a_theta_of, busy="fitting")
+@command(api.fit_a_theta, run=api.a_theta_of, busy="fitting", logs=AT_HAND)
 def fit_atheta(call: Call[tuple[AThetaFit, Origin]], out: Table = None) -> None:
     """A verdict needs three speeds."""
+    if not call.said["published"]:
+        call.take_logs_at_hand()
     fit, origin = call()
     if out is not None:
         table = fit.to_frame()
@@ -149,10 +192,14 @@ def fit_atheta(call: Call[tuple[AThetaFit, Origin]], out: Table = None) -> None:
 
 
 @command(
-    api.compare, busy="fitting", out=Flag(help="Folder for tables and figures.", shown="reports/compare")
-)  # fmt: skip
+    api.compare,
+    busy="fitting",
+    logs=AT_HAND,
+    out=Flag(help="Folder for tables and figures.", shown="reports/compare"),
+)
 def compare(call: Call[Records[Comparison]]) -> None:
     """Tables and figures are written, the differences by quantity are printed."""
+    call.take_logs_at_hand()
     out = call.folder("compare")
     found = call(out=out)
     rows = [
@@ -170,6 +217,7 @@ def compare(call: Call[Records[Comparison]]) -> None:
     api.study,
     run=api.studied,
     busy="trials",
+    logs=AT_HAND,
     out=Flag(help="Folder of the report; its name is the report's name.", shown="reports/study"),
 )
 def study(
@@ -183,6 +231,7 @@ def study(
     if check is not None:
         _verify(call, check)
         return
+    call.take_logs_at_hand()
     out = call.folder("study")
     written, origin = call(out=out)
     from granite_lab.discovery.as_json import finding_as_json
@@ -254,10 +303,12 @@ def compare_studies(
     api.discover,
     run=api.discovered,
     busy="discovering",
+    logs=AT_HAND,
     out=Flag(help="Folder of the report, finding.json and model.toml.", shown="reports/discover"),
 )
 def discover(call: Call[tuple[Written, Origin]]) -> None:
     """Report, finding and corrected model are written."""
+    call.take_logs_at_hand()
     out = call.folder("discover")
     written, origin = call(out=out)
     from granite_lab.discovery.as_json import finding_as_json

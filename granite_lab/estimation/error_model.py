@@ -33,6 +33,7 @@ from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.wheels import Rolling
+from granite_lab.logs.counters import runs
 from granite_lab.logs.standstill import ZERO_VELOCITY
 from granite_lab.logs.trial import Array
 
@@ -72,6 +73,8 @@ class Noise:
         vibration_frequency: its dominant frequency [Hz].
         vibration_damping: its damping ratio (relative bandwidth over two).
         accel_motion, gyro_motion: white noise that is there only in motion, the former below the vibration.
+        accel_level, gyro_level: std of what all readings of a standstill are off alike, and those in motion
+            are not, by rounding or a dead band [m/s^2], [rad/s].
     """
 
     accel: float
@@ -90,6 +93,8 @@ class Noise:
     vibration_damping: float
     accel_motion: float = 0.0
     gyro_motion: float = 0.0
+    accel_level: float = 0.0
+    gyro_level: float = 0.0
 
     @property
     def vibration_omega(self) -> float:
@@ -112,6 +117,8 @@ class Noise:
             "vibration_mps2": self.vibration,
             "vibration_frequency_hz": self.vibration_frequency,
             "vibration_damping": self.vibration_damping,
+            "accel_level_error_mps2": self.accel_level,
+            "gyro_level_error_radps": self.gyro_level,
         }
 
 
@@ -363,11 +370,15 @@ def rest_updates(
     totals = np.array([np.bincount(place, signal[usable], course.t.size)[k] for signal in signals])
     seen = totals[0] > 0
     k, i, (n, force, rate) = k[seen], i[seen], totals[:, seen]
+    alike = np.zeros(course.t.size)
+    for a, b in runs(course.rest):
+        alike[a:b] = np.count_nonzero((k >= a) & (k < b))  # they share one error
     if imu.has_pitch_rate:
         R = noise.gyro**2 / (n * imu.period)
         found.append(updates_of("zero_rate", k, rate / n - nominal.gyro_bias, {BG: 1.0}, R))
     z = force / n + imu.gravity * np.sin(nominal.pitch[i]) - nominal.accel_bias
     R = noise.accel**2 / (n * imu.period) + 2.0 * (shaken[k] / (n * imu.period)) ** 2
+    R = R + alike[k] * noise.accel_level**2
     return [*found, updates_of("specific_force", k, z, {BA: 1.0, TH: -nominal.coupling[i]}, R)]
 
 

@@ -22,6 +22,10 @@ RADIUS = 0.04
 """Std of the effective wheel radius against the robot's file, as a share: deflection, wear and lugs of a tyre
 change the rolling radius by some per cent (Wong, Theory of Ground Vehicles, section 1.2)."""
 
+TELLING = 0.05
+"""A slip ratio whose std is larger than this tells little of k_92, which falls by 0.3 over 0.17 of slip ratio
+(paper, Table 3) [-]."""
+
 UNFIT = 4.0
 """Innovations this many times as large as predicted (rms) show a noise model that does not fit the log."""
 
@@ -73,6 +77,8 @@ def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
             yield Doubt(f"innovations ({kind}) are {math.sqrt(nis):.1f} times as large as predicted", "poor")
     known = soil.slip_std < 1.0
     usual = soil.slip if known else SlipModel.steady
+    if motion.slip_ratio.std > TELLING:
+        yield Doubt(f"the slip ratio is known to ± {100 * motion.slip_ratio.std:.0f} points only", "fair")
     for slip, where in _slips(motion):
         low = -SlipModel.per_acceleration * GRAVITY * max(_downhill(motion), 0.0)
         beyond = max(low - slip.value, slip.value - 1.0)

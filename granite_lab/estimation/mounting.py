@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
+from granite_lab.logs.standstill import step_of
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, Robot
 
@@ -46,6 +47,21 @@ class BodyImu:
     def has_pitch_rate(self) -> bool:
         """Whether a pitch gyro was logged."""
         return bool(np.isfinite(self.pitch_rate).any())
+
+    @cached_property
+    def steps(self) -> tuple[float, float]:
+        """Smallest steps of `forward` [m/s^2] and `pitch_rate` [rad/s], found in the sensor's axes; 0: none.
+
+        Of axes that turn into these the steps add as errors of rounding do.
+        """
+        matrix, found = self.rotation.as_matrix(), []
+        triples = (self.forward, self.left, self.up), (self.roll_rate, self.pitch_rate, self.yaw_rate)
+        for axis, triple in zip((0, 1), triples, strict=True):
+            body = np.stack(triple, axis=1)
+            whole = bool(np.isfinite(body).all())
+            own = matrix[axis] * step_of(body @ matrix) if whole else step_of(triple[axis][:, None])
+            found.append(float(np.linalg.norm(own)))
+        return found[0], found[1]
 
 
 def to_body(imu: ImuStream, rotation: Rotation, *, levelled: bool = False) -> BodyImu:

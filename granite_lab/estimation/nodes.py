@@ -8,17 +8,23 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cache
 
 import numpy as np
-from scipy.ndimage import correlate1d, gaussian_filter1d, maximum_filter1d, uniform_filter1d
+from scipy.ndimage import (
+    correlate1d,
+    gaussian_filter1d,
+    maximum_filter1d,
+    minimum_filter1d,
+    uniform_filter1d,
+)
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import error_model as model
-from granite_lab.estimation.error_model import BA, BG, PD, SIZE, TAU, TH, Course, D, P, Pace, S, V, X
+from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TAU, TH, Course, D, P, Pace, S, V, X
 from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.rest import COAST
 from granite_lab.estimation.wheels import MOVING, Rolling
-from granite_lab.logs.standstill import ZERO_VELOCITY, Interval
+from granite_lab.logs.standstill import WINDOW, ZERO_VELOCITY, Interval
 from granite_lab.logs.trial import Array, part
 from granite_lab.parameters import GRAVITY, Robot
 
@@ -47,6 +53,9 @@ compliance of a robot that rings at 16 Hz."""
 
 LOOSE_TIME = 0.1
 """Time over which such a walk keeps its direction [s]."""
+
+SWAY = 0.25
+"""A body that pitches or gains speed goes on with it for so long [s]."""
 
 FREE = 10.0
 """Distance that wheels which spin on the spot may roll between two nodes [m]."""
@@ -196,7 +205,20 @@ def lasting_speed(t: Array, speed: Array, moving: np.ndarray) -> Array:
     width = 5.0 * model.MEMORY
     weight = gaussian_filter1d(on, width)
     pace = gaussian_filter1d(on * np.interp(grid, t, np.abs(speed)), width) / np.maximum(weight, 1e-3)
-    return np.where(speed < 0, -1.0, 1.0) * np.maximum(np.interp(t, grid, pace), model.V_FLOOR)
+    return heading(speed) * np.maximum(np.interp(t, grid, pace), model.V_FLOOR)
+
+
+def heading(speed: Array) -> Array:
+    """(K,) direction, 1 or -1, in which wheels of a signed speed (K,) [m/s] turn.
+
+    Below `COAST` it is that of the last speed beyond it, or of the first one: the sign of a speed that is
+    nearly zero is chance, and slip would change its sign with it.
+    """
+    fast = np.flatnonzero(np.abs(speed) >= COAST)
+    if fast.size:
+        last = np.searchsorted(fast, np.arange(speed.size), side="right") - 1
+        speed = speed[fast[np.maximum(last, 0)]]
+    return np.where(speed < 0, -1.0, 1.0)
 
 
 def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, pace: Pace) -> Array:
@@ -226,7 +248,7 @@ def course_of(problem: Problem, nominal: Nominal, offset: float) -> Course:
         w = lasting_speed(t, pace.speed, moving)
         mean_slip = np.clip(slip.steady * pull / RESISTANCE, -0.4, 0.4)
     else:
-        w = np.where(pace.calm < 0, -1.0, 1.0) * np.maximum(np.abs(pace.calm), COAST)
+        w = heading(pace.calm) * np.maximum(np.abs(pace.calm), COAST)
         mean_slip = slip.expected(pace.growth, pace.speed)
     loss = np.where(moving, mean_slip * (w if slip.far else pace.speed), 0.0)
     return Course(
@@ -260,6 +282,7 @@ def build(
     if problem.jumps is not None:
         Q[:, S, S] += moving * problem.jumps[course.index] * dt / course.w**2
     inflate(Q, course, problem, nominal.rest)
+    blur(Q, course, imu, noise)
     # a standstill that was named: the wheels may spin while the body stands
     Q[course.spinning, D, D] += FREE**2
     begins, creep = np.zeros(t.size, dtype=bool), np.zeros(t.size)
@@ -289,13 +312,38 @@ def build(
     x0[[TH, BA, BG, TAU], 0] = -nominal.pitch[0], -nominal.accel_bias, -nominal.gyro_bias, left.value
     std = np.array([
         1e-6, np.hypot(1e-6, start), ZERO_VELOCITY if rest[0] else 1.0 + abs(speed[0]), noise.pitch,
-        noise.accel_bias, max(noise.gyro_bias, abs(nominal.gyro_bias)),
+        noise.accel_bias, max(noise.gyro_bias, noise.gyro_level, abs(nominal.gyro_bias)),
         1e-7 if rest[0] else noise.motion_bias, 1e-6 if rest[0] else slip.limit,
         1e-6 if rest[0] else slip.scatter, left.std, noise.accel_scale,
         1e-8 if slip.far else problem.soft, 1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
     ])  # fmt: skip
     places = {f.name: getattr(course, f.name) for f in fields(model.Places)}
     return Nodes(**places, F=F, Q=Q, updates=updates, x0=x0, P0=np.diag(std**2))
+
+
+def blur(Q: Array, course: Course, imu: BodyImu, noise: model.Noise) -> None:
+    """Let biases change, in place, where rounding or a dead band begins or ceases to mute a sensor.
+
+    Muted readings hide whatever is below them, of which they are off for `SWAY`. Q is (K, 14, 14).
+    """
+    dt, gravity = course.dt, course.coupling * course.dt
+    for state, level, signal, step, gains in (
+        (BM, noise.accel_level, imu.forward, imu.steps[0], {V: 1.0, X: dt}),
+        (BG, noise.gyro_level, imu.pitch_rate, imu.steps[1], {TH: 1.0, V: gravity, X: gravity * dt}),
+    ):
+        if level > 0.0:
+            mute = muted(signal, step, imu.period)
+            edges = np.flatnonzero(np.diff(mute)) + 1
+            Q[np.searchsorted(course.index, edges), state, state] += level**2
+            hidden = mute[course.index] & course.moving
+            model.spread(Q, hidden * level**2 * 2.0 * SWAY * dt, gains)
+
+
+def muted(signal: Array, step: float, period: float) -> np.ndarray:
+    """(N,) True where the readings of a `WINDOW` do not differ by more than a `step`."""
+    size, known = max(round(WINDOW / period), 3), np.nan_to_num(signal)
+    calm = maximum_filter1d(known, size) - minimum_filter1d(known, size) < 1.5 * step + 1e-12
+    return np.asarray(maximum_filter1d(calm, size))
 
 
 def inflate(Q: Array, course: Course, problem: Problem, rest: np.ndarray) -> None:

@@ -15,6 +15,7 @@ from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.files import is_folder, readable, refuse_special
 from granite_lab.logs.layouts import Column, Layout
 from granite_lab.logs.quantities import ROS, WORDS, wheels_named, words
+from granite_lab.logs.stamps import ticks_too_rarely
 from granite_lab.logs.table import Table
 from granite_lab.logs.trial import Array
 
@@ -125,20 +126,32 @@ def _choose(
 def _stamps(path: Path, rows: Sequence[tuple[str, int, Any]], doubts: list[str]) -> Array:
     """Return stamps (N,) [s] since the whole second of the first.
 
-    They stand in the messages' headers; 0 there says that nobody set it. Messages without one are taken
-    when they arrived, less the time that the others usually take to arrive.
+    They stand in the messages' headers; 0 there says that nobody set it. Messages without one, and those
+    whose stamps stand still or tick too rarely, are taken when they arrived, less the time that the others
+    usually take to arrive.
     """
     headers = [getattr(message, "header", None) for _, _, message in rows]
     stamps = [h.stamp.sec * _SECOND + h.stamp.nanosec if h is not None else 0 for h in headers]
     logged = list(zip(rows, stamps, strict=True))
-    bare = {topic for topic, _, _ in rows} - {topic for (topic, _, _), stamp in logged if stamp}
-    told = "have no stamps; the time of arrival is used"
-    doubts += [f"{path.name}: messages of {topic} {told}" for topic in sorted(bare)]
+    bare: set[str] = set()
+    for topic in sorted({topic for topic, _, _ in rows}):
+        told = [stamp for (name, _, _), stamp in logged if name == topic]
+        if any(told) and not _stands_still(told, [arrival for name, arrival, _ in rows if name == topic]):
+            continue
+        bare.add(topic)
+        fault = "have no stamps" if not any(told) else f"have {len(set(told))} different stamps"
+        doubts.append(f"{path.name}: {len(told)} messages of {topic} {fault}; the time of arrival is used")
     late = [arrival - stamp for (topic, arrival, _), stamp in logged if topic not in bare]
     delay = int(np.median(late)) if bare and late else 0
     stamps = [arrival - delay if topic in bare else stamp for (topic, arrival, _), stamp in logged]
     origin = min(stamps, default=0) // _SECOND
     return np.array([(stamp - origin * _SECOND) / 1e9 for stamp in stamps])
+
+
+def _stands_still(stamps: Sequence[int], arrivals: Sequence[int]) -> bool:
+    """Say whether stamps [ns] tick too rarely to be used, and arrivals do not."""
+    of_headers, of_arrival = (np.array([(x - t[0]) / 1e9 for x in t]) for t in (stamps, arrivals))
+    return len(stamps) > 1 and ticks_too_rarely(of_headers) and not ticks_too_rarely(of_arrival)
 
 
 def _find(message: Any, names: Iterable[str]) -> Iterator[Field]:

@@ -42,10 +42,10 @@ def row_stamps(source: Source) -> Array:
     for part in source.bindings("t_add"):  # as nanoseconds beside seconds
         logged = logged * factor + source.columns[part.place] * part.factor
         factor = 1.0
-    for block in stray(logged):
+    for block in _stray_rows(source, logged):
         source.doubts.append(
-            f"{source.place(block.start)}: {column}: {block.stop - block.start} stamps from here on "
-            f"leave the time line (to {logged[block][0]:.10g}) and come back: left out"
+            f"{source.place(int(block[0]))}: {column}: {len(block)} stamps from here on "
+            f"leave the time line (to {logged[block[0]]:.10g}) and come back: left out"
         )
         logged = logged.copy()
         logged[block] = np.nan
@@ -90,6 +90,20 @@ def _chosen(source: Source) -> Binding:
             fault = "ticks too rarely" if on else f"is {t[0] / clock.factor:.10g} throughout"
             source.doubt(f"column '{clock.name}' {fault}: the stamps are those of '{clocks[best].name}'")
     return clocks[best]
+
+
+def _stray_rows(source: Source, logged: Array) -> list[Rows]:
+    """Return blocks of rows that are `stray` among the rows of their own sensor.
+
+    Sensors whose rows take turns in a file may have clocks of their own, seconds apart.
+    """
+    found: dict[int, Rows] = {}
+    sensors = [sampled(source, kind.channels) for name, kind in SENSORS.items() if name != "time"]
+    for sensor in (*sensors, ~np.any(sensors, axis=0)):
+        rows = np.flatnonzero(sensor)
+        for block in stray(logged[rows]):
+            found.setdefault(int(rows[block.start]), rows[block])
+    return [found[row] for row in sorted(found)]
 
 
 def stray(raw: Array) -> list[slice]:

@@ -35,21 +35,18 @@ RANGES = (3600.0, 43200.0, 86400.0)
 
 
 def _form(cells: Sequence[str]) -> re.Pattern[str] | None:
-    """Return the form in which the first and most of some cells are written, None if they are no dates."""
-    fits = (form for form in _FORMS if cells and form.fullmatch(cells[0].strip()))
-    return next(
-        (f for f in fits if sum(bool(f.fullmatch(c.strip())) for c in cells) > 0.5 * len(cells)), None
-    )
+    """Return the form in which more than half of some cells are written, None if they are no dates."""
+    fits = (f for f in _FORMS if sum(bool(f.fullmatch(c.strip())) for c in cells) > 0.5 * len(cells))
+    return next(fits, None)
 
 
 def are_dates(cells: Sequence[str]) -> bool:
-    """Say whether cells are dates or times of day, all in one form.
+    """Say whether more than half of some cells are dates or times of day in one form.
 
     Forms are ISO 8601, also with other signs in between (2026/03/01/12:00:00.25, 2026_03_01_12_00_00_250),
     3/1/2026 12:00:00 PM, 1.3.2026 12:00:00, 01-Mar-2026 12:00:00, times alone as 12:00:00.25, days alone.
     """
-    form = _form(cells)
-    return form is not None and all(form.fullmatch(cell.strip()) for cell in cells)
+    return _form(cells) is not None
 
 
 def are_times_of_day(cells: Sequence[str]) -> bool:

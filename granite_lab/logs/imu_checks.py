@@ -88,13 +88,27 @@ def mounted(robot: Robot) -> Rotation:
     return Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True)
 
 
-def refuse_axes(imu: ImuStream, still: Spans, log: Log) -> None:
+def with_forward_axis(imu: ImuStream, log: Log) -> ImuStream:
+    """Leave an accelerometer out, with a warning, whose axis that points forward was not logged."""
+    absent = np.isnan(imu.specific_force).all(axis=0)
+    forward = np.abs(mounted(log.robot).as_matrix()[0]) > 0.5
+    needed = absent & (forward | (log.robot.imu.forward == "find"))
+    if absent.all() or not needed.any():
+        return imu
+    axis = "xyz"[int(np.argmax(needed))]
+    why = f"axis {axis} is not in the log, and it points forward or may"
+    log.doubts.append(f"accelerometer: {why}: the accelerometer is not used")
+    return dataclasses.replace(imu, specific_force=np.full_like(imu.specific_force, np.nan))
+
+
+def refuse_axes(imu: ImuStream, still: Spans, rolls: Mask, log: Log) -> None:
     """Refuse axes that are dead, exchanged or turned, in a log whose wheels move.
 
-    The IMU is without spikes, in units that were checked; `still` are standstills [s].
+    The IMU is without spikes, in units that were checked; `still` are standstills [s], and the wheels turn at
+    the samples `rolls` (N,).
     """
     mounting = mounted(log.robot).as_matrix()
-    _refuse_dead(imu, mounting, log)
+    _refuse_dead(imu, mounting, rolls, log)
     known = not np.isnan(imu.specific_force).any()
     if known and not imu.gravity_removed and log.robot.imu.forward != "find":
         _refuse_gravity(imu, mounting, still, log)
@@ -144,7 +158,9 @@ def _acceleration(removed: bool, seen: Windows, log: Log) -> tuple[float, bool]:
         log.doubts.append(f"the accelerometer reads {g:.2g} m/s^2 at rest: {gone}")
         return 1.0, True
     what = f"{log.where}: {reads}, expected 9.81 m/s^2, 1 g, 1000 mg or, with gravity removed, 0"
-    raise InputError(what, "correct the unit in the column's name, or give its scale in a column map")
+    own = log.column(*(channel for channel in ACCELERATION if channel in log.columns))
+    fits = f"unit = … or scale = {STANDARD_GRAVITY / g:.4g}" if g > 0 else "unit = … or scale = …"
+    raise InputError(what, f"give {own} the unit that the logger uses, in a column map by {fits}")
 
 
 def _rate(rate: Array, removed: bool, seen: Windows | None, log: Log) -> float:
@@ -234,7 +250,8 @@ def rail(axis: Array) -> Mask:
     usual = known.size / (moved.size + 1.0)
     for extreme in (float(known.max()), float(known.min())):
         at_limit = axis == extreme
-        if max(end - begin for begin, end in runs(at_limit)) >= 3.0 * max(usual, 1.0):
+        stays = max(runs(at_limit), key=lambda run: run[1] - run[0])
+        if stays[1] - stays[0] >= 3.0 * max(usual, 1.0) and _cut_off(axis, *stays, float(moved.min())):
             centre = float(np.median(known))
             scatter = 1.4826 * float(np.median(np.abs(known - centre)))
             if abs(extreme - centre) > max(3.0 * float(moved.min()), 1.5 * scatter):
@@ -242,12 +259,21 @@ def rail(axis: Array) -> Mask:
     return mark
 
 
-def _refuse_dead(imu: ImuStream, mounting: Array, log: Log) -> None:
-    """Refuse an axis that never changes and that velocity or pitch need."""
+def _cut_off(axis: Array, begin: int, end: int, step: float) -> bool:
+    """Whether a signal (N,) comes to a plateau, or leaves it, by more than the `step` of coarse values."""
+    beside = [axis[k] for k in (begin - 1, end) if 0 <= k < axis.size]
+    return any(abs(float(value) - float(axis[begin])) > 1.5 * step for value in beside)
+
+
+def _refuse_dead(imu: ImuStream, mounting: Array, rolls: Mask, log: Log) -> None:
+    """Refuse an axis that never changes and that velocity or pitch need.
+
+    A sensor may read the same at rest, by rounding or by a dead band. While the wheels turn it hangs.
+    """
     turn = np.abs(mounting) > 0.5
     both, needed = _sensors(imu), ((0, 2), (1,))
     for (what, channels, values), (_, _, other), rows in zip(both, both[::-1], needed, strict=True):
-        same = runs((np.diff(values, axis=0) == 0).all(axis=1))
+        same = runs((np.diff(values, axis=0) == 0).all(axis=1) & rolls[1:])
         first, last = max(same, key=lambda run: run[1] - run[0], default=(0, 0))
         begin, end = float(imu.t[first]), float(imu.t[last])
         changes = f"expected readings of the {what} that change"

@@ -15,7 +15,8 @@ import pandas as pd
 
 from granite_lab.errors import InputError, at
 from granite_lab.logs.cells import Cells, load
-from granite_lab.logs.layouts import Column, Layout, Maps, Match, given_maps, match
+from granite_lab.logs.dates import are_times_of_day
+from granite_lab.logs.layouts import Column, Layout, Maps, Match, given_maps, match, no_match
 from granite_lab.logs.quantities import (
     ACCELERATION,
     DATE,
@@ -31,7 +32,7 @@ from granite_lab.logs.quantities import (
 )
 from granite_lab.logs.reader import assemble
 from granite_lab.logs.source import read_source, recognise
-from granite_lab.logs.stamps import GAP_PERIODS, SECONDS, unit_factor
+from granite_lab.logs.stamps import GAP_PERIODS, SECONDS, ticks_too_rarely, unit_factor
 from granite_lab.logs.standstill import standstills
 from granite_lab.logs.table import Table, open_table
 from granite_lab.logs.trial import Array, Trial, is_bag, name_of, parts_of
@@ -214,7 +215,7 @@ def _inspect(
         cells = _cells(table)
     except InputError as error:
         return replace(report, problem=report.problem or error.message, hint=report.hint or error.hint)
-    columns, doubts = cells.columns, _named_alike(table) if found is None else []
+    columns, doubts = cells.columns, _named_alike(table) if found is None else _passed_over(found, maps)
     entries = _recognised(found) if found is not None else guess(table, columns)
     used = {column.place for column in entries}
     entries += [_unused(table, columns, place) for place in range(table.width) if place not in used]
@@ -271,6 +272,17 @@ def _damage(table: Table, cells: Cells, wanted: Collection[int]) -> list[str]:
         return cells.whole(table, wanted)[1]
     except InputError as error:
         return [error.message]
+
+
+def _passed_over(found: Match, maps: Sequence[Layout]) -> list[str]:
+    """Return a warning that no given map fits a file that the catalogue knows."""
+    if not maps or found.layout in maps or is_bag(found.table.path):
+        return []
+    try:
+        why = no_match([match(layout, found.table) for layout in maps], given=True).message
+    except InputError as error:
+        why = error.message
+    return [f"read by layout '{found.layout.name}', for no given map fits: {why}"]
 
 
 def _named_alike(table: Table) -> list[str]:
@@ -344,15 +356,38 @@ def _streams(trial: Trial) -> tuple[StreamReport, ...]:
 def guess(table: Table, columns: Mapping[int, Array]) -> list[ColumnReport]:
     """Guess what columns (N,) of a log are, from their places and values, dates as seconds since 1970."""
     found = {place: _called(table, place) for place in columns}
-    for place in filter(table.is_dated, columns):
-        fine = bool((np.diff(columns[place]) != 0).mean() > 0.5) if len(columns[place]) > 1 else False
-        _set(found, place, DATE, "dates", to=("t",), confidence=0.95 if fine else 0.3, assumed=False)
+    _dates(found, table, columns)
     _seconds_and_parts(found, columns)
+    _running(found, columns)
     _first_only(found)
     _time(found, columns)
     _triples(found, columns)
     _encoders(found, columns)
     return list(found.values())
+
+
+def _dates(found: Found, table: Table, columns: Mapping[int, Array]) -> None:
+    """Find dates and times of day, which may stand in two columns."""
+    dated = [place for place in columns if table.is_dated(place)]
+    times = [place for place in dated if are_times_of_day(table.filled(place))]
+    days = [place for place in dated if not (columns[place] % 86400.0).any()]
+    if times and days:
+        day, time, sure = days[0], times[0], {"confidence": 0.95, "assumed": False}
+        _set(found, day, DATE, f"day, with the time in '{found[time].name}'", to=("t",), **sure)
+        _set(found, time, DATE, f"time of day, with '{found[day].name}'", to=("t_add",), **sure)
+        dated = [place for place in dated if place not in (day, time)]
+    for place in dated:
+        fine = bool((np.diff(columns[place]) != 0).mean() > 0.5) if len(columns[place]) > 1 else False
+        _set(found, place, DATE, "dates", to=("t",), confidence=0.95 if fine else 0.3, assumed=False)
+
+
+def _running(found: Found, columns: Mapping[int, Array]) -> None:
+    """Leave out a clock that stands still or ticks too rarely, where another one runs."""
+    clocks = [place for place, one in found.items() if one.to == ("t",)]
+    apart = any(one.to == ("t_add",) for one in found.values())
+    idle = [] if apart else [place for place in clocks if ticks_too_rarely(columns[place])]
+    for place in idle if len(idle) < len(clocks) else ():
+        _set(found, place, "", "a clock that ticks too rarely", to=(), confidence=0.0)
 
 
 def _called(table: Table, place: int) -> ColumnReport:

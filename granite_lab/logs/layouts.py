@@ -302,9 +302,7 @@ def _one(table: Table, spec: Column, hits: list[Hit], bare: Sequence[str], names
     what = f"{listed} both are {spec.to[0]}, expected one column for it"
     last, hint = hits[-1][0], "rename or remove the other one"
     if names[last] != bare[last]:
-        hint += (
-            f'; or write name = "{names[last]}" in a column map, or all names as names = […] under [table]'
-        )
+        hint += f'; or write name = "{names[last]}" in a column map, or names = […] under its [table]'
     raise table.error(what, hint, table.header_line)
 
 
@@ -334,12 +332,13 @@ def no_match(tries: list[Match], given: bool) -> InputError:
         return table.error(what, hint, line)
     shown = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
     near = max(tries, key=lambda m: m.columns / (m.columns + len(m.missing)))
+    numbered_ones = ""
+    if table.repeated:
+        one, other = (table.names[place] for place in table.repeated[0][1][:2])
+        numbered_ones = f"; in a column map two columns of one name are '{one}' and '{other}'"
     if near.columns <= len(near.missing) and not given:
         hint = "granite-lab inspect shows what the columns seem to be and writes a column map for --map"
-        if table.repeated:
-            one, other = (table.names[place] for place in table.repeated[0][1][:2])
-            hint += f"; two columns of one name are '{one}' and '{other}' there"
-        return table.error(f"the layout is not known: {shown}", hint, table.header_line)
+        return table.error(f"the layout is not known: {shown}", hint + numbered_ones, table.header_line)
     lacking = near.missing[0]
     unused = [name for name in names if not any(c.regex.fullmatch(name.strip()) for c in near.layout.column)]
     close = difflib.get_close_matches(lacking, unused, n=1, cutoff=0.6)
@@ -348,4 +347,4 @@ def no_match(tries: list[Match], given: bool) -> InputError:
     hint += "names are channel_unit, such as imu_gy_radps or enc_fl_rad" if own else f"columns here: {shown}"
     more = f" (and {len(near.missing) - 1} more)" if len(near.missing) > 1 else ""
     what = f"column '{lacking}' is missing{more}, expected by layout '{near.layout.name}'"
-    return table.error(what, hint, table.header_line)
+    return table.error(what, hint + numbered_ones, table.header_line)

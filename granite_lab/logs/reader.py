@@ -12,12 +12,12 @@ import numpy as np
 from granite_lab.errors import InputError
 from granite_lab.logs.aliasing import resolve_aliases
 from granite_lab.logs.canonical import trial_info
-from granite_lab.logs.imu_checks import check_units, refuse_axes
+from granite_lab.logs.imu_checks import check_units, refuse_axes, with_forward_axis
 from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, match, no_match
 from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.source import Source, read_source, recognise
 from granite_lab.logs.stamps import describe_gaps, outside_gaps
-from granite_lab.logs.standstill import standstills
+from granite_lab.logs.standstill import rolls, standstills, turning_of
 from granite_lab.logs.streams import interval, read_streams
 from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, name_of, part, parts_of, sidecar
 from granite_lab.logs.wheels import (
@@ -129,7 +129,7 @@ def assemble(
     said = [s.metadata | {"soil": _beside(s, s.metadata.get("soil", ""))} for s in sources]
     imu, wheels, clean = _imu(merged, path, doubts), merged.pop("wheels", None), None
     if imu is not None:
-        imu, clean = check_units(imu, log)
+        imu, clean = check_units(with_forward_axis(imu, log) if whole else imu, log)
     if wheels is not None:
         report_absent(log)
         wheels = check_wheels(resolve_aliases(wheels, imu, log), imu, log)
@@ -153,7 +153,7 @@ def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
     """Refuse columns that cannot be what they are called; `clean` is the IMU without spikes."""
     wheels, currents = trial.wheels, trial.currents
     if clean is None and wheels is None:
-        hint = "a trial needs at least one of them"
+        hint = "a trial needs one of them; a column map (inspect --write-map) says which columns they are"
         raise InputError(f"{log.where}: neither IMU nor encoder samples", hint)
     if wheels is not None:
         called = tuple(channel for channel in log.columns if channel.startswith("imu_"))
@@ -162,7 +162,8 @@ def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
         refuse_counts_and_speed(wheels, log)
         angle = wheels.angle[np.isfinite(wheels.angle)]
         if clean is not None and len(clean.t) > 100 and len(angle) and np.ptp(angle) > 1.0:
-            refuse_axes(clean, standstills(dataclasses.replace(trial, imu=clean), log.robot), log)
+            still = standstills(dataclasses.replace(trial, imu=clean), log.robot)
+            refuse_axes(clean, still, rolls(turning_of(wheels, log.robot), clean.t), log)
         wheels = without_free_wheels(wheels, log)
     currents = None if currents is None else check_currents(currents, trial.wheels, log)
     return dataclasses.replace(trial, wheels=wheels, currents=currents)

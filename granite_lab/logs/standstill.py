@@ -44,8 +44,9 @@ FALSE_ALARM = 1.0e-4
 WINDOW = 0.2
 """Length of the window in which stillness is judged [s]."""
 
-SWING, SAMPLES = 0.5, 5
-"""Length of the window in which a swing of 2 Hz or faster on the tyres shows [s]; means in it."""
+SWING, SAMPLES, CALM = 0.5, 5, 0.3
+"""Length of the window in which a swing of 2 Hz or faster on the tyres shows [s]; means in it; probability
+with which such a window at rest is not calm: it takes one within reach that is."""
 
 GENTLE = 0.05
 """A robot that sets off more gently than this [m/s^2] needs 10 s for 0.5 m/s."""
@@ -71,13 +72,13 @@ class Turning:
         t: (M,) stamps [s].
         distance: (M, 4) rolled distance [m], NaN where unknown.
         velocity: (M, 4) where the logger gives rates [m/s]; these are judged then.
-        step: smallest step of a wheel's distance [m], or of its velocity [m/s].
+        resolution: (4,) smallest step of each wheel's distance [m], or of its velocity [m/s].
     """
 
     t: Array
     distance: Array
     velocity: Array | None
-    step: float
+    resolution: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +100,8 @@ def turning_of(wheels: WheelStream, robot: Robot) -> Turning:
     """Return what a log's wheels tell, by the robot's wheel radius."""
     radius = robot.wheels.radius
     velocity = None if wheels.rate is None else wheels.rate * radius
-    return Turning(wheels.t, wheels.angle * radius, velocity, wheels.step * radius)
+    resolution = tuple(step * radius for step in wheels.resolution)
+    return Turning(wheels.t, wheels.angle * radius, velocity, resolution)
 
 
 def standstills(trial: Trial, robot: Robot) -> list[Interval]:
@@ -170,32 +172,37 @@ def wheels_still(wheels: Turning, quiet: Mask | None = None, quiet_t: Array | No
 def _by_counts(wheels: Turning) -> Still:
     """Say where the wheels stand, by distances (M, 4) in whole counts.
 
-    A count is larger than a creep in `SHORTEST`. One that is taken back at once is no motion.
+    A count is larger than a creep in `SHORTEST`. One that is taken back at once is no motion. What the wheel
+    of the finest counts does not show, the body does not do.
     """
-    t, count = wheels.t, max(wheels.step, CREEP * SHORTEST)
+    t, count = wheels.t, np.inf
     turns, known = np.zeros(t.size, dtype=bool), np.isfinite(wheels.distance)
     stand = np.asarray(known.any(axis=1))
     first = int(stand.argmax())
-    for distance, finite in zip(wheels.distance.T, known.T, strict=True):
+    for distance, finite, resolution in zip(wheels.distance.T, known.T, wheels.resolution, strict=True):
         if not finite.any():
             continue
-        place = np.flatnonzero(finite)
-        step = np.diff(np.rint((distance[place] - distance[place[0]]) / count))
+        place, own = np.flatnonzero(finite), max(resolution, CREEP * SHORTEST)
+        step = np.diff(np.rint((distance[place] - distance[place[0]]) / own))
+        count = min(count, own) if step.any() else count
         changed = np.flatnonzero(step)
         back = np.zeros(changed.size, dtype=bool)
         back[1:] = (step[changed[1:]] == -step[changed[:-1]]) & (np.abs(step[changed[1:]]) == 1)
         back[:-1] |= back[1:]
         counted, stands = np.zeros(t.size, dtype=bool), ~finite
         counted[place[changed[~back] + 1]] = True
-        for a, b in _without_counts(t, counted, count / ZERO_VELOCITY):
+        for a, b in _without_counts(t, counted, own / ZERO_VELOCITY):
             stands[a:b] = True
         turns |= counted
         stand &= stands
+    count = count if np.isfinite(count) else max(*wheels.resolution, CREEP * SHORTEST)
     still, unseen = np.zeros(t.size, dtype=bool), np.full(t.size, np.inf)
     for a, b in runs(stand):
         length, since, left = t[b - 1] - t[a], t[a:b] - t[a], t[b - 1] - t[a:b]
-        waits = min(ROUNDED * count / CREEP, 0.5 * length) if a > first else 0.0
-        leaves = min(float(np.sqrt(2.0 * count / GENTLE)), 0.25 * length) if b < t.size else 0.0
+        # the IMU's clock may be off, too
+        waits = min(max(ROUNDED * count / CREEP, 0.5 * WINDOW), 0.5 * length) if a > first else 0.0
+        sets_off = max(float(np.sqrt(2.0 * count / GENTLE)), 0.5 * WINDOW)
+        leaves = min(sets_off, 0.25 * length) if b < t.size else 0.0
         still[a:b] = (since >= waits) & (left >= leaves) & (length >= SHORTEST)
         unseen[a:b] = ROUNDED * count / np.maximum(since, 1e-9) if a > first else 0.0
     return Still(still, unseen, turns)
@@ -231,7 +238,7 @@ def _by_rates(wheels: Turning, velocity: Array, certain: Mask) -> Still:
     size = max(round(WINDOW / float(np.median(np.diff(t)))), 1) | 1
     still = np.asarray(known.any(axis=1))
     unseen = np.zeros(t.size)
-    for rate, finite in zip(velocity.T, known.T, strict=True):
+    for rate, finite, resolution in zip(velocity.T, known.T, wheels.resolution, strict=True):
         if not finite.any():
             continue
         clean = np.interp(t, t[finite], rate[finite])
@@ -240,7 +247,7 @@ def _by_rates(wheels: Turning, velocity: Array, certain: Mask) -> Still:
         slow = np.abs(mean) < SLOW * usual
         scatter = np.sqrt(np.maximum(power - mean**2, 0.0) / size)
         pool = certain & slow if (certain & slow).sum() > size else slow & (np.abs(mean) <= 3.0 * scatter)
-        floor = max(1.01 * wheels.step, 3.0 * CREEP) ** 2
+        floor = max(1.01 * resolution, 3.0 * CREEP) ** 2
         limit = floor
         if pool.any():
             limit = max(floor, _noise(power[pool], size, 0.25) ** 2 * _highest(size))
@@ -263,10 +270,23 @@ def _noise(power: Array, size: int, share: float) -> float:
     return float(np.sqrt(np.quantile(np.maximum(power, 0.0), share) * dof / chdtri(dof, 1.0 - share)))
 
 
-def _highest(size: int) -> float:
-    """Mean square of a window of white noise of std 1 that is exceeded with the probability `FALSE_ALARM`."""
+def _highest(size: int, chance: float = FALSE_ALARM) -> float:
+    """Mean square of a window of white noise of std 1 that is exceeded by `chance`."""
     dof = max(size - 1, 1)
-    return float(chdtri(dof, FALSE_ALARM) / dof)
+    return float(chdtri(dof, chance) / dof)
+
+
+def rolls(wheels: Turning, t: Array) -> Mask:
+    """(N,) True at instants t where a wheel certainly rolls: faster than `SLOW` of what is usual."""
+    found = np.zeros(t.size, dtype=bool)
+    reach = 0.5 * WINDOW
+    for distance in wheels.distance.T:
+        known = np.isfinite(distance)
+        if known.sum() > 1:
+            ahead, behind = (np.interp(t + s, wheels.t[known], distance[known]) for s in (reach, -reach))
+            speed = np.abs(ahead - behind) / WINDOW
+            found |= speed > SLOW * float(np.quantile(speed, 0.9))
+    return found
 
 
 def at_stamps(still: Still, stamps: Array, t: Array) -> Still:
@@ -319,7 +339,8 @@ def imu_quiet(imu: ImuStream, grade: ImuGrade, stand: Mask | None = None, window
         loudest = float(np.sqrt(np.quantile(power, 0.9)))
         if stand is None and base > STEADY * least and loudest < STEADY * base:
             return np.zeros(imu.t.size, dtype=bool)
-        quiet &= power <= max(base, least) ** 2 * _highest(max(size // few, 3))
+        chance = FALSE_ALARM if few == 1 else CALM
+        quiet &= power <= max(base, least) ** 2 * _highest(max(size // few, 3), chance)
     return quiet
 
 

@@ -114,7 +114,6 @@ def save_design(finding: Finding, trials: Sequence[Trial], path: Path) -> None:
     except InputError:
         driven = ()
     if not driven:
-        path.unlink(missing_ok=True)  # that of an earlier search would be wrong
         return
     values = {a.id: a.values for a in finding.active}
     named = {e.id: e for e in finding.effects if not e.empirical and e.id in values}

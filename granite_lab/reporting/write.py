@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from pathlib import Path
 
 from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
-from granite_lab.files import readable, write_text
+from granite_lab.folders import replacing
 from granite_lab.processes import shared_out
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import channels_of
@@ -33,7 +31,7 @@ def write_report(
     """Write page, Markdown, PDF, ``figures/``, ``tables/``, and ``report.json`` with the hashes of them all.
 
     Of a search alone there is ``finding.json`` in place of ``report.json``, and no PDF.
-    Everything is written beside the folder first and then moved into place; other files there stay.
+    All or nothing of it is written; files there of other origin stay (`folders.replacing`).
 
     Args:
         result: the study, with what a search found.
@@ -50,7 +48,7 @@ def write_report(
     beside = Path(model).name if model is not None else None
     named = folder.name if folder.is_absolute() else folder.as_posix()  # of an absolute path only the name
     report = study_report(result, model=beside, folder=named)
-    with _replacing(folder) as new:
+    with replacing(folder, "report") as new:
         pictures = _write_figures(report.figures, new, jobs)
         _write_tables(report.tables, new)
         _write(new / "report.md", to_markdown("report.md", report=report))
@@ -60,7 +58,7 @@ def write_report(
             _write(new / "finding.json", dumps(finding_as_json(result.finding, model)))
         else:
             (new / "report.pdf").write_bytes(to_pdf(result, report, made_by(result.source), pictures))
-            for name in (MODEL, DESIGN):
+            for name in (MODEL, DESIGN) if result.finding is not None else ():
                 if (folder / name).is_file():
                     shutil.copyfile(folder / name, new / name)  # so that report and hash belong together
             _write(new / "report.json", to_json(result, report, model, new))
@@ -73,9 +71,9 @@ def write_finding(finding: Finding, folder: Path, model: Path | str | None = Non
     Raises:
         LabError: it cannot be written.
     """
-    path = folder / "finding.json"
-    write_text(path, dumps(finding_as_json(finding, model)))
-    return path
+    with replacing(folder, "finding") as new:
+        _write(new / "finding.json", dumps(finding_as_json(finding, model)))
+    return folder / "finding.json"
 
 
 def write_comparison(comparisons: Sequence[Comparison], folder: Path) -> list[Path]:
@@ -101,7 +99,7 @@ def write_parts(blocks: Sequence[Block], folder: Path, page: str = "") -> list[P
     Raises:
         LabError: a file cannot be written.
     """
-    with _replacing(folder) as new:
+    with replacing(folder, page or "comparison") as new:
         _write_figures([f for b in blocks if isinstance(b, Gallery) for f in b.figures], new)
         _write_tables([b for b in blocks if isinstance(b, Table)], new)
         if page:
@@ -135,30 +133,3 @@ def _write_tables(tables: Sequence[Table], folder: Path) -> None:
     for table in tables:
         _write(folder / "tables" / f"{table.name}.csv", table.to_csv())
         _write(folder / "tables" / f"{table.name}.tex", to_latex(table))
-
-
-@contextmanager
-def _replacing(folder: Path) -> Iterator[Path]:
-    """Give a new folder to write into and move its entries into `folder` once the block ended well.
-
-    Raises:
-        LabError: something cannot be written; `folder` is then as it was before.
-    """
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=f".{folder.name[:100]}.", dir=folder.parent) as temporary:
-            new, old = Path(temporary) / "new", Path(temporary) / "old"
-            new.mkdir()
-            old.mkdir()
-            yield new
-            folder.mkdir(exist_ok=True)
-            # The page comes last: whoever opens it finds what it speaks of.
-            for entry in sorted(new.iterdir(), key=lambda p: (p.suffix == ".html", p.name)):
-                target = folder / entry.name
-                if target.is_dir() and not target.is_symlink():
-                    target.replace(old / entry.name)
-                elif entry.is_dir() and target.exists():
-                    target.unlink()
-                entry.replace(target)
-    except OSError as error:
-        raise readable(error, folder, "write") from error

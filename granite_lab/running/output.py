@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
-import shutil
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -13,19 +11,25 @@ from typing import TypeVar
 
 from granite_lab.errors import LabError, printable
 from granite_lab.files import readable, write_text
+from granite_lab.folders import refuse_foreign, remove_part, remove_unfinished, replacing
 
 T = TypeVar("T")
 
 
 @contextmanager
-def claimed(folder: Path) -> Iterator[None]:
+def claimed(folder: Path, names: Sequence[str] = ()) -> Iterator[None]:
     """Keep other runs out of a folder during the block, and remove what a killed one left behind.
 
-    The lock is on the folder itself and leaves no file. The folder is made, and removed if it stays empty.
+    The lock is on the folder itself and leaves no file. A folder that is made here goes if it stays empty.
+
+    Args:
+        folder: of the results.
+        names: of files that will be written.
 
     Raises:
-        LabError: another run writes into it, or it cannot be made.
+        LabError: another run writes into it, it cannot be made, or files of others have these names.
     """
+    made = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = os.open(folder, os.O_RDONLY) if os.name == "posix" else None
@@ -42,26 +46,15 @@ def claimed(folder: Path) -> Iterator[None]:
                 raise LabError(f"{folder}: another run is writing into it", hint) from None
             except OSError:  # a file system without locks: two runs at once stay possible there
                 pass
-        _sweep(folder)
+        remove_unfinished(folder)
+        refuse_foreign(folder, names)
         yield
     finally:
         if lock is not None:
             os.close(lock)
-        with suppress(OSError):
-            folder.rmdir()
-
-
-def _sweep(folder: Path) -> None:
-    """Remove unfinished files in a folder, and unfinished folders beside it, that nobody writes any more."""
-    with suppress(OSError):
-        for path in folder.rglob(".*.part"):
-            if re.search(r"\.[0-9a-f]{12}\.part$", path.name):
-                path.unlink(missing_ok=True)
-        beside = re.compile(re.escape(f".{folder.name[:100]}.") + r"[a-z0-9_]{8}")
-        for path in folder.parent.iterdir():
-            unfinished = beside.fullmatch(path.name) and path.is_dir() and not path.is_symlink()
-            if unfinished and {p.name for p in path.iterdir()} <= {"new", "old"}:
-                shutil.rmtree(path, ignore_errors=True)
+        if made:
+            with suppress(OSError):
+                folder.rmdir()
 
 
 class Guard:
@@ -73,18 +66,18 @@ class Guard:
 
     def run(self, part: str, call: Callable[[], T]) -> T | None:
         """Return what a part of that name gives; None where it fails, by a defect with its traceback."""
-        path = self.folder / f"failure-{part}.txt"
-        with suppress(OSError):
-            path.unlink(missing_ok=True)  # that of an earlier run would be wrong
+        name = f"failure-{part}"
         try:
+            remove_part(self.folder, name)  # that of an earlier run would be wrong
             return call()
         except LabError as error:
             self.lines.append(f"{part}: {error.message}" + (f" ({error.hint})" if error.hint else ""))
         except Exception as error:  # a defect of this package
             line = f"{part}: {type(error).__name__}: {printable(str(error))}"
             try:
-                write_text(path, traceback.format_exc())
-                line += f"; the traceback is in {path}"
+                with replacing(self.folder, name) as new:
+                    write_text(new / f"{name}.txt", traceback.format_exc())
+                line += f"; the traceback is in {self.folder / name}.txt"
             except LabError as full:
                 line += f"; {full.message}"
             self.lines.append(line)

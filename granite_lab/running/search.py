@@ -21,6 +21,7 @@ from granite_lab.errors import LabError, UsageError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.files import write_text
+from granite_lab.folders import replacing
 from granite_lab.inference.bench import Respond, Task, World
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.effect import Effect
@@ -117,20 +118,27 @@ def save_found(
     """
     from granite_lab.planning.design import save_design  # noqa: PLC0415, a defect there is guarded
 
-    path = guard.folder / MODEL
-    saved = guard.run("model", lambda: _save_model(finding, options, trials, path))
+    saved = guard.run("model", lambda: _save_model(finding, options, trials, guard.folder))
     said = []  # trials whose metadata say what was commanded
     for trial, motion in zip(trials, motions, strict=True):
         v, a, d = motion.variant.velocity, motion.variant.acceleration, motion.variant.distance
         said.append(replace(trial, info=replace(trial.info, v_desired=v, a_max=a, distance=d)))
-    guard.run("design", lambda: save_design(finding, said, guard.folder / DESIGN))
-    if finding.tracebacks:
-        text = "\n".join(finding.tracebacks)
-        guard.run("tracebacks", lambda: write_text(guard.folder / "failure-search.txt", text))
+
+    def design() -> None:
+        with replacing(guard.folder, "design") as new:
+            save_design(finding, said, new / DESIGN)
+
+    def tracebacks() -> None:
+        with replacing(guard.folder, "tracebacks") as new:
+            if finding.tracebacks:
+                write_text(new / "failure-search.txt", "\n".join(finding.tracebacks))
+
+    guard.run("design", design)
+    guard.run("tracebacks", tracebacks)
     return saved
 
 
-def _save_model(finding: Finding, options: Options, trials: Sequence[Trial], path: Path) -> Path:
+def _save_model(finding: Finding, options: Options, trials: Sequence[Trial], folder: Path) -> Path:
     active = {item.id: item for item in finding.active}
     fitted = []
     for found in finding.effects:
@@ -147,8 +155,10 @@ def _save_model(finding: Finding, options: Options, trials: Sequence[Trial], pat
         "inputs": [f"{name} sha256 {sha}" for name, sha in files],
     }
     law = Estimate(load_paper().a_theta)
-    save_model(ModelFile(*names_of(trials, options), "exponential", law, tuple(fitted), provenance), path)
-    return path
+    model = ModelFile(*names_of(trials, options), "exponential", law, tuple(fitted), provenance)
+    with replacing(folder, "model") as new:
+        save_model(model, new / MODEL)
+    return folder / MODEL
 
 
 @contextmanager

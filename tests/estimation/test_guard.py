@@ -82,6 +82,12 @@ def test_innovations_far_beyond_their_prediction_are_poor() -> None:
     assert "5.0 times" in guard(loud, SAND).health.verdict
 
 
+def test_a_slip_ratio_known_to_several_points_is_not_called_good() -> None:
+    vague = replace(good(), slip_ratio=Estimate(0.13, 0.08))
+    assert guard(vague, SAND).health.grade == "fair"
+    assert "± 8 points" in guard(vague, SAND).health.verdict
+
+
 def test_what_was_put_right_keeps_the_grade_from_good() -> None:
     seen = guard(good(), SAND, ("the IMU is 8.0 deg off level",))
     assert seen.health.grade == "fair"

@@ -9,7 +9,7 @@ from scipy import signal
 from granite_lab.estimation import estimate, noise, slip
 from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.motion import Motion
-from granite_lab.estimation.nodes import slope
+from granite_lab.estimation.nodes import heading, slope
 from granite_lab.estimation.noise import blackman_harris, hann, spectral_density
 from granite_lab.estimation.nominal import Nominal, quieten
 from granite_lab.parameters import load_robot
@@ -97,6 +97,18 @@ def test_a_gyro_that_loses_the_pitch_in_motion_widens_the_std_and_is_named() -> 
         found.append((named, nees(motion, truth)))
     assert sum(named for named, _ in found) >= 3
     assert np.mean([size for named, size in found if named]) < 3.0
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_direction_of_a_robot_that_hardly_moves_is_no_matter_of_rounding(sign: float) -> None:
+    """Slip would change its sign at every zero, and the std of the velocity at arrival with it."""
+    trapezoid = sign * np.interp(np.arange(100.0), [10.0, 30.0, 70.0, 90.0], [0.0, 0.5, 0.5, 0.0])
+    for seed in range(5):
+        rounding = 1e-16 * np.random.default_rng(seed).standard_normal(100)
+        assert (heading(trapezoid + rounding) == sign).all()
+    there_and_back = np.concatenate([trapezoid, -trapezoid])
+    assert np.flatnonzero(np.diff(heading(there_and_back))).tolist() == [110]  # where it drives off again
+    assert heading(np.zeros(3)).tolist() == [1.0, 1.0, 1.0]
 
 
 def test_a_gyro_that_keeps_the_pitch_is_not_blamed() -> None:

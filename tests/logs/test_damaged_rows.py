@@ -104,6 +104,17 @@ def test_a_damaged_row_is_left_out_and_named_once(name: str, tmp_path: Path) -> 
         assert len([line for line in lines if line.startswith("trial.csv:")]) == 1, lines
 
 
+@pytest.mark.parametrize("row", [0, 10, 300])
+def test_a_damaged_date_is_left_out_wherever_it_stands(row: int, tmp_path: Path) -> None:
+    def dated(k: int, line: str) -> str:
+        stamp, _, rest = line.partition(",")
+        return f"2{'O' if k == row else '0'}26-03-01T12:00:{float(stamp):09.6f}Z,{rest}"
+
+    trial = make.read(tmp_path, "\n".join([HEADER, *(dated(k, line) for k, line in enumerate(ROWS))]))
+    assert len(trial.imu.t) == len(ROWS) - 1
+    assert len([x for x in trial.warnings if f"trial.csv:{row + 2}: column 't_s': '2O26" in x]) == 1
+
+
 def test_zero_bytes_at_the_end_of_a_file_that_was_not_closed_are_no_row(tmp_path: Path) -> None:
     trial = make.read(tmp_path, make.text().encode() + bytes(1 << 16))
     held_against(trial, [], tmp_path)

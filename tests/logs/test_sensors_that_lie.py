@@ -180,6 +180,18 @@ def test_what_is_zero_throughout_is_not_measured(columns: list[str], left: str, 
     assert np.isnan(found.motion.distance.value) == (columns == FORCE)
 
 
+@pytest.mark.parametrize(
+    "columns",
+    [FORCE[:1], [FORCE[0], RATE[1]], FORCE[1:], [FORCE[0], *ANGLES[1:]], [*RATE, *ANGLES[1:]]],
+    ids=" ".join,
+)
+def test_empty_columns_end_in_an_estimate_with_less_in_it(columns: list[str], tmp_path: Path) -> None:
+    found = gl.ingest(make.changed(tmp_path, SAMPLE, constant(*columns, at=np.nan)), jobs=1)[0]
+    assert np.isfinite(found.motion.distance.value) != (FORCE[0] in columns)
+    said = any("the accelerometer is not used" in line for line in found.motion.warnings)
+    assert said == (FORCE[0] in columns)
+
+
 @pytest.mark.parametrize("to", [1e6, 0.0, -3.0])
 def test_a_burst_of_bad_stamps_is_left_out_and_its_line_named(to: float, tmp_path: Path) -> None:
     middle = len(GOOD) // 2

@@ -3,6 +3,7 @@
 # ruff: noqa: E501  # tables, one log a line
 
 import re
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -204,9 +205,28 @@ damage = st.one_of(
     st.tuples(st.just("cell"), rows, st.integers(0, 10), cells),
     st.tuples(st.just("swap"), rows, rows, st.just(b"")),
     st.tuples(st.just("line"), rows, st.just(0), st.binary(max_size=40)),
+    st.tuples(
+        st.just("line"),
+        rows,
+        st.just(0),
+        st.sampled_from([GOOD[:90], b"# note", b'"', b"\0" * 512, b"1;2;3"]),
+    ),
+    st.tuples(st.just("drop cell"), rows, st.integers(0, 10), st.just(b"")),
+    st.tuples(st.just("add cell"), rows, st.integers(0, 10), cells),
+    st.tuples(st.just("rows"), rows, rows, st.just(b"")),  # cut out
+    st.tuples(st.just("again"), rows, rows, st.just(b"")),  # written twice
+    st.tuples(st.just("column"), st.integers(0, 10), st.integers(0, 10), cells),
     st.tuples(st.just("bytes"), places, st.none(), st.binary(max_size=20)),
     st.tuples(st.just("bytes"), places, places, st.just(b"")),  # cut out
 )
+
+
+def with_cell(line: bytes, place: int, text: bytes, kind: str = "cell") -> bytes:
+    """Replace, drop or add a cell."""
+    row = line.split(b",")
+    place = min(place, len(row) - 1)
+    row[place : place + (kind != "add cell")] = [] if kind == "drop cell" else [text]
+    return b",".join(row)
 
 
 def damaged(steps: list[tuple[str, int, int | None, bytes]]) -> bytes:
@@ -221,10 +241,19 @@ def damaged(steps: list[tuple[str, int, int | None, bytes]]) -> bytes:
             lines.insert(a, text)
         elif kind == "swap" and max(a, b) < len(lines):
             lines[a], lines[b] = lines[b], lines[a]
-        elif kind == "cell" and a < len(lines):
-            row = lines[a].split(b",")
-            row[min(b, len(row) - 1)] = text
-            lines[a] = b",".join(row)
+        elif kind == "rows":
+            del lines[min(a, b) : max(a, b)]
+        elif kind == "again":
+            lines[a:a] = lines[min(a, b) : max(a, b)]
+        elif kind == "column":
+            lines = [
+                with_cell(line, a, text if k else line.split(b",")[b % line.count(b",")])
+                if line.count(b",")
+                else line
+                for k, line in enumerate(lines)
+            ]
+        elif a < len(lines):
+            lines[a] = with_cell(lines[a], b, text, kind)
         content = b"\n".join(lines)
     return content
 
@@ -232,6 +261,7 @@ def damaged(steps: list[tuple[str, int, int | None, bytes]]) -> bytes:
 def check(path: Path) -> bool:
     """Read a log and hold what comes out to its promises; return whether it was refused."""
     refused: LabError | None = None
+    begin = time.process_time()
     try:
         trial = read_trial(path)
     except LabError as error:
@@ -251,7 +281,12 @@ def check(path: Path) -> bool:
         assert "\n" not in refused.message
         assert refused.hint
         assert refused.exit_code == 3
-    inspect_logs([path]).as_json()
+    report = inspect_logs([path]).files[0]
+    assert report.as_json()
+    if report.trial is not None:
+        own = make.written(path.parent, report.to_map_toml(), "map.toml")
+        make.same(inspect_logs([path], map=own).files[0].trial, report.trial, rtol=1e-12, atol=1e-12)
+    assert time.process_time() - begin < 10.0
     return refused is not None
 
 

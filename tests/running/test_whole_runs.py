@@ -245,19 +245,3 @@ def test_two_runs_do_not_write_into_one_folder(tmp_path: Path) -> None:
     ):
         pass
     assert not (tmp_path / "report").exists()
-
-
-def test_what_a_killed_run_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
-    litter = [tmp_path / ".report.ab12_xyz" / "new", tmp_path / "report" / "recordings"]
-    kept = [tmp_path / ".report.backup1" / "mine", tmp_path / ".other.ab12_xyz" / "new"]
-    for path in litter + kept:
-        path.mkdir(parents=True)
-    part = tmp_path / "report" / "recordings" / ".x.rrd.0123456789ab.part"
-    part.write_text("")
-    (tmp_path / "report" / ".mine.part").write_text("")
-    with claimed(tmp_path / "report"):
-        pass
-    assert not litter[0].parent.exists()
-    assert not part.exists()
-    assert all(path.exists() for path in kept)
-    assert (tmp_path / "report" / ".mine.part").exists()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain, count, cycle
+from itertools import chain, cycle
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from rerun.blueprint.encodings import TextLogColumn, TextLogColumnKind, Timeline
 
 from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import Finding
+from granite_lab.folders import distinct
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import by_speed
 from granite_lab.reporting.names import capital
@@ -167,7 +168,7 @@ def record_study(result: StudyResult, path: Path, *, finding: Finding | None = N
     Each trial stands below an entity of its own name and has a tab of its own; the first tab lays the
     velocities and slips of all trials over each other. Arguments and errors as in `record_trial`.
     """
-    names = _distinct([drawable(r.trial.name) for r in result.trials])
+    names = distinct([drawable(r.trial.name) for r in result.trials])
     known = zip(names, result.trials, strict=True)
     contents = {name: _Content(r.trial, r.comparison, finding) for name, r in known}
     speeds = by_speed(own.comparison.motion.variant.velocity for own in contents.values())
@@ -188,15 +189,6 @@ def record_study(result: StudyResult, path: Path, *, finding: Finding | None = N
         for name, own in contents.items():
             own.write(Writer(stream, root_of(name)))
     return path
-
-
-def _distinct(names: Sequence[str]) -> list[str]:
-    """Return the names, later ones numbered where they repeat."""
-    seen: list[str] = []
-    for name in names:
-        again = (f"{name} ({k})" for k in count(2))
-        seen.append(next(unique for unique in chain([name], again) if unique not in seen))
-    return seen
 
 
 @dataclass(frozen=True)
