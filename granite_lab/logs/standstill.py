@@ -267,7 +267,7 @@ def _by_rates(wheels: Turning, velocity: Array, certain: Mask) -> Still:
 def _noise(power: Array, size: int, share: float) -> float:
     """Std of white noise of which a `share` of windows of a `size` is below that quantile of `power` (N,)."""
     dof = max(size - 1, 1)
-    return float(np.sqrt(np.quantile(power, share) * dof / chdtri(dof, 1.0 - share)))
+    return float(np.sqrt(np.quantile(np.maximum(power, 0.0), share) * dof / chdtri(dof, 1.0 - share)))
 
 
 def _highest(size: int, chance: float = FALSE_ALARM) -> float:
