@@ -250,7 +250,8 @@ def _by_rates(wheels: Turning, velocity: Array, certain: Mask) -> Still:
         floor = max(1.01 * resolution, 3.0 * CREEP) ** 2
         limit = floor
         if pool.any():
-            limit = max(floor, _noise(power[pool], size, 0.25) ** 2 * _highest(size))
+            # four wheels, over a rest of some seconds that must not fall apart
+            limit = max(floor, _noise(power[pool], size, 0.25) ** 2 * _highest(size, 0.01 * FALSE_ALARM))
         still &= (power <= limit) | ~finite
         unseen = np.maximum(unseen, np.sqrt(limit / size))
     blind, turns = float(unseen.max(initial=0.0)), ~still
@@ -264,15 +265,13 @@ def _by_rates(wheels: Turning, velocity: Array, certain: Mask) -> Still:
     return Still(still, unseen, turns)
 
 
-def _noise(power: Array, size: int, share: float) -> float:
-    """Std of white noise of which a `share` of windows of a `size` is below that quantile of `power` (N,)."""
-    dof = max(size - 1, 1)
+def _noise(power: Array, dof: float, share: float) -> float:
+    """Std of white noise of which a `share` of windows is below that quantile of `power` (N,)."""
     return float(np.sqrt(np.quantile(np.maximum(power, 0.0), share) * dof / chdtri(dof, 1.0 - share)))
 
 
-def _highest(size: int, chance: float = FALSE_ALARM) -> float:
+def _highest(dof: float, chance: float = FALSE_ALARM) -> float:
     """Mean square of a window of white noise of std 1 that is exceeded by `chance`."""
-    dof = max(size - 1, 1)
     return float(chdtri(dof, chance) / dof)
 
 
@@ -298,17 +297,17 @@ def at_stamps(still: Still, stamps: Array, t: Array) -> Still:
 
 
 def restlessness(values: Array, size: int, few: int = 1) -> Array:
-    """(N,) variance of the columns (N, 3), summed, in a sliding window of `size` samples.
+    """(N, 3) variance of each column (N, 3) in a sliding window of `size` samples; 0 where it is not known.
 
     The samples are averaged over a `few` before.
     """
-    total = np.zeros(len(values))
-    for signal in values.T:
+    found = np.zeros(values.shape)
+    for signal, variance in zip(values.T, found.T, strict=True):
         if np.isfinite(signal).any():
             clean = uniform_filter1d(np.nan_to_num(signal - np.nanmedian(signal)), few, mode="nearest")
             power, level = (uniform_filter1d(s, size, mode="nearest") for s in (clean**2, clean))
-            total += np.maximum(power - level**2, 0.0)
-    return total
+            variance[:] = np.maximum(power - level**2, 0.0)
+    return found
 
 
 def period_of(imu: ImuStream) -> float:
@@ -329,18 +328,22 @@ def imu_quiet(imu: ImuStream, grade: ImuGrade, stand: Mask | None = None, window
     size = max(round(window / dt), 3)
     floors = (grade.accel_noise, grade.gyro_noise)
     for values, density in zip((imu.specific_force, imu.angular_rate), floors, strict=True):
-        power = restlessness(values, size, few)
-        if not power.any():
+        axes = restlessness(values, size, few)
+        if not axes.any():
             continue
+        power = axes.sum(axis=1)
         step = max(step_of(values).max(), 0.0)
         least = max(density / np.sqrt(few * dt), 0.5 * step)
         pool = power[stand] if stand is not None and stand.sum() * dt > SHORTEST else power
-        base = _noise(pool, max(size // few, 3), 0.25 if pool is not power else 0.05)
+        # axes of unlike noise count as less than three (Satterthwaite 1946)
+        usual = np.median(axes, axis=0)
+        dof = (max(size // few, 3) - 1) * max(float(usual.sum() ** 2 / max(usual @ usual, 1e-300)), 1.0)
+        base = _noise(pool, dof, 0.25 if pool is not power else 0.05)
         loudest = float(np.sqrt(np.quantile(power, 0.9)))
         if stand is None and base > STEADY * least and loudest < STEADY * base:
             return np.zeros(imu.t.size, dtype=bool)
         chance = FALSE_ALARM if few == 1 else CALM
-        quiet &= power <= max(base, least) ** 2 * _highest(max(size // few, 3), chance)
+        quiet &= power <= max(base, least) ** 2 * _highest(dof, chance)
     return quiet
 
 
@@ -358,7 +361,7 @@ def without_swings(imu: ImuStream, still: Mask, grade: ImuGrade) -> Mask:
     """
     dt = period_of(imu)
     few, size = max(round(SWING / SAMPLES / dt), 1), max(round(SWING / dt), 3)
-    force = np.sqrt(restlessness(imu.specific_force, size, few))
+    force = np.sqrt(restlessness(imu.specific_force, size, few).sum(axis=1))
     stands = [(a, b) for a, b in runs(still) if (b - a) * dt >= 0.5 * SHORTEST]
     if not stands:
         return still

@@ -88,7 +88,7 @@ def test_loud_rates_stand_by_their_own_noise_at_rest(noise: float, offset: float
     assert len(found) == 2
     (_, set_off), (stop, end) = found
     assert 1.6 < set_off < 2.1
-    assert 7.3 < stop < 10.0
+    assert 7.3 < stop < 12.0  # rates this loud may hide a creep: half of the time is left out
     assert end == pytest.approx(t[-1], abs=0.02)
 
 
@@ -108,7 +108,7 @@ def test_white_noise_at_rest_is_quiet_at_any_rate(rate: float) -> None:
     still = ImuStream(t, force + np.array([0.0, 0.0, 9.81]), turn)
     assert GRADE is not None
     quiet = imu_quiet(still, GRADE, np.ones(t.size, dtype=bool))
-    assert np.mean(~quiet) < 0.003  # two tests whose windows are of neighbours, 1e-4 each
+    assert np.mean(~quiet) < 0.002  # two tests of 1e-4 each, whose windows overlap
 
 
 @pytest.mark.parametrize("log", sorted(SAMPLES.glob("*_r1.csv")), ids=lambda log: log.stem)
