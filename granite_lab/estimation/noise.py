@@ -251,8 +251,8 @@ def level(force: Array, variance: float) -> tuple[float, float]:
 def spectrum(problem: Problem, nominal: Nominal, offset: float) -> tuple[Array, Array, Array]:
     """Periodograms of the nominal acceleration and pitch rate over all motion with steady wheels.
 
-    Motion without wheels, or without a steady part, counts as a whole. Frequencies to which the window spreads
-    the motion, and those near the lugs' own, are left out.
+    Motion without wheels, or without a steady part, counts as a whole. Frequencies to which the window
+    spreads the motion, and those near the lugs' own, are left out.
 
     Returns:
         (F,) frequencies [Hz]; (F,) densities of acceleration [m^2/s^3] and of pitch rate [rad^2/s].

@@ -8,12 +8,12 @@ other. While the wheels turn steadily, the signal of an accelerometer or a gyros
 * white noise, of the same density at all frequencies.
 
 From the end of the motion the spectrum is either white noise, or white noise and such a rise up to a
-resonance, with anything beyond it. No frequency holds less than the white noise. The end of the motion, the
-resonance, the height of the rise and the level of the white noise are unknown: Whittle's likelihood of the
-periodogram [1] weighs the models, and they are averaged [2]. So vibration is bounded only where its spectrum is
-seen to fall towards low frequencies. A flat spectrum is white noise, also that of vibration which a slow sensor
-folds to low frequencies. Of the density the posterior's mean is taken, because the std of the estimate goes by
-it.
+resonance, with anything beyond it. No frequency holds less than the white noise. The end of the motion,
+the resonance, the height of the rise and the level of the white noise are unknown: Whittle's likelihood
+of the periodogram [1] weighs the models, and they are averaged [2]. So vibration is bounded only where its
+spectrum is seen to fall towards low frequencies. A flat spectrum is white noise, also that of vibration
+which a slow sensor folds to low frequencies. Of the density the posterior's mean is taken, because the std
+of the estimate goes by it.
 
 [1] P. Whittle, Estimation and information in stationary time series, Ark. Mat. 2 (1953).
 [2] J. A. Hoeting et al., Bayesian model averaging: a tutorial, Stat. Sci. 14 (1999).
@@ -35,8 +35,8 @@ PER_OCTAVE = 6
 """Bands of the spectrum in each octave."""
 
 INDEPENDENT = 0.5
-"""Independent ordinates for each ordinate: the reciprocal of the noise bandwidth of the window of Blackman and
-Harris (1978)."""
+"""Independent ordinates for each ordinate: the reciprocal of the noise bandwidth of the window of Blackman
+and Harris (1978)."""
 
 FEWEST = 8.0
 """A rise is seen in at least so many independent ordinates."""

@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy import signal
+from scipy.special import softmax
 
-from granite_lab.estimation import estimate, noise, slip
+from granite_lab.estimation import estimate, slip, white
 from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.nodes import heading, slope
@@ -16,8 +17,6 @@ from granite_lab.parameters import load_robot
 from tests.truth import TruthTrial, generate
 from tests.truth.long_logs import Drive, cycles, drive
 
-FREQUENCY = np.arange(2.0, 10.0, 0.05)
-ANY = np.empty((0, 2))
 SEEDS = (11, 12)
 
 
@@ -64,23 +63,56 @@ def test_vibration_alone_is_not_taken_for_white_noise(grade: str, velocity: floa
     assert motion.noise["accel_noise_in_motion_mps2_sqrts"] == 0.0
 
 
-@pytest.mark.parametrize("level", [10.0, 100.0, 1000.0])
-def test_a_flat_spectrum_beside_a_tail_gives_back_its_level(level: float) -> None:
-    """Ordinates of noise are exponential about its density; 160 of them know it to some 20 %."""
-    shape = (FREQUENCY / 25.0) ** 2
-    for seed in range(5):
-        true = 1.0 + level + 20.0 * shape
-        density = true * np.random.default_rng(seed).exponential(size=FREQUENCY.size)
-        added = noise.added_share(density, shape, ANY)
-        assert 0.5 * level < added < 1.6 * level
-    assert noise.added_share(np.full(5, 1e4), shape[:5], ANY) == 0.0  # too few to say anything
+def level(frequency: np.ndarray, density: np.ndarray, seed: int) -> float:
+    """The white noise found in a periodogram whose ordinates scatter exponentially about its density."""
+    seen = density * np.random.default_rng(seed).exponential(size=frequency.size)
+    found = white.levels(frequency, seen)
+    return float(softmax(np.logaddexp(found.flat, found.rising)) @ found.white)
 
 
-def test_a_band_that_is_quieter_than_the_low_frequencies_shows_that_those_are_motion() -> None:
-    shape = (FREQUENCY / 25.0) ** 2
-    density = 20.0 * np.random.default_rng(1).exponential(size=FREQUENCY.size)
-    assert noise.added_share(density, shape, np.array([[25.0, 100.0]])) > 8.0
-    assert noise.added_share(density, shape, np.array([[25.0, 100.0], [1.0, 100.0]])) < 0.5
+@pytest.mark.parametrize("top", [3.5, 7.0, 35.0, 175.0])
+@pytest.mark.parametrize("size", [10.0, 1000.0])
+def test_a_flat_spectrum_is_white_noise_at_any_sampling_rate(top: float, size: float) -> None:
+    """Logs of 28 s at 10 to 500 Hz: half of the ordinates are independent, so 50 know it to some 20 %."""
+    frequency = np.arange(0.15, top, 1.0 / 28.0)
+    for seed in SEEDS:
+        assert 0.7 * size < level(frequency, np.full(frequency.size, size), seed) < 1.4 * size
+
+
+def resonator(frequency: np.ndarray, resonance: float, damping: float = 0.1) -> np.ndarray:
+    """Density of the acceleration of a resonator that is shaken by a force, 1 far above the resonance."""
+    r = frequency / resonance
+    return r**4 / ((1.0 - r**2) ** 2 + (2.0 * damping * r) ** 2)
+
+
+@pytest.mark.parametrize("resonance", [8.0, 15.0, 25.0])
+def test_vibration_whose_resonance_is_seen_adds_no_white_noise(resonance: float) -> None:
+    frequency = np.arange(0.5, 70.0, 1.0 / 8.0)
+    for seed in SEEDS:
+        assert level(frequency, 1.0 + 1e4 * resonator(frequency, resonance), seed) < 10.0
+
+
+@pytest.mark.parametrize("resonance", [6.0, 15.0, 25.0])
+def test_white_noise_is_found_below_vibration(resonance: float) -> None:
+    frequency = np.arange(0.15, 35.0, 1.0 / 28.0)
+    for seed in SEEDS:
+        assert 60.0 < level(frequency, 100.0 + 1e4 * resonator(frequency, resonance), seed) < 250.0
+
+
+def test_motion_below_the_vibration_is_not_taken_for_white_noise() -> None:
+    frequency = np.arange(0.15, 70.0, 1.0 / 28.0)
+    motion = 1e3 / (1.0 + (frequency / 0.5) ** 6)
+    for seed in SEEDS:
+        assert level(frequency, 1.0 + motion + 1e4 * resonator(frequency, 25.0), seed) < 3.0
+
+
+def test_a_gyro_shows_how_the_body_turns_and_only_a_flat_spectrum_is_its_noise() -> None:
+    frequency = np.arange(0.15, 35.0, 1.0 / 28.0)
+    scatter = np.random.default_rng(1).exponential(size=frequency.size)
+    rest = 1e-3
+    flat, turning = (2.0 * rest**2 * density * scatter for density in (100.0, 3.0 + 5.0 * frequency))
+    assert white.white_in_motion(frequency, flat, rest, turns=True) == pytest.approx(1e-2, rel=0.2)
+    assert white.white_in_motion(frequency, turning, rest, turns=True) == 0.0
 
 
 def test_a_gyro_that_loses_the_pitch_in_motion_widens_the_std_and_is_named() -> None:
