@@ -1,15 +1,18 @@
 # granite-lab: `make study` runs the main job on data/samples, `make test` passes the tests.
 # Each target sets up .venv by itself; nothing but Python 3.11 or newer and make is needed.
+# Another Python than python3: make PYTHON=python3.13 study
 
 PYTHON ?= python3
 BIN := .venv/bin
 USE := .venv/.use-installed
 DEV := .venv/.dev-installed
+MINOR := "import sys; print('%d.%d' % sys.version_info[:2])"
 
-.PHONY: help study test lint types bench bench-simulator bench-estimation bench-many blind outside outside-variants validation soak samples clean
+.PHONY: help python study smoke test lint types bench bench-simulator bench-estimation bench-many blind outside outside-variants validation soak samples clean
 
 help:
 	@echo "make study             analyse data/samples, write reports/samples/index.html"
+	@echo "make smoke             run every command once"
 	@echo "make test              ruff, mypy and all tests"
 	@echo "make bench             measure speed and accuracy, up to 1,200 trials (an hour), write docs/bench-*.md"
 	@echo "make soak              the tests whose long parts are only sampled by make test, whole"
@@ -20,21 +23,29 @@ help:
 	@echo "make samples           write the virtual sample trials again"
 	@echo "make clean             remove .venv and all caches"
 
-$(BIN)/python:
+# Packages that one Python has installed cannot be used by another.
+python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
-		{ echo "error: $(PYTHON) is older than 3.11"; echo "hint: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
-	$(PYTHON) -m venv .venv
+		{ echo "error: $(PYTHON) is not there or older than 3.11"; \
+		echo "hint: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
+	@test -x $(BIN)/python || $(PYTHON) -m venv --clear .venv
+	@test "$$($(PYTHON) -c $(MINOR))" = "$$($(BIN)/python -c $(MINOR))" || \
+		{ echo "error: .venv was made by Python $$($(BIN)/python -c $(MINOR)), not by $(PYTHON)"; \
+		echo "hint: make clean"; exit 1; }
 
-$(USE): pyproject.toml | $(BIN)/python
+$(USE): pyproject.toml | python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
 	@touch $@
 
-$(DEV): pyproject.toml | $(BIN)/python
+$(DEV): pyproject.toml | python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
 	@touch $@ $(USE)
 
 study: $(USE)
 	$(BIN)/granite-lab study data/samples --out reports/samples
+
+smoke: $(USE)
+	$(BIN)/python tests/smoke.py
 
 test: lint types $(DEV)
 	$(BIN)/python -m pytest -n 2 --dist worksteal

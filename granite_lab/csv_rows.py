@@ -6,6 +6,7 @@ estimate itself.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -22,11 +23,18 @@ BLOCK = 20_000
 """Rows that are formatted at a time."""
 
 
+def cell_text(text: str) -> str:
+    """Return a text as the cell of a CSV table: on one line, and quoted where a spreadsheet would run it."""
+    flat = re.sub(r"[\r\n\t\v\f\x00]+", " ", text)
+    return f"'{flat}" if flat.lstrip().startswith(("=", "+", "-", "@")) else flat
+
+
 def csv_blocks(table: pd.DataFrame) -> Iterator[str]:
-    r"""Yield the text of ``table.to_csv(index=False, float_format=DIGITS)`` in parts.
+    r"""Yield the text of ``table.to_csv(index=False, float_format=DIGITS)`` in parts, safe in a spreadsheet.
 
     Args:
-        table: of floating-point numbers and anything else; NaN becomes an empty cell.
+        table: of floating-point numbers and anything else; NaN becomes an empty cell, a text what
+            `cell_text` makes of it.
 
     Yields:
         whole lines ending in ``\n``, the header first.
@@ -37,8 +45,7 @@ def csv_blocks(table: pd.DataFrame) -> Iterator[str]:
         block = table.iloc[begin : begin + BLOCK]
         parts = [(block.iloc[:, places], floats) for floats, places in runs]
         cells = [_numbers(part) if floats else _texts(part) for part, floats in parts]
-        # pandas quotes the empty cell of a lone column; a text with a line break is more than one line
-        if table.shape[1] > 1 and all(len(lines) == len(block) for lines in cells):
+        if table.shape[1] > 1:  # pandas quotes the empty cell of a lone column
             yield "".join(f"{','.join(line)}\n" for line in zip(*cells, strict=True))
         else:
             yield _by_pandas(block)
@@ -74,4 +81,6 @@ def _texts(part: pd.DataFrame) -> list[str]:
 
 
 def _by_pandas(part: pd.DataFrame, *, header: bool = False) -> str:
-    return part.to_csv(index=False, header=header, float_format=DIGITS, lineterminator="\n")
+    safe = part.map(lambda cell: cell_text(cell) if isinstance(cell, str) else cell)
+    safe.columns = [cell_text(str(name)) for name in part.columns]
+    return safe.to_csv(index=False, header=header, float_format=DIGITS, lineterminator="\n")

@@ -88,7 +88,7 @@ def replacing(folder: Path, part: str) -> Iterator[Path]:
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{folder.name[:100]}.", dir=folder.parent) as temporary:
-            write_text(Path(temporary) / MARK, UNFINISHED)
+            (Path(temporary) / MARK).write_text(UNFINISHED, encoding="utf-8")
             new = Path(temporary) / "new"
             new.mkdir()
             yield new
@@ -161,7 +161,12 @@ def remove_part(folder: Path, part: str) -> None:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what killed runs left beside a folder and in it: folders of `replacing`, known by their mark."""
+    """Remove what killed runs left beside a folder and in it.
+
+    These are folders of `replacing`, known by their mark, and unfinished lists, which have the list's name.
+    """
+    for path in (*folder.glob(f".{LIST}.*.part"), *folder.glob(f"*/.{LIST}.*.part")):
+        path.unlink(missing_ok=True)
     for path in (*folder.parent.glob(".*"), *folder.glob(".*")):
         with suppress(OSError):
             beside = path.parent == folder or path.name.startswith(f".{folder.name[:100]}.")

@@ -103,7 +103,10 @@ def test_what_a_killed_run_left_is_known_by_its_mark_not_by_its_name(tmp_path: P
         (folder / MARK).write_text(UNFINISHED, encoding="utf-8")
     (tmp_path / ".out.backup_1" / MARK).write_text("mine", encoding="utf-8")
     (out / ".x.rrd.0123456789ab.part").write_text("mine", encoding="utf-8")
+    unfinished = out / f".{LIST}.0123456789ab.part"
+    unfinished.write_text("", encoding="utf-8")
     remove_unfinished(out)
+    assert not unfinished.exists()
     assert not any(folder.exists() for folder in left)
     assert all((folder / "new").exists() for folder in others)
     assert (out / ".x.rrd.0123456789ab.part").exists()

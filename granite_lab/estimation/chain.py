@@ -164,10 +164,12 @@ def solve(
     noise = identify(imu, rolling, robot, still)
     problem = Problem(imu, rolling, robot, still, faults, noise, SlipModel(), unseen=unseen)
     problem = replace(problem, stamp_std=_stamp_std(trial))
+    problem = replace(problem, noise=with_motion_noise(problem, 0.0))
     offset, found, near = _clock(trial, problem, far, apart)
     if rolling is not None and offset.value != 0.0:
         still, unseen = find_rests(stream, rolling, grade, offset=offset.value, by_hand=rests)
         problem = replace(problem, rests=still, unseen=unseen, noise=identify(imu, rolling, robot, still))
+        problem = replace(problem, noise=with_motion_noise(problem, offset.value))
     problem = replace(problem, coasts=coasts(stream, rolling, grade, offset.value, still))
     _refuse_gaps(trial, faults, still)
     restarts = find_restarts(stream, still, faults.doubt, faults.gaps, grade)

@@ -327,9 +327,11 @@ def blur(Q: Array, course: Course, imu: BodyImu, noise: model.Noise) -> None:
     Muted readings hide whatever is below them, of which they are off for `SWAY`. Q is (K, 14, 14).
     """
     dt, gravity = course.dt, course.coupling * course.dt
+    force: dict[int, Array | float] = {V: 1.0, X: dt}
+    rate: dict[int, Array | float] = {TH: 1.0, V: gravity, X: gravity * dt}
     for state, level, signal, step, gains in (
-        (BM, noise.accel_level, imu.forward, imu.steps[0], {V: 1.0, X: dt}),
-        (BG, noise.gyro_level, imu.pitch_rate, imu.steps[1], {TH: 1.0, V: gravity, X: gravity * dt}),
+        (BM, noise.accel_level, imu.forward, imu.steps[0], force),
+        (BG, noise.gyro_level, imu.pitch_rate, imu.steps[1], rate),
     ):
         if level > 0.0:
             mute = muted(signal, step, imu.period)

@@ -1,24 +1,6 @@
 """Noise identified from the trial itself: at rest, with the robot's file as prior, and in motion.
 
-An IMU may be noisier in motion than at rest. The integral of white noise drifts without bound, that
-of vibration does not, so neither may be taken for the other. While the wheels turn steadily, the signal of an
-accelerometer or a gyroscope consists of
-
-* motion of the body, below 1.5 Hz, on some ground below 3 Hz;
-* vibration, the derivative of a bounded velocity or angle: below its resonances the density rises at least
-  as f^2;
-* white noise, of the same density at all frequencies.
-
-The spectrum is white noise and such a rise between two frequencies, the end of the motion and a resonance, and
-below and above at least white noise. The frequencies, the slope and the height of the rise, and the level of the
-white noise are unknown; Whittle's likelihood of the periodogram [1] weighs them, and the models are averaged [2].
-So vibration is bounded only where its spectrum is seen to fall towards low frequencies. A flat spectrum is white
-noise, also that of vibration which a slow sensor folds to low frequencies. Where a motion is too short to show a
-spectrum, all of its power is white noise. Of the density the posterior's mean is taken, because the std of the
-estimate goes by it.
-
-[1] P. Whittle, Estimation and information in stationary time series, Ark. Mat. 2 (1953).
-[2] J. A. Hoeting et al., Bayesian model averaging: a tutorial, Stat. Sci. 14 (1999).
+An IMU may be noisier in motion than at rest; `white` tells white noise from vibration by the spectrum.
 
 Densities are as `scipy.signal` has them, whose import takes half a second.
 """
@@ -29,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import logsumexp, softmax
 
 from granite_lab.estimation.error_model import Noise
 from granite_lab.estimation.mounting import BodyImu
@@ -38,6 +19,7 @@ from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.rest import inside
 from granite_lab.estimation.smoother import nominal_of, usual
 from granite_lab.estimation.wheels import Rolling
+from granite_lab.estimation.white import MOTION, white_in_motion
 from granite_lab.logs.counters import runs
 from granite_lab.logs.standstill import ROUNDED, Interval
 from granite_lab.logs.trial import Array
@@ -52,12 +34,6 @@ UNSEEN_PITCH = float(np.radians(2.0))
 UNSEEN_ATTITUDE = GRAVITY * float(np.radians(0.3))
 """Random walk of the gravity that a logger leaves in its "linear acceleration" [m/s^2/sqrt(s)]."""
 
-MOTION, RESTLESS = 1.5, 3.0
-"""The body itself moves at up to this frequency [Hz]: usually, and on restless ground."""
-
-PER_OCTAVE = 6
-"""Bands of the spectrum in each octave."""
-
 LUG = 0.15
 """Lugs strike the ground within this share of their frequency."""
 
@@ -67,32 +43,8 @@ FASTEST = 0.35
 LOBE = 4.0
 """Half the width of the window's main lobe, in reciprocals of its length."""
 
-INDEPENDENT = 0.5
-"""Independent ordinates for each ordinate: the reciprocal of the window's noise bandwidth (Harris, 1978)."""
-
-FEWEST = 8.0
-"""A rise is seen in at least so many independent ordinates."""
-
 SHORTEST = 2.0
 """Steady motion shorter than this [s] has no ordinates to speak of."""
-
-RISE = 2.0
-"""Power of the frequency with which the vibration's density rises: of the derivative of a bounded signal."""
-
-MIDDLE = 5.0
-"""The height of a rise is that at this frequency [Hz]."""
-
-STEPS = 10
-"""Candidates of a density in each decade."""
-
-NONE = 0.8
-"""Probability, before the trial is seen, that motion adds no white noise."""
-
-ALONE = 0.5
-"""Probability, before the trial is seen, that a band below the rise holds white noise alone."""
-
-NEGLIGIBLE = 0.3
-"""White noise in motion below this share of that at rest is none."""
 
 SHAKEN = 1.0
 """A motion shorter than this [s] does not tell how far shaking turns the gyro's pitch."""
@@ -249,8 +201,6 @@ def with_motion_noise(problem: Problem, offset: float) -> Noise:
         lost = lost_pitch(replace(problem, noise=noise), nominal)
         noise = replace(noise, gyro_motion=float(np.hypot(noise.gyro_motion, lost)))
     noise = replace(noise, accel_motion=white_in_motion(frequency, force, noise.accel))
-    if noise.accel_motion == 0.0:
-        return noise
     moving, white = ~inside(nominal.t, problem.rests), float(np.hypot(noise.accel, noise.accel_motion))
     rms, frequent, damping = vibration(problem.imu, moving, white, problem.robot.imu.vibration_frequency)
     return replace(noise, vibration=rms, vibration_frequency=frequent, vibration_damping=damping)
@@ -301,8 +251,8 @@ def level(force: Array, variance: float) -> tuple[float, float]:
 def spectrum(problem: Problem, nominal: Nominal, offset: float) -> tuple[Array, Array, Array]:
     """Periodograms of the nominal acceleration and pitch rate over all motion with steady wheels.
 
-    Motion without wheels, or without a steady part, counts as a whole. Frequencies in the window's side of the
-    motion, and near the lugs' own, are left out.
+    Motion without wheels, or without a steady part, counts as a whole. Frequencies to which the window spreads
+    the motion, and those near the lugs' own, are left out.
 
     Returns:
         (F,) frequencies [Hz]; (F,) densities of acceleration [m^2/s^3] and of pitch rate [rad^2/s].
@@ -335,71 +285,6 @@ def spectrum(problem: Problem, nominal: Nominal, offset: float) -> tuple[Array, 
         found.append(np.array([frequency, force / gain, rate / gain])[:, use])
     frequency, force, rate = np.concatenate(found, axis=1)
     return frequency, force, rate
-
-
-def white_in_motion(frequency: Array, density: Array, rest: float, *, turns: bool = False) -> float:
-    """White noise density (std times sqrt(s)) that motion adds to that at `rest`.
-
-    `frequency` (F,) and `density` (F,) are ordinates of a one-sided periodogram. A body that `turns` on uneven
-    ground does so at any frequency, and its gyro shows that: there a flat spectrum alone is noise.
-    """
-    if not frequency.size:
-        return 0.0
-    white, evidence = white_levels(frequency, density / (2.0 * rest**2))
-    if turns and len(evidence) > 1:
-        evidence[1] = np.where(white == 1.0, logsumexp(evidence[1]), -np.inf)
-    level = float(softmax(logsumexp(evidence, axis=0)) @ white)
-    return rest * float(np.sqrt(level - 1.0)) if level - 1.0 > NEGLIGIBLE else 0.0
-
-
-def white_levels(frequency: Array, density: Array) -> tuple[Array, Array]:
-    """Return candidates of the white noise, in shares of that at rest, and the logarithm of their probability.
-
-    `density` (F,) is the periodogram at `frequency` (F,) [Hz] in such shares.
-
-    Returns:
-        (W,) candidates, from 1 on; (2, W) log-probabilities, but for a constant, that they stand alone above the
-        motion, and that they stand below a rise. Without ordinates enough for a rise there is the first row only.
-    """
-    place = np.floor(PER_OCTAVE * np.log2(frequency)).astype(int)
-    bands, place = np.unique(place, return_inverse=True)
-    count, total = INDEPENDENT * np.bincount(place), INDEPENDENT * np.bincount(place, density)
-    centre = np.bincount(place, frequency) / np.bincount(place)
-    decades = np.log10(max(float(np.max(total / count)), 1.0)) + 0.5
-    white = np.logspace(0.0, decades, max(int(decades * STEPS), 2))  # (W,)
-    height = np.logspace(-2.0, decades + 2.0, int((decades + 4.0) * STEPS / 2))  # (A,) at `MIDDLE`
-    prior = np.log(np.append(NONE, np.full(white.size - 1, (1.0 - NONE) / (white.size - 1))))
-    alone, loud = _outside(count, total, white)
-    below = _summed(np.logaddexp(np.log(ALONE) + alone, np.log(1.0 - ALONE) + loud))
-    above, alone_on = _summed(loud[::-1])[::-1], _summed(alone[::-1])[::-1]
-    begins = np.flatnonzero((centre > MOTION) & (centre < RESTLESS)).tolist()
-    level = white + height[:, None] * (centre[:, None, None] / MIDDLE) ** RISE  # (B, A, W)
-    rise = _summed(-count[:, None, None] * np.log(level) - total[:, None, None] / level)
-    rises = [
-        below[begin] + logsumexp(rise[end] - rise[begin], axis=0) - np.log(height.size) + above[end]
-        for begin in begins
-        for end in range(begin + 1, bands.size + 1)
-        if np.sum(count[begin:end]) >= FEWEST
-    ]
-    flat = [below[begin] + alone_on[begin] for begin in (0, *begins)]
-    families = [logsumexp(models, axis=0) - np.log(len(models)) for models in (flat, rises) if models]
-    return white, np.stack(families) + prior
-
-
-def _outside(count: Array, total: Array, white: Array) -> tuple[Array, Array]:
-    """(B, W) log-likelihoods of bands that hold white noise (W,) alone, or anything beside it.
-
-    A band has `count` (B,) independent ordinates that sum up to `total` (B,). With anything beside the white
-    noise its level is as probable at each of the candidates that are not below.
-    """
-    alone = -count[:, None] * np.log(white) - total[:, None] / white
-    loud = np.logaddexp.accumulate(alone[:, ::-1], axis=1)[:, ::-1] - np.log(np.arange(white.size, 0, -1))
-    return np.asarray(alone), np.asarray(loud)
-
-
-def _summed(values: Array) -> Array:
-    """(B + 1, ...) sums of the first 0 to B values (B, ...)."""
-    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
 
 
 def periodograms(values: Array, rate: float, window: Array) -> tuple[Array, Array]:

@@ -22,6 +22,7 @@ _KINDS = ("acceleration", "rate", "wheels")  # sensors that show how the clock r
 _AROUND = 50  # samples on either side of a step of the clock, by which its period is known
 _DISORDER = 0.1  # where a larger share of the rows comes late, order tells nothing of the clock
 _SEEN = 2  # samples that fall where others are; less than two periods back, sorting does no harm
+_STOOD = 0.3  # counters that turn by less than this share of what they should, did not over a gap
 _MOST_STEPS = 20  # a clock that is set more often is none
 _BEGINNING = 1.0  # a clock that goes back to this time after the first stamp starts over [s]
 
@@ -208,20 +209,23 @@ def goes_on(counts: Array, cut: int) -> bool:
 
 
 def set_forward(t: Array, counts: Array) -> list[int]:
-    """Return the samples at which a clock was set forward: counters (N, K) turn, but not over the gap."""
-    period = _usual(t)
-    found: list[int] = []
+    """Return the samples at which a clock was set forward: counters (N, K) turn, but not over the gap.
+
+    While the counters stand, so was one over a gap that is longer than all the rest of the log.
+    """
+    period, found = _usual(t), list[int]()
     for cut in (np.flatnonzero(np.diff(t) > GAP_PERIODS * period) + 1).tolist():
-        near = np.abs(np.diff(counts[max(cut - 6, 0) : cut + 6], axis=0))
-        at = min(cut - 1, 5)
-        with np.errstate(invalid="ignore"):
-            ahead, behind = (
-                np.median(part, axis=0) if len(part) else 0.0 for part in (near[:at], near[at + 1 :])
-            )
-            slower = np.minimum(ahead, behind) * np.ones(counts.shape[1])
-        turning = slower > 0
-        missed = (t[cut] - t[cut - 1]) / period * slower[turning]
-        if turning.any() and np.median(near[at][turning] - 0.3 * missed) < 0:
+        gap = float(t[cut] - t[cut - 1])
+        near, at = np.abs(np.diff(counts[max(cut - 6, 0) : cut + 6], axis=0)), min(cut - 1, 5)
+        if at == 0 or at == len(near) - 1:
+            continue
+        usual = np.minimum(np.median(near[:at], axis=0), np.median(near[at + 1 :], axis=0))
+        turning = usual > 0
+        if turning.any():
+            stood = bool(np.median((near[at] - _STOOD * gap / period * usual)[turning]) < 0)
+        else:
+            stood = gap > float(np.ptp(t)) - gap and goes_on(counts, cut)
+        if stood:
             found.append(cut)
     return found
 
@@ -285,7 +289,12 @@ def _first_steps(source: Source, t: Array, series: Sequence[Rows]) -> list[tuple
         ]
         found += [(rows, cut) for cut in set_back(t[rows], np.delete(values, clocks, axis=1))[:1]]
     rows, counts = _counted(source, t)
-    return found + [(rows, cut) for cut in set_forward(t[rows], counts)[:1] if len(rows) > 2]
+    for cut in set_forward(t[rows], counts) if len(rows) > 2 else ():
+        between = t[rows[cut - 1] : rows[cut] + 1]
+        between = between[np.isfinite(between)]
+        if np.diff(between).max() > 0.5 * np.ptp(between):  # else the others went on
+            return [*found, (rows, cut)]
+    return found
 
 
 def _counted(source: Source, t: Array) -> tuple[Rows, Array]:

@@ -37,14 +37,16 @@ def powers(count: float = 1.0) -> list[float]:
     return [2.0**bits * count for bits in range(7, 33)]
 
 
-def unwrap(raw: Array, ranges: Sequence[float], slack: float = 0.02) -> tuple[Array, int, float]:
+def unwrap(
+    raw: Array, ranges: Sequence[float], slack: float = 0.02, *, stated: bool = False
+) -> tuple[Array, int, float]:
     """Undo the wraps of a counter, exactly for whole numbers.
 
     A step of more than half the range is a wrap, forwards or backwards (so the counter may be
     logged as signed or unsigned), if the motion goes on across it as it was before; after a reset it
     does not. The first range that holds all values and is wrapped in the data is taken. A step across a
-    wrap may measure `slack` of the range, however small the others are. Returns values (N,) without wraps,
-    the number of wraps, and the range.
+    wrap may measure `slack` of the range, however small the others are; a `stated` range holds where it is
+    wrapped more than twice. Returns values (N,) without wraps, the number of wraps, and the range.
     """
     steps = np.diff(raw)
     span = float(np.ptp(raw)) if len(raw) else 0.0
@@ -59,7 +61,7 @@ def unwrap(raw: Array, ranges: Sequence[float], slack: float = 0.02) -> tuple[Ar
         # Each wrap makes the steps jump by the range and back; without wraps they change little.
         changes, left = (np.diff(x, prepend=0.0, append=0.0) for x in (steps, short))
         saved = float(np.abs(changes).sum() - np.abs(short_way(left, width)).sum())
-        if alike and saved > width * count:
+        if (alike and saved > width * count) or (stated and count > 2):
             turns = np.concatenate(([0.0], np.cumsum(np.where(wraps, -np.sign(steps), 0.0))))
             return raw + turns * width, count, width
     return raw, 0, 0.0

@@ -24,6 +24,7 @@ _LOST = 0.5  # wild readings and zeros for lost samples last no longer than this
 _STUCK = (0.1, 10)  # a rate that is repeated for so long [s] and so many samples was not measured, ...
 _OFTEN = 5  # unless so many times shorter repetitions are the rule
 _ROUNDING = 1e-3  # scatter of the levels of a grid, as a share of the largest
+_RETURNS = 6  # values on a grid go up and down by turns so often; a ramp of equal steps does not
 _NEAR = 0.02  # a grid of rates is one of counts per period where it is so close to it
 _CLEAR = 0.4  # steps up to this share of a range are read the short way round without a doubt
 
@@ -70,7 +71,8 @@ def convert(t: Array, raw: Array, unit: Unit, spec: Column, wheel: Wheel, doubts
         InputError: a rate whose overflows cannot be undone.
     """
     counted, is_angle = unit.name in ("counts", "counts/s"), unit.quantity in ("angle", "length")
-    values, wraps, width = unwrap(raw, wrap_ranges(raw, unit, spec.wrap, wheel.per_rev))
+    ranges = wrap_ranges(raw, unit, spec.wrap, wheel.per_rev)
+    values, wraps, width = unwrap(raw, ranges, stated=spec.wrap > 0)
     if wraps:
         what = "rate overflowed" if not is_angle else "counter wrapped"
         doubts.append(f"the {what} {wraps} times at {width:g}; unwrapped")
@@ -135,7 +137,11 @@ def lattice(values: Array) -> float:
     near = _ROUNDING * size[-1]
     cuts = np.flatnonzero(np.diff(size) > near) + 1
     levels = np.split(size, cuts)
-    if not 3 <= len(levels) <= 0.1 / _ROUNDING or any(np.ptp(level) > 3 * near for level in levels):
+    changes = np.diff(np.abs(values))
+    changes = np.sign(changes[np.abs(changes) > near])
+    returns = np.count_nonzero(changes[1:] != changes[:-1])
+    few = returns < _RETURNS or not 2 <= len(levels) <= 0.1 / _ROUNDING
+    if few or any(np.ptp(level) > 3 * near for level in levels):
         return 0.0
     middles, weights = np.array([level.mean() for level in levels]), np.array([len(x) for x in levels])
     middles = middles - middles[0] * (middles[0] <= near)

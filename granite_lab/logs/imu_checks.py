@@ -52,7 +52,13 @@ def check_units(imu: ImuStream, log: Log) -> tuple[ImuStream, ImuStream]:
     a, removed = (1.0, imu.gravity_removed) if seen is None else _acceleration(imu.gravity_removed, seen, log)
     g = _rate(clean.angular_rate, removed, seen, log)
     imu, clean = (
-        ImuStream(one.t, one.specific_force * a, one.angular_rate * g, removed) for one in (imu, clean)
+        dataclasses.replace(
+            one,
+            specific_force=one.specific_force * a,
+            angular_rate=one.angular_rate * g,
+            gravity_removed=removed,
+        )
+        for one in (imu, clean)
     )
     _report_rails(imu, log)
     return imu, clean

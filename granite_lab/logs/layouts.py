@@ -24,6 +24,7 @@ from granite_lab.logs.quantities import (
     factors,
     find_unit,
     resembling,
+    words,
 )
 from granite_lab.logs.table import Table, numbered
 from granite_lab.parameters import CATALOGUE, Robot, names
@@ -264,9 +265,12 @@ def _misnamed(layout: Layout, found: set[int], others: Sequence[str]) -> tuple[s
     """List the columns that are not found but seem to stand in the table by other names."""
     absent = [c for i, c in enumerate(layout.column) if i not in found and c.group]
     meant = {channel for name in others for channel in by_name(name).to}
-    return tuple(
-        c.label for c in absent if meant & set(c.to) or difflib.get_close_matches(c.label, others, 1, 0.8)
-    )
+    plain = ["".join(words(name)[0]) for name in others]
+
+    def resembled(label: str) -> bool:
+        return bool(difflib.get_close_matches("".join(words(label)[0]), plain, 1, 0.85))
+
+    return tuple(c.label for c in absent if meant & set(c.to) or resembled(c.label))
 
 
 def _missing(layout: Layout, found: set[int], partly: bool) -> tuple[str, ...]:

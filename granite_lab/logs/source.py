@@ -104,9 +104,10 @@ def _of_catalogue(
     except InputError as error:
         raise (no_match(tries, given=True) if tries else next(iter(misfits), error)) from None
     known = [match(layout, table) for layout in all_layouts() if layout.may_be(table)]
-    if all(found.missing for found in known) and not maps:  # the robot may have fewer sensors
-        partly = [match(found.layout, table, partly=True) for found in known]
-        known = [fit for fit in partly if not fit.missing and fit.columns > table.width / 2] or known
+    if not maps:  # a robot may have fewer sensors
+        least = max([table.width / 2, *(found.columns for found in known if not found.missing)])
+        partly = [match(found.layout, table, partly=True) for found in known if found.missing]
+        known += [fit for fit in partly if not fit.missing and fit.columns > least]
     if all(found.missing for found in known):
         raise misfits[0] if misfits else no_match(tries or known, bool(maps))
     return known

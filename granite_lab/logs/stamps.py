@@ -25,10 +25,10 @@ _ROOM = (
     0.6,
     2.0,
 )  # time since the last stamp over what the samples need: below, a copy; above, some are lost
-_CROWDED = 0.5  # share of the needed time from which on a batch holds samples of other times
-_ON_GRID = 0.02  # stamps that are multiples of their spacing to this share of it are those of a slow clock
+_ON_GRID = 1e-3  # stamps that are multiples of their spacing to this share of it are those of a slow clock
+_ROUNDED = 1 + 1e-6  # stamps every 0.1 s are not later for their rounding
 _FEWEST = 3  # stamps of a clock that runs
-_UNSTEADY = 0.1  # share of the samples that may have come in batches for which there was too little time
+_UNSTEADY = 0.1  # share of the batches for which there may have been too little or too much time
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +146,7 @@ def _apart(t: Array, values: Array, what: str, where: Where, doubts: list[str], 
         first = _first(where, int(tied[0]))
         doubts.append(
             f"{shared} samples ({shared / len(t):.0%}) have the stamp of another one {first}: "
-            f"spread evenly over the time since the last stamp{late}"
+            f"spread evenly over the time between stamps{late}"
         )
     if len(copies := np.flatnonzero(~keep)):
         first = _first(where, int(copies[0]))
@@ -155,11 +155,12 @@ def _apart(t: Array, values: Array, what: str, where: Where, doubts: list[str], 
 
 
 def _spread(t: Array, new: Mask, place: str) -> tuple[Array, Mask, float]:
-    """Spread samples over the time since the last stamp; `new` (N,) says where a stamp begins.
+    """Spread samples that share a stamp over the time for which it stands; `new` (N,) says where one begins.
 
     A driver that empties the FIFO of a sensor gives all samples the stamp of the read, so they lie between it
-    and the one before, evenly. A clock that ticks too rarely gives them the stamp of its last tick. A sample
-    for which there is no room is a copy.
+    and the one before, evenly. Stamps of the first sample, or of the last tick of a slow clock, stand for the
+    time that follows: so it is where batches of different sizes fit into that better. A sample for which
+    there is no room is a copy.
 
     Returns:
         stamps (N,) [s], which samples have one, and the std of what all may be off by, half a batch [s].
@@ -171,32 +172,38 @@ def _spread(t: Array, new: Mask, place: str) -> tuple[Array, Mask, float]:
     ticks, sizes = t[begin], np.diff(np.append(begin, len(t)))
     if len(ticks) < _FEWEST:
         return t, new, 0.0
-    intervals, period = np.diff(ticks), sampling_period(t)
+    intervals, needed = np.diff(ticks), sizes * sampling_period(t)
     length = float(np.median(intervals))
-    room = np.concatenate(([1.0], intervals / (sizes[1:] * period)))
+    before, after = np.concatenate(([length], intervals)), np.append(intervals, length)
     usual = bool(sizes[sizes > 1].sum() > 0.5 * len(t))
-    if usual:
-        _refuse_batches(sizes, room, length, place)
-    fits = usual | (sizes == 1) | (room >= _ROOM[0])
     grid = usual and bool(np.quantile(np.abs(ticks / length - np.rint(ticks / length)), 0.9) < _ON_GRID)
-    time = np.append(intervals, length) if grid else np.concatenate(([length], intervals))
-    step = np.where(time <= _ROOM[1] * sizes * period, time / sizes, period)
+    misfits = [float(np.abs(np.log(time / needed)[1:-1]).mean()) for time in (before, after)]
+    follows = grid or (usual and misfits[1] < 0.5 * misfits[0])
+    time = after if follows else before
+    if usual:
+        _refuse_batches(sizes, time / needed, length, place)
+    fits = np.repeat(usual | (sizes == 1) | (time >= _ROOM[0] * needed), sizes)
+    step = np.repeat(np.where(time <= _ROOM[1] * needed, time, needed) / sizes, sizes)
     ahead = np.arange(len(t)) - np.repeat(begin, sizes)  # samples of the batch before this one
     behind = np.repeat(sizes - 1, sizes) - ahead
-    # A read comes after its samples; of a clock's tick the digits were cut off.
-    shift = np.repeat(step, sizes) * (ahead + 0.5 if grid else -behind)
-    return t + np.where(np.repeat(fits, sizes), shift, 0.0), np.repeat(fits, sizes), 0.5 * length * usual
+    # Of a tick the digits behind were cut off, so samples lie in the middle of their shares of the time.
+    shift = step * (ahead + 0.5 * grid if follows else -behind)
+    return t + np.where(fits, shift, 0.0), fits, 0.5 * length * usual
 
 
 def _refuse_batches(sizes: Rows, room: Array, length: float, place: str) -> None:
-    """Refuse batches that are too long, or so unsteady that samples are missing from them."""
+    """Refuse batches that are too long, or so unsteady that samples are missing from them.
+
+    `room` is the time for a batch over what its samples need.
+    """
     shared = float((sizes - 1).sum() / sizes.sum())
     seen = f"{place}: {shared:.0%} of the samples have the stamp of another one, {np.median(sizes):g} a stamp"
     hint = "log the time of every sample, or choose another time column"
-    if length > LONGEST_BATCH:
+    if length > LONGEST_BATCH * _ROUNDED:
         what = f"a stamp every {length:.3g} s, expected every {LONGEST_BATCH:g} s at least"
         raise InputError(f"{seen}, {what}", hint)
-    if sizes[room < _CROWDED].sum() > _UNSTEADY * sizes.sum():
+    crowded = sizes[room < 1 / _ROOM[1]].sum() / sizes.sum()
+    if crowded + (room > 1.1 * _ROOM[1]).mean() > _UNSTEADY:
         what = f"from {sizes.min()} to {sizes.max()} whatever time has passed, expected a steady number"
         raise InputError(f"{seen}, {what}", hint)
 

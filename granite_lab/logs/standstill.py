@@ -44,8 +44,9 @@ FALSE_ALARM = 1.0e-4
 WINDOW = 0.2
 """Length of the window in which stillness is judged [s]."""
 
-SWING, SAMPLES = 0.5, 5
-"""Length of the window in which a swing of 2 Hz or faster on the tyres shows [s]; means in it."""
+SWING, SAMPLES, CALM = 0.5, 5, 0.3
+"""Length of the window in which a swing of 2 Hz or faster on the tyres shows [s]; means in it; probability
+with which such a window at rest is not calm: it takes one within reach that is."""
 
 GENTLE = 0.05
 """A robot that sets off more gently than this [m/s^2] needs 10 s for 0.5 m/s."""
@@ -198,8 +199,10 @@ def _by_counts(wheels: Turning) -> Still:
     still, unseen = np.zeros(t.size, dtype=bool), np.full(t.size, np.inf)
     for a, b in runs(stand):
         length, since, left = t[b - 1] - t[a], t[a:b] - t[a], t[b - 1] - t[a:b]
-        waits = min(ROUNDED * count / CREEP, 0.5 * length) if a > first else 0.0
-        leaves = min(float(np.sqrt(2.0 * count / GENTLE)), 0.25 * length) if b < t.size else 0.0
+        # the IMU's clock may be off, too
+        waits = min(max(ROUNDED * count / CREEP, 0.5 * WINDOW), 0.5 * length) if a > first else 0.0
+        sets_off = max(float(np.sqrt(2.0 * count / GENTLE)), 0.5 * WINDOW)
+        leaves = min(sets_off, 0.25 * length) if b < t.size else 0.0
         still[a:b] = (since >= waits) & (left >= leaves) & (length >= SHORTEST)
         unseen[a:b] = ROUNDED * count / np.maximum(since, 1e-9) if a > first else 0.0
     return Still(still, unseen, turns)
@@ -264,13 +267,13 @@ def _by_rates(wheels: Turning, velocity: Array, certain: Mask) -> Still:
 def _noise(power: Array, size: int, share: float) -> float:
     """Std of white noise of which a `share` of windows of a `size` is below that quantile of `power` (N,)."""
     dof = max(size - 1, 1)
-    return float(np.sqrt(np.quantile(power, share) * dof / chdtri(dof, 1.0 - share)))
+    return float(np.sqrt(np.quantile(np.maximum(power, 0.0), share) * dof / chdtri(dof, 1.0 - share)))
 
 
-def _highest(size: int) -> float:
-    """Mean square of a window of white noise of std 1 that is exceeded with the probability `FALSE_ALARM`."""
+def _highest(size: int, chance: float = FALSE_ALARM) -> float:
+    """Mean square of a window of white noise of std 1 that is exceeded by `chance`."""
     dof = max(size - 1, 1)
-    return float(chdtri(dof, FALSE_ALARM) / dof)
+    return float(chdtri(dof, chance) / dof)
 
 
 def rolls(wheels: Turning, t: Array) -> Mask:
@@ -336,7 +339,8 @@ def imu_quiet(imu: ImuStream, grade: ImuGrade, stand: Mask | None = None, window
         loudest = float(np.sqrt(np.quantile(power, 0.9)))
         if stand is None and base > STEADY * least and loudest < STEADY * base:
             return np.zeros(imu.t.size, dtype=bool)
-        quiet &= power <= max(base, least) ** 2 * _highest(max(size // few, 3))
+        chance = FALSE_ALARM if few == 1 else CALM
+        quiet &= power <= max(base, least) ** 2 * _highest(max(size // few, 3), chance)
     return quiet
 
 

@@ -110,7 +110,13 @@ def _samples(source: Source, t: Array, kind: str, said: dict[str, list[str]]) ->
     def where(row: int) -> str:
         return source.place(int(places[row]))
 
-    stamps = tidy(t[places], values, what, where, doubts, spread=kind in _TIMED)
+    try:
+        stamps = tidy(t[places], values, what, where, doubts)
+    except InputError:
+        if kind in _TIMED:
+            raise
+        doubts.clear()
+        stamps = tidy(t[places], values, what, where, doubts, spread=False)
     for doubt in doubts:
         said.setdefault(doubt, []).append(what)
     return Samples(stamps.t, values[stamps.rows], stamps.std)

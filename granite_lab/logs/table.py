@@ -6,7 +6,6 @@ import codecs
 import gzip
 import re
 import zipfile
-import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from granite_lab.errors import InputError, at
+from granite_lab.errors import InputError, LabError, at
 from granite_lab.files import readable, refuse_special
 from granite_lab.logs.dialect import PLAIN, Dialect, TableFormat, find_dialect
 from granite_lab.logs.rows import DELIMITERS, MISSING, Rows, Shape, checked, is_number
@@ -173,11 +172,13 @@ def _unpacked(path: Path) -> bytes:
                 data = member.read(_LARGEST + 1)
         else:
             return path.read_bytes()
-    except (gzip.BadGzipFile, zipfile.BadZipFile, zlib.error, EOFError, RuntimeError) as error:
+    except LabError:
+        raise
+    except Exception as error:  # each way of packing has errors of its own
+        if isinstance(error, OSError) and error.errno is not None:
+            raise readable(error, path) from None
         hint = "copy the file again, or unpack it and name the table"
-        raise InputError(f"{path}: cannot be unpacked: {error}", hint) from None
-    except OSError as error:
-        raise readable(error, path) from None
+        raise InputError(f"{path}: cannot be unpacked: {error or type(error).__name__}", hint) from None
     if len(data) > _LARGEST:
         raise InputError(f"{path}: holds more than {_LARGEST >> 30} GB", "unpack it and name the table")
     return data

@@ -223,7 +223,8 @@ def sizes(imprint: Imprint) -> str:
 
 
 def wheel_figure(points: Sequence[WheelPoint], title: str) -> Canvas:
-    """Draw a sweep over slip; of one slip the stresses over the contact arc."""
+    """Draw a sweep over slip; of one slip the stresses over the contact arc. The title is plain text."""
+    title = title.replace("$", r"\$")  # a dollar would begin a formula
     return _sweep(points, title) if len(points) > 1 else _arc(points[0], title)
 
 

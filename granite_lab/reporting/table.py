@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from granite_lab.csv_rows import cell_text
 from granite_lab.estimate import Estimate
 from granite_lab.reporting.rounding import (
     NONE,
@@ -221,8 +222,7 @@ def _plain(value: Raw) -> str:
         return "true" if value else "false"
     if isinstance(value, float):
         return f"{value:.9g}"
-    flat = re.sub(r"[\r\n\t\v\f\x00]+", " ", str(value))
-    return f"'{flat}" if isinstance(value, str) and flat.lstrip().startswith(("=", "+", "-", "@")) else flat
+    return cell_text(value) if isinstance(value, str) else str(value)
 
 
 TONES = {"good": "green", "fair": "yellow", "bad": "red", "faint": "dim"}

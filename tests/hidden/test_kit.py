@@ -1,10 +1,13 @@
 """A kit for strangers is checked and sealed; every outcome of a judgement, from a table of answers."""
 
+import base64
 import hashlib
 import json
 import shutil
 import subprocess
 import sys
+import tracemalloc
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,10 +18,11 @@ import granite_lab as gl
 from granite_lab.effects import library
 from granite_lab.errors import InputError, UsageError
 from granite_lab.hidden import kit_check
+from granite_lab.hidden.kit_check import HEAD
 from granite_lab.hidden.scoring import SCHEMA, read_finding, score
-from granite_lab.hidden.sealed import open_answer, seal, unseal
+from granite_lab.hidden.sealed import LARGEST, open_answer, seal, unseal
 from granite_lab.logs import read_trial
-from tests.corpus.cli import SAMPLES, succeeded, told
+from tests.corpus.cli import SAMPLES, lab, refused, succeeded, told
 
 OUTSIDE = Path(__file__).parent.parent / "data" / "outside" / "o03"
 REACTION = [{"id": "drive_reaction", "parameters": {"share": 0.8}}]
@@ -333,7 +337,8 @@ def test_a_file_that_is_no_discovery_is_named(tmp_path: Path, text: str, said: s
 
 
 def test_a_sealed_answer_opens_to_what_was_sealed_and_cannot_be_read_by_eye(tmp_path: Path) -> None:
-    whole = {"effects": [{"id": "tyre_windup", "library": True}], "seed": 7, "μ": 0.5}
+    effect = {"id": "tyre_windup", "title": "x", "account": "", "library": True, "parameters": {}}
+    whole = _answer(effects=[effect], seed=7) | {"μ": 0.5}
     data = seal(whole)
     assert unseal(data, "x") == whole
     assert b"tyre" not in data
@@ -349,3 +354,40 @@ def test_a_changed_seal_is_noticed(place: int) -> None:
     data[place] = ord("A") if data[place] != ord("A") else ord("B")
     with pytest.raises(InputError, match="damaged"):
         unseal(bytes(data), "x")
+
+
+def test_a_sealed_answer_that_would_fill_the_memory_is_refused() -> None:
+    body = base64.encodebytes(zlib.compress(bytes(10 * LARGEST), 9)[::-1])
+    data = HEAD + hashlib.sha256(bytes(10 * LARGEST)).hexdigest().encode() + b"\n" + body
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match="is damaged"):
+            unseal(data, "sealed.bin")
+        assert tracemalloc.get_traced_memory()[1] < 3 * LARGEST
+    finally:
+        tracemalloc.stop()
+
+
+def _answer(**changes: Any) -> dict[str, Any]:
+    effect = {"id": "x", "title": "", "account": "", "library": True, "parameters": {}}
+    trials = {"a": {"file": "trials/a.csv", "sha256": "0"}}
+    return {"made_by": "me", "effects": [effect], "trials": trials} | changes
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"trials": None}, "no trials"),
+        ({"trials": {}}, "no trials"),
+        ({"trials": {"a": {}}}, "no hash of each trial"),
+        ({"effects": 1}, "no list of effects"),
+        ({"effects": [{"id": "x"}]}, "no list of effects"),
+        ({"effects": [_answer()["effects"][0] | {"parameters": {"p": 1}}]}, "no list of effects"),
+    ],
+)
+def test_a_sealed_answer_that_lacks_something_is_told_in_one_line(
+    changes: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    assert unseal(seal(_answer()), "x") == _answer()
+    (tmp_path / "sealed.bin").write_bytes(seal(_answer(**changes)))
+    refused(lab("reveal", tmp_path), 3, f"sealed.bin: the sealed answer holds {said}")

@@ -1,5 +1,6 @@
 """Recordings by ROS 1 and 2 and MCAP files give the trial that the CSV of the same samples gives."""
 
+import math
 import sys
 from pathlib import Path
 
@@ -41,6 +42,21 @@ def test_stamps_keep_their_nanoseconds_and_without_them_arrival_counts(
     got = read_trial(bag.write(tmp_path, "late", bag.trial(trial)))
     make.same(got, trial)
     assert any("have no stamps" in line for line in got.warnings) is not bag.stamped
+
+
+@pytest.mark.parametrize("stuck", [7.0, None], ids=["constant", "whole seconds"])
+def test_stamps_that_stand_still_give_way_to_the_time_of_arrival(
+    stuck: float | None, trial: Trial, tmp_path: Path
+) -> None:
+    bag = Bag("ros2", epoch=EPOCH)
+    messages = []
+    for topic, t, message in bag.trial(trial):
+        if topic == WHEELS:
+            message.header.stamp = bag.header(math.floor(t) if stuck is None else stuck).stamp
+        messages.append((topic, t, message))
+    got = read_trial(bag.write(tmp_path, "stuck", messages))
+    make.same(got, trial)
+    assert len([line for line in got.warnings if "the time of arrival is used" in line]) == 1
 
 
 def test_a_file_beside_the_bag_says_what_it_is(trial: Trial, tmp_path: Path) -> None:

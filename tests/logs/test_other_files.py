@@ -52,6 +52,21 @@ def test_a_fault_in_a_compressed_log_has_its_line(plain: Path) -> None:
     assert any("run.csv.gz:52: column 't_s': '0.5x' is not a number" in line for line in said)
 
 
+@pytest.mark.parametrize("kind", ["ZIP_DEFLATED", "ZIP_BZIP2", "ZIP_LZMA"])
+def test_a_damaged_archive_of_any_kind_is_refused_in_one_line(kind: str, plain: Path) -> None:
+    path = plain.parent / "run.zip"
+    with zipfile.ZipFile(path, "w", getattr(zipfile, kind)) as archive:
+        archive.write(plain, "run.csv")
+    whole = path.read_bytes()
+    assert read_trial(path).imu is not None
+    for place in range(40, min(len(whole) - 200, 400), 7):
+        path.write_bytes(
+            whole[:place] + bytes(b ^ 0x5A for b in whole[place : place + 9]) + whole[place + 9 :]
+        )
+        with pytest.raises(InputError, match="cannot be unpacked"):
+            read_trial(path)
+
+
 def test_damaged_and_unclear_archives_are_refused(plain: Path) -> None:
     cut, broken = packed(plain, "cut.csv.gz"), packed(plain, "broken.zip")
     cut.write_bytes(cut.read_bytes()[:-2000])

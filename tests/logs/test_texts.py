@@ -126,9 +126,6 @@ CASES: dict[str, tuple[str | bytes, str, str]] = {
     "parquet": (b"PAR1" + bytes(100), r": is not text but a Parquet file", "CSV"),
     # headers
     "no header": ("\n".join(LINES[1:]), r":1: no header line, expected the names of the columns", "names ="),
-    "missing gyro": (header(lambda h: h.replace("imu_gy_radps", "x")), r":1: column 'imu_gy' is missing.*", "imu_gy_radps"),
-    "missing accelerometer": (header(lambda h: h.replace("imu_ax_mps2", "x")), r":1: column 'imu_ax' is missing.*", ""),
-    "missing wheel": (header(lambda h: h.replace("enc_rr_rad", "x")), r":1: column 'enc_rr' is missing.*", ""),
     "missing time": (header(lambda h: h.replace("t_s", "x")), r":1: column 't' is missing.*", ""),
     "misspelt wheel": (header(lambda h: h.replace("enc_fr", "encfr")), r":1: column 'enc_fr' is missing.*", "encfr_rad"),
     "no unit": (header(lambda h: h.replace("imu_gy_radps", "imu_gy")), r":1: column 'imu_gy' is missing.*", "imu_gy_radps"),

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from granite_lab.model import Accuracy, simulate
 from granite_lab.model.effect import activate
 from granite_lab.model.single_wheel import Ratio, SingleWheel, WheelPoint, rolling
 from granite_lab.parameters import Soil, Wheels, load_robot, load_soil, variant_of
+from tests.corpus.cli import SAND as SAND_FILE
+from tests.corpus.cli import succeeded
 from tests.truth.simulator import forces
 
 ROBOT, SAND = load_robot(), load_soil()
@@ -148,3 +151,25 @@ def test_what_cannot_be_is_refused() -> None:
         it.at_sinkage(0.06, rolling(0.2, 0.05), Ratio(0.3))
     with pytest.raises(UsageError, match="does not fit"):
         rolling(-1.0, 0.05, omega=1.0)
+
+
+def test_a_dollar_in_the_name_of_a_soil_begins_no_formula(tmp_path: Path) -> None:
+    soil = SAND_FILE.replace('name = "dry_sand"', 'name = "$x_$"')
+    (tmp_path / "soil.toml").write_text(soil, encoding="utf-8")
+    assert soil != SAND_FILE
+    for slip, name in (("0.2", "arc.svg"), ("0:0.4:0.2", "sweep.svg")):
+        args = (
+            "wheel",
+            "--load",
+            "60",
+            "--slip",
+            slip,
+            "--k92",
+            "0.3",
+            "--soil",
+            "soil.toml",
+            "--plot",
+            name,
+        )
+        succeeded(*args, cwd=tmp_path)
+        assert (tmp_path / name).stat().st_size > 1000

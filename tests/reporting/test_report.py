@@ -13,10 +13,12 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+import pandas as pd
 import pytest
 from markdown_it import MarkdownIt
 
 from granite_lab.estimate import Estimate
+from granite_lab.files import write_table
 from granite_lab.reporting import write, write_report
 from granite_lab.reporting.json_report import to_json
 from granite_lab.reporting.report import study_report
@@ -198,6 +200,20 @@ def test_no_cell_of_a_csv_is_a_formula(hostile_folder: Path) -> None:
         for cell in (cell for row in rows for cell in row):
             plain = not cell.startswith(("=", "+", "-", "@", "\t", "\r"))
             assert number.fullmatch(cell) or plain, (path, cell)
+
+
+FORMULAS = ("=cmd|' C calc'!A0", "+1+1", "-2+3", "@SUM(A1)", " =1", "\t=1", "plain\n=1")
+
+
+def test_no_text_of_a_table_of_numbers_is_a_formula(tmp_path: Path) -> None:
+    """Also of `simulate`, `ingest` and all others that write without a report."""
+    table = pd.DataFrame({"=name": FORMULAS, "x": np.linspace(-3.0, 3.0, len(FORMULAS))})
+    for one in (table, table[["=name"]]):
+        write_table(tmp_path / "t.csv", one)
+        rows = list(csv.reader(io.StringIO((tmp_path / "t.csv").read_text(encoding="utf-8"))))
+        assert len(rows) == 1 + len(FORMULAS)
+        assert not any(row[0].lstrip().startswith(("=", "+", "-", "@")) for row in rows)
+        assert [row[1:] for row in rows[1:2]] in ([["-3"]], [[]])  # numbers stay numbers
 
 
 @pytest.mark.usefixtures("small")
