@@ -69,11 +69,14 @@ class Cells:
         if len(damaged) > _FEW + _SHARE * total:
             raise table.error(f"{what}; {len(damaged)} of {total} rows are damaged", hint, damaged[0])
         self._refuse_header(table, keep, wanted)
-        out, header, comments = "left out", "the header stands here again", "among the rows passed over"
+        many, out = f"{len(damaged)} damaged rows were", "left out"
+        header, comments = "the header stands here again", "among the rows passed over"
         return keep, [
-            *_listed(table, damaged, f"{what}: the row was {out}", f"{what}: {{}} damaged rows were {out}"),
-            *_listed(table, rows.headers, header, f"{header}, {{}} times"),
-            *_listed(table, rows.comments, f"a comment {comments}", f"{{}} comments {comments}"),
+            *_listed(table, damaged, f"{what}: the row was {out}", f"{what}: {many} {out}"),
+            *_listed(table, rows.headers, header, f"{header}, {len(rows.headers)} times"),
+            *_listed(
+                table, rows.comments, f"a comment {comments}", f"{len(rows.comments)} comments {comments}"
+            ),
         ]
 
     def _refuse_header(self, table: Table, keep: Mask, wanted: Collection[int]) -> None:
@@ -102,7 +105,7 @@ def _listed(table: Table, lines: Sequence[int], one: str, several: str) -> list[
     if not lines:
         return []
     shown = ", ".join(map(str, lines[:_SHOWN])) + (", …" if len(lines) > _SHOWN else "")
-    what = one if len(lines) == 1 else f"{several.format(len(lines))}, lines {shown}"
+    what = one if len(lines) == 1 else f"{several}, lines {shown}"
     return [f"{at(table.path.name, lines[0])}: {what}"]
 
 

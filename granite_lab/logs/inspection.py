@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,24 +14,14 @@ import pandas as pd
 
 from granite_lab.errors import InputError, at
 from granite_lab.logs.cells import Cells, load
-from granite_lab.logs.dates import are_times_of_day
+from granite_lab.logs.guess import called, guess
 from granite_lab.logs.layouts import Column, Layout, Maps, Match, given_maps, match, no_match
 from granite_lab.logs.quantities import (
-    ACCELERATION,
-    DATE,
-    ENCODERS,
-    RATE,
-    WORDS,
     ColumnReport,
-    Unit,
-    by_name,
-    find_unit,
-    gravity_unit,
-    words,
 )
 from granite_lab.logs.reader import assemble
 from granite_lab.logs.source import read_source, recognise
-from granite_lab.logs.stamps import GAP_PERIODS, SECONDS, ticks_too_rarely, unit_factor
+from granite_lab.logs.stamps import GAP_PERIODS
 from granite_lab.logs.standstill import standstills
 from granite_lab.logs.table import Table, open_table
 from granite_lab.logs.trial import Array, Trial, is_bag, name_of, parts_of
@@ -49,8 +38,6 @@ _HEAD = """\
 
 # A column without settings, and the keys that may be set.
 _PLAIN, _SETTINGS = Column(to=()), ("scale", "wrap", "counts_per_rev", "increment")
-
-Found = dict[int, ColumnReport]  # the place of a column, and what it seems to be
 
 
 @dataclass(frozen=True)
@@ -321,7 +308,7 @@ def _unused(table: Table, columns: Mapping[int, Array], place: int) -> ColumnRep
     """Report a column that nothing is taken from, with what it may be."""
     if place not in columns:
         return ColumnReport(table.names[place], place, why="not used; texts or empty")
-    one = _called(table, place)
+    one = called(table, place)
     what = f"its name suggests {', '.join(one.to)} [{one.unit}]" if one.to else one.why
     return replace(one, to=(), confidence=0.0, why=f"not used; {what}")
 
@@ -351,155 +338,3 @@ def _streams(trial: Trial) -> tuple[StreamReport, ...]:
             clock = (float(t[0]), float(t[-1]), 1 / period, float(steps[~gap].std()))
             reports.append(StreamReport(what, len(t), *clock, int(gap.sum()), float(steps.max())))
     return tuple(reports)
-
-
-def guess(table: Table, columns: Mapping[int, Array]) -> list[ColumnReport]:
-    """Guess what columns (N,) of a log are, from their places and values, dates as seconds since 1970."""
-    found = {place: _called(table, place) for place in columns}
-    _dates(found, table, columns)
-    _seconds_and_parts(found, columns)
-    _running(found, columns)
-    _first_only(found)
-    _time(found, columns)
-    _triples(found, columns)
-    _encoders(found, columns)
-    return list(found.values())
-
-
-def _dates(found: Found, table: Table, columns: Mapping[int, Array]) -> None:
-    """Find dates and times of day, which may stand in two columns."""
-    dated = [place for place in columns if table.is_dated(place)]
-    times = [place for place in dated if are_times_of_day(table.filled(place))]
-    days = [place for place in dated if not (columns[place] % 86400.0).any()]
-    if times and days:
-        day, time, sure = days[0], times[0], {"confidence": 0.95, "assumed": False}
-        _set(found, day, DATE, f"day, with the time in '{found[time].name}'", to=("t",), **sure)
-        _set(found, time, DATE, f"time of day, with '{found[day].name}'", to=("t_add",), **sure)
-        dated = [place for place in dated if place not in (day, time)]
-    for place in dated:
-        fine = bool((np.diff(columns[place]) != 0).mean() > 0.5) if len(columns[place]) > 1 else False
-        _set(found, place, DATE, "dates", to=("t",), confidence=0.95 if fine else 0.3, assumed=False)
-
-
-def _running(found: Found, columns: Mapping[int, Array]) -> None:
-    """Leave out a clock that stands still or ticks too rarely, where another one runs."""
-    clocks = [place for place, one in found.items() if one.to == ("t",)]
-    apart = any(one.to == ("t_add",) for one in found.values())
-    idle = [] if apart else [place for place in clocks if ticks_too_rarely(columns[place])]
-    for place in idle if len(idle) < len(clocks) else ():
-        _set(found, place, "", "a clock that ticks too rarely", to=(), confidence=0.0)
-
-
-def _called(table: Table, place: int) -> ColumnReport:
-    """Guess what a column is from its name alone."""
-    return replace(by_name(table.headers[0][place] if table.headers else "", place), name=table.names[place])
-
-
-def _set(found: Found, place: int, unit: str, why: str, **more: Any) -> None:
-    """Change the guess about a column."""
-    found[place] = replace(found[place], unit=unit, why=why, **more)
-
-
-def _seconds_and_parts(found: Found, columns: Mapping[int, Array]) -> None:
-    """Find whole seconds and the parts of a second in two columns: ``stamp.secs``, ``stamp.nsecs``."""
-    stems: dict[str, int] = {}
-    parts: list[tuple[str, int, Unit]] = []
-    for place, one in found.items():
-        hit = re.fullmatch(r"((?:.*[^A-Za-z])?)([A-Za-z]+)[\])]?", one.name.strip())
-        unit = find_unit(hit[2]) if hit else None
-        if hit and unit and unit.name == "s":
-            stems.setdefault(hit[1].lower(), place)
-        elif hit and unit and unit.quantity == "time" and unit.name != DATE:
-            parts.append((hit[1].lower(), place, unit))
-    for stem, part, unit in parts:
-        whole = stems.get(stem, part)
-        seen = np.isfinite(columns[part]) & np.isfinite(columns[whole])
-        s, p = columns[whole][seen], columns[part][seen] * unit.factor
-        if whole == part or len(s) < 6 or (s != np.rint(s)).any() or (p < 0).any() or (p >= 1).any():
-            continue
-        # The parts start again just where the seconds go on, and only there.
-        if (np.diff(s + p) >= 0).mean() > 0.98 and (np.diff(s) > 0).any() and np.ptp(p) > 0.5:
-            sure = {"confidence": 0.98, "assumed": False}
-            why = f"with '{found[part].name}': whole seconds and their parts"
-            _set(found, whole, "s", why, to=("t",), **sure)
-            why = f"part of a second, belongs to '{found[whole].name}'"
-            _set(found, part, unit.name, why, to=("t_add",), **sure)
-            return
-
-
-def _first_only(found: Found) -> None:
-    """Let each channel keep its surest column."""
-    taken: dict[str, int] = {}
-    for place, one in sorted(found.items(), key=lambda item: -item[1].confidence):
-        rival = next((taken[channel] for channel in one.to if channel in taken), None)
-        if rival is not None:
-            _set(found, place, "", f"same quantity as '{found[rival].name}'", to=(), confidence=0.0)
-        taken |= dict.fromkeys(found[place].to, place)
-
-
-def _time(found: Found, columns: Mapping[int, Array]) -> None:
-    """Find a clock by its values, if no name says so, and its unit by the rate."""
-    clocks = [place for place, one in found.items() if one.to == ("t",)]
-    for place, values in columns.items():
-        steps = np.diff(values[np.isfinite(values)])
-        # A clock ticks about evenly and never back.
-        if not clocks and len(steps) > 5 and (steps >= 0).mean() > 0.98 and np.median(steps) > 0:
-            spread = np.quantile(steps, 0.9) / np.median(steps)
-            if spread < 3 and (not found[place].to or spread < 1.5):
-                clocks = [place]
-                _set(found, place, "s", "increases evenly", to=("t",), confidence=0.6, assumed=True)
-    for place in clocks:
-        one, stamps = found[place], columns[place][np.isfinite(columns[place])]
-        for slowest in (4.0, 0.5) if one.assumed else ():
-            with suppress(InputError):
-                factor, _ = unit_factor(stamps, 1.0, slowest)
-                unit = next(name for name, size in SECONDS.items() if size == factor)
-                _set(found, place, unit, f"{one.why}; unit by the rate")
-                break
-
-
-def _triples(found: Found, columns: Mapping[int, Array]) -> None:
-    """Find an accelerometer by gravity, and set its unit and the gyroscope's by the values."""
-    places = {channel: place for place, one in found.items() for channel in one.to}
-    free = [place for place, one in found.items() if not one.to]
-    if all(channel in places for channel in ACCELERATION):
-        trios = [tuple(places[channel] for channel in ACCELERATION)]
-    else:
-        trios = [] if set(places) & set(ACCELERATION) else [*zip(free, free[1:], free[2:], strict=False)]
-    for trio in trios:
-        values = np.column_stack([columns[place] for place in trio])
-        whole = values[np.isfinite(values).all(axis=1)]
-        size = float(np.median(np.linalg.norm(whole, axis=1))) if len(whole) >= 5 else np.nan
-        unit = gravity_unit(size, 0.1)
-        for place, channel in zip(trio, ACCELERATION, strict=True):
-            one = found[place]
-            if unit and not one.to:
-                why = "three columns that add up to gravity"
-                _set(found, place, unit, why, to=(channel,), confidence=0.5, assumed=True)
-            elif unit and unit != one.unit and one.assumed:
-                _set(found, place, unit, "name; unit by gravity")
-        if unit:
-            break
-    for place in (places[channel] for channel in RATE if channel in places):
-        one, peak = found[place], float(np.nanmax(np.abs(columns[place]), initial=0.0))
-        if one.unit == "rad/s" and one.assumed and peak > 20:
-            _set(found, place, "deg/s", "name; too fast for rad/s")
-
-
-def _encoders(found: Found, columns: Mapping[int, Array]) -> None:
-    """Tell counts, angles, rates and velocities of wheels apart by their names and values."""
-    wheels = [place for place, one in found.items() if one.to and one.to[0] in ENCODERS and one.assumed]
-    said = {place: set(words(found[place].name)[0]) for place in wheels}
-    for rate in (True, False):  # all wheels report the same
-        members = [place for place in wheels if bool(said[place] & WORDS["rates"]) == rate]
-        values = [columns[place][np.isfinite(columns[place])] for place in members]
-        if not members or min(map(len, values)) < 5:
-            continue
-        if rate:
-            unit = "rad/s" if max(np.abs(v).max() for v in values) > 3 else "m/s"
-        else:
-            whole = all((v == np.rint(v)).all() for v in values) and max(map(np.ptp, values)) > 5
-            unit = "counts" if whole or any(said[place] & WORDS["counted"] for place in members) else "rad"
-        for place in members:
-            sure = found[place].confidence * 0.9
-            _set(found, place, unit, "name; unit by the values", confidence=sure)

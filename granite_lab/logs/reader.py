@@ -153,7 +153,7 @@ def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
     """Refuse columns that cannot be what they are called; `clean` is the IMU without spikes."""
     wheels, currents = trial.wheels, trial.currents
     if clean is None and wheels is None:
-        hint = "a trial needs one of them; a column map (inspect --write-map) says which columns they are"
+        hint = "a trial needs at least one of them; a column map (inspect --write-map) names columns"
         raise InputError(f"{log.where}: neither IMU nor encoder samples", hint)
     if wheels is not None:
         called = tuple(channel for channel in log.columns if channel.startswith("imu_"))

@@ -398,6 +398,8 @@ def late_halves(imu: ImuStream, still: Mask) -> Mask:
 def _unlike(force: Array, dt: float) -> int:
     """Return how many of the first samples (N, 3) are not on the level of the second half, over `SWING`."""
     half = len(force) // 2
+    if half < 2:
+        return 0  # too few samples to be compared
     size, off = max(min(round(SWING / dt), half // 2), 1), np.zeros(half, dtype=bool)
     for signal in force.T[np.isfinite(force).all(axis=0)]:
         noise = max(float(np.std(np.diff(signal))) / np.sqrt(2.0), 0.5 * quantum(signal))

@@ -17,7 +17,6 @@ import numpy as np
 
 from granite_lab.errors import InputError, LabError, at
 from granite_lab.files import readable, refuse_special
-from granite_lab.logs.dates import are_dates
 from granite_lab.logs.dialect import PLAIN, Dialect, TableFormat, find_dialect
 from granite_lab.logs.rows import DELIMITERS, MISSING, Rows, Shape, checked, is_number
 from granite_lab.logs.trial import Array
@@ -78,6 +77,8 @@ class Table(Dialect):
 
     def is_dated(self, place: int) -> bool:
         """Say whether the first cells of a column are dates or times of day."""
+        from granite_lab.logs.dates import are_dates  # noqa: PLC0415, heavy
+
         return are_dates(self.filled(place))
 
     def filled(self, place: int) -> list[str]:

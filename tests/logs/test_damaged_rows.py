@@ -57,6 +57,7 @@ LEFT_OUT: dict[str, tuple[str, list[int], str]] = {
     "a time of day among stamps": (cell(38, "t_s", "12:30:05"), [38], r":40: column 't_s': '12:30:05' is not a number.*"),
     "a word in the last row": (cell(599, "enc_rl_rad", "END"), [599], r":601: column 'enc_rl_rad': 'END' is not a number.*"),
     "a formula": (cell(28, "enc_fl_rad", "=cmd|' /C calc'!A0"), [28], r":30: column 'enc_fl_rad': .*=cmd.* is not a number.*"),
+    "braces": (cell(28, "enc_fl_rad", "{0!r}"), [28], r":30: .*'{0!r}' is not a number.*"),
     "a script": (cell(29, "enc_fl_rad", "<script>alert(1)</script>"), [29], r":31: .*'<script>.*' is not a number.*"),
     "the letter O for zero": (cell(75, "imu_gz_radps", "O.01"), [75], r":77: column 'imu_gz_radps': 'O.01' is not a number.*"),
     "an underscore": (cell(75, "imu_gz_radps", "1_000"), [75], r":77: .*'1_000' is not a number.*"),
