@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from granite_lab.logs.trial import Array
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _YEAR_FIRST = r"(?P<y>\d{4})[-/_.]?(?P<mo>\d\d?)[-/_.]?(?P<d>\d\d?)"
 _YEAR_LAST = r"(?P<one>\d\d?)(?P<sign>[-/_.])(?P<two>\d\d?)[-/_.](?P<y>\d{4})"
@@ -76,6 +79,8 @@ def seconds(texts: pd.Series) -> tuple[Array, dict[int, str]]:
 
 def _number(parts: pd.DataFrame, key: str) -> Array:
     """Return a part (N,) as a number, 0 where a text that fits has none, NaN where nothing fits."""
+    import pandas as pd  # noqa: PLC0415, heavy
+
     fits = parts.notna().any(axis=1).to_numpy()
     values = pd.to_numeric(parts[key]).to_numpy(dtype=np.float64) if key in parts else np.zeros(len(parts))
     return np.where(fits, np.nan_to_num(values), np.nan)
@@ -105,6 +110,8 @@ def _days(parts: pd.DataFrame) -> Array:
 
 def _calendar(parts: pd.DataFrame, month: Array, day: Array) -> Array:
     """Return days (N,) since 1970 of years, months and days, NaN for one that no calendar has."""
+    import pandas as pd  # noqa: PLC0415, heavy
+
     table = pd.DataFrame({"year": _number(parts, "y"), "month": month, "day": day})
     unique = table.drop_duplicates().reset_index(drop=True)
     found = pd.to_datetime(unique, errors="coerce")
@@ -114,6 +121,8 @@ def _calendar(parts: pd.DataFrame, month: Array, day: Array) -> Array:
 
 def _clock(parts: pd.DataFrame) -> Array:
     """Return the time of day (N,) [s], NaN for one that no clock shows."""
+    import pandas as pd  # noqa: PLC0415, heavy
+
     hour, minute, second = (_number(parts, key) for key in "hms")
     if "half" in parts and parts["half"].notna().any():
         late = (parts["half"].str.lower() == "p").to_numpy(dtype=bool)
@@ -128,6 +137,8 @@ def _clock(parts: pd.DataFrame) -> Array:
 
 def _zone(parts: pd.DataFrame) -> Array:
     """Return by how much the zone's time is ahead of UTC (N,) [s]."""
+    import pandas as pd  # noqa: PLC0415, heavy
+
     if "zone" not in parts or parts["zone"].isna().all():
         return np.zeros(len(parts))
     signs = parts["zone"].str.extract(r"^([+-])(\d\d):?(\d\d)?$")
