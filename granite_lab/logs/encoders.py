@@ -24,6 +24,7 @@ _LOST = 0.5  # wild readings and zeros for lost samples last no longer than this
 _STUCK = (0.1, 10)  # a rate that is repeated for so long [s] and so many samples was not measured, ...
 _OFTEN = 5  # unless so many times shorter repetitions are the rule
 _ROUNDING = 1e-3  # scatter of the levels of a grid, as a share of the largest
+_MANY = 0.2  # share of jumps up to which they are faults
 _RETURNS = 6  # values on a grid go up and down by turns so often; a ramp of equal steps does not
 _NEAR = 0.02  # a grid of rates is one of counts per period where it is so close to it
 _CLEAR = 0.4  # steps up to this share of a range are read the short way round without a doubt
@@ -248,6 +249,8 @@ def _strayed(t: Array, rate: Array, step: float, radius: float) -> Mask:
     limit = np.maximum(_TREAD / radius * dt, max(3 * step, 0.3 * top))
     jumps = np.flatnonzero(np.abs(change) > limit)
     found, k = np.zeros(len(rate), dtype=bool), 0
+    if len(jumps) > _MANY * len(rate):  # then jumps are the rule
+        return found
     while k < len(jumps):
         i = jumps[k]
         # The first jump within reach after which the rate is again what it was before.
