@@ -21,6 +21,9 @@ ANCHORED, SLOW = 0.02, 0.004
 VAGUE = 0.1
 """A velocity whose std is beyond this share of the pace tells little of slip."""
 
+SHAKEN = 3.0
+"""A pitch gyro this many times as noisy in motion as at rest is not the sensor of its grade any more."""
+
 WHAT = {
     "zero_velocity": "the velocity that integration leaves at standstill",
     "specific_force": "the accelerometer at standstill",
@@ -118,7 +121,7 @@ def judge_health(
             complaints.append(f"{WHAT[kind]} has {100 * one.wild:.0f} % outliers")
         elif kind == "wheel" and one.white > 0.5 and one.nis > 1.0:
             complaints.append(f"{WHAT[kind]} wander in a way that the slip model does not know")
-    if shaken > 1.0:
+    if shaken > SHAKEN:
         complaints.append(f"motion makes the pitch gyro {shaken:.0f} times as noisy as it is at rest")
     lost = sum(end - begin for begin, end in faults.gaps)
     if lost > 0:
