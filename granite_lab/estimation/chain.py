@@ -14,7 +14,7 @@ from granite_lab.estimation import mounting
 from granite_lab.estimation.clean import clean_trial
 from granite_lab.estimation.clock import GIVEN, agreed, find_offset, slow_offset
 from granite_lab.estimation.error_model import FAR, LOST_PITCH, UNKNOWN, SlipModel
-from granite_lab.estimation.faults import Faults, find_faults, find_restarts, without_steps
+from granite_lab.estimation.faults import find_faults, find_restarts, without_steps
 from granite_lab.estimation.gross_clock import together
 from granite_lab.estimation.guard import guard
 from granite_lab.estimation.health import assess
@@ -22,12 +22,12 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.nodes import Problem
 from granite_lab.estimation.noise import identify, with_motion_noise
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
-from granite_lab.estimation.rest import coasts, find_rests, inside, refuse_moved
+from granite_lab.estimation.rest import coasts, find_rests, inside, refuse_moved, turning_of
 from granite_lab.estimation.slip import identify_scatter, with_jumps
 from granite_lab.estimation.smoother import Solution, settle, smooth, with_steady_slip
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
 from granite_lab.logs.imu_checks import despike, mounted
-from granite_lab.logs.standstill import Interval
+from granite_lab.logs.standstill import Interval, coasting
 from granite_lab.logs.trial import ImuStream, Trial, WheelStream, part
 from granite_lab.parameters import Robot, Soil, Variant, load_soil, load_variants
 
@@ -171,7 +171,7 @@ def solve(
         problem = replace(problem, rests=still, unseen=unseen, noise=identify(imu, rolling, robot, still))
         problem = replace(problem, noise=with_motion_noise(problem, offset.value))
     problem = replace(problem, coasts=coasts(stream, rolling, grade, offset.value, still))
-    _refuse_gaps(trial, faults, still)
+    _refuse_gaps(trial, problem, offset.value)
     restarts = find_restarts(stream, still, faults.doubt, faults.gaps, grade)
     faults = replace(faults, restarts=restarts)
     if restarts:
@@ -292,10 +292,12 @@ def _far_from_rest(still: Sequence[Interval], imu: mounting.BodyImu) -> bool:
     return bool(max(b - a for a, b in zip(edges[::2], edges[1::2], strict=True)) > LONG)
 
 
-def _refuse_gaps(trial: Trial, faults: Faults, still: Sequence[Interval]) -> None:
-    for begin, end in faults.gaps:
-        resting = any(a - 0.02 <= begin and end <= b + 0.02 for a, b in still)
-        if end - begin > LONGEST_GAP and not resting:
+def _refuse_gaps(trial: Trial, problem: Problem, offset: float) -> None:
+    """Refuse samples that are missing for long while the robot moves faster than its wheels coast."""
+    wheels = None if problem.rolling is None else turning_of(problem.rolling)
+    for begin, end in problem.faults.gaps:
+        resting = any(a - 0.02 <= begin and end <= b + 0.02 for a, b in problem.rests)
+        if end - begin > LONGEST_GAP and not resting and not coasting(wheels, begin - offset, end - offset):
             raise EstimateError(
                 f"{trial.name}: no IMU samples from {begin:.3f} s to {end:.3f} s while the robot moved",
                 f"velocity cannot be bridged over more than {LONGEST_GAP:g} s: cut the log there",

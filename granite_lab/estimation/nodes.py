@@ -22,9 +22,8 @@ from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TAU, TH, Co
 from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nominal import Nominal
-from granite_lab.estimation.rest import COAST
 from granite_lab.estimation.wheels import MOVING, Rolling
-from granite_lab.logs.standstill import WINDOW, ZERO_VELOCITY, Interval
+from granite_lab.logs.standstill import COAST, WINDOW, ZERO_VELOCITY, Interval
 from granite_lab.logs.trial import Array, part
 from granite_lab.parameters import GRAVITY, Robot
 

@@ -10,14 +10,9 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import integral, runs
-from granite_lab.logs.standstill import WINDOW, Interval, Turning, find_standstills, imu_quiet
+from granite_lab.logs.standstill import COAST, WINDOW, Interval, Turning, find_standstills, imu_quiet
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import ImuGrade
-
-COAST = 0.01
-"""Slip velocity goes with the wheel speed down to this [m/s]: below, play and settling move the body. A
-body whose wheels coast to rest is then as slow as they are."""
-
 
 GAINED, TURNED = 0.15, 0.15
 """A robot whose IMU gains this velocity [m/s] or angle [rad] in a second does not stand."""

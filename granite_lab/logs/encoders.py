@@ -112,7 +112,8 @@ def _counts_per_period(t: Array, raw: Array, per_unit: float) -> _Periods | None
     """Return the counter (N,) of which the logger made rates by dividing its steps by their time, if it did.
 
     The time was the one between two stamps, or always the same; `per_unit` counts make one unit of the angle
-    (0: not known). Such rates lie on a grid, which is one count in a period, or not a round number at least.
+    (0: not known). Such rates lie on a grid, which is one count in a period. Where the counts are not known,
+    rates that are on a grid by themselves may be readings of another device, and stay rates.
     """
     dt = np.diff(t)
     if len(t) < 20 or dt.max() > GAP_PERIODS * (period := float(np.median(dt))):
@@ -122,8 +123,7 @@ def _counts_per_period(t: Array, raw: Array, per_unit: float) -> _Periods | None
         steps = raw * passed
         step = lattice(steps)
         one = per_unit > 0 and abs(step * per_unit - 1) < _NEAR
-        # A grid of whole counts, or of the digits that were written, does not depend on the period.
-        if step > 0 and (one or not _is_round(quantum(raw) or step / period)):
+        if step > 0 and (one or lattice(raw) == 0.0):
             whole = np.rint(steps / step)
             return _Periods(np.cumsum(whole) * step, step, step / period)
     return None
@@ -149,14 +149,6 @@ def lattice(values: Array) -> float:
     whole = np.rint(middles / np.diff(middles).min())
     step = float(np.sum(weights * whole * middles) / max(np.sum(weights * whole**2), 1.0))
     return step if step > 0 and np.abs(middles / step - whole).max() < 0.05 else 0.0
-
-
-def _is_round(step: float) -> bool:
-    """Say whether a grid may be that of written digits: 1, 2, 2.5 or 5 in some decimal place."""
-    if step <= 0:
-        return False
-    digits = step / 10 ** math.floor(math.log10(step) + 1e-6)
-    return any(abs(digits / one - 1) < 1e-3 for one in (1, 2, 2.5, 5))
 
 
 def wrap_ranges(raw: Array, unit: Unit, given: float, per_rev: float) -> list[float]:

@@ -279,11 +279,12 @@ def _refuse_dead(imu: ImuStream, mounting: Array, rolls: Mask, log: Log) -> None
     turn = np.abs(mounting) > 0.5
     both, needed = _sensors(imu), ((0, 2), (1,))
     for (what, channels, values), (_, _, other), rows in zip(both, both[::-1], needed, strict=True):
-        same = runs((np.diff(values, axis=0) == 0).all(axis=1) & rolls[1:])
+        equal = (np.diff(values, axis=0) == 0).all(axis=1)
+        same = runs(equal & rolls[1:])
         first, last = max(same, key=lambda run: run[1] - run[0], default=(0, 0))
         begin, end = float(imu.t[first]), float(imu.t[last])
         changes = f"expected readings of the {what} that change"
-        if end - begin > _HANGS and 50 < last - first < 0.9 * len(imu.t):
+        if end - begin > _HANGS and last - first > 50 and np.count_nonzero(equal) < 0.9 * len(imu.t):
             told = f": every sample from t = {begin:.3f} s to {end:.3f} s is the same, {changes}: it hangs"
             raise log.refuse(channels, told, "cut the log there (--from, --to)")
         constant = np.array([np.isfinite(v).all() and np.ptp(v) == 0 for v in values.T])

@@ -17,7 +17,7 @@ from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, match, no_m
 from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.source import Source, read_source, recognise
 from granite_lab.logs.stamps import describe_gaps, outside_gaps
-from granite_lab.logs.standstill import rolls, standstills, turning_of
+from granite_lab.logs.standstill import coasting, rolls, standstills, turning_of
 from granite_lab.logs.streams import interval, read_streams
 from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, name_of, part, parts_of, sidecar
 from granite_lab.logs.wheels import (
@@ -267,7 +267,11 @@ def _longest_stretch(trial: Trial, robot: Robot, doubts: list[str]) -> Trial:
     t = trial.imu.t
     gaps = [(float(t[i]), float(t[i + 1])) for i in np.flatnonzero(np.diff(t) > _BRIDGED)]
     still = standstills(trial, robot) if gaps else []
-    gaps = [(a, b) for a, b in gaps if not any(begin <= a and b <= end for begin, end in still)]
+    wheels = turning_of(trial.wheels, robot) if trial.wheels is not None and trial.wheels.t.size > 2 else None
+    resting = [
+        any(begin <= a and b <= end for begin, end in still) or coasting(wheels, a, b) for a, b in gaps
+    ]
+    gaps = [gap for gap, at_rest in zip(gaps, resting, strict=True) if not at_rest]
     if not gaps:
         return trial
     stretches = zip([float(t[0]), *(b for _, b in gaps)], [*(a for a, _ in gaps), float(t[-1])], strict=True)

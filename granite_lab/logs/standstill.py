@@ -26,6 +26,10 @@ from granite_lab.logs.counters import Mask, quantum, runs
 from granite_lab.logs.trial import Array, ImuStream, Trial, WheelStream
 from granite_lab.parameters import ImuGrade, Robot
 
+COAST = 0.01
+"""Slip velocity goes with the wheel speed down to this [m/s]: below, play and settling move the body. A
+body whose wheels coast to rest is then as slow as they are."""
+
 Interval = tuple[float, float]
 
 SHORTEST = 0.3
@@ -286,6 +290,15 @@ def rolls(wheels: Turning, t: Array) -> Mask:
             speed = np.abs(ahead - behind) / WINDOW
             found |= speed > SLOW * float(np.quantile(speed, 0.9))
     return found
+
+
+def coasting(wheels: Turning | None, begin: float, end: float) -> bool:
+    """Whether every wheel turns more slowly than `COAST` on the average of an interval [s]."""
+    if wheels is None or not wheels.t[0] <= begin < end <= wheels.t[-1]:
+        return False
+    known = [(wheels.t[seen], d[seen]) for d in wheels.distance.T if (seen := np.isfinite(d)).sum() > 1]
+    ways = [abs(float(np.diff(np.interp([begin, end], *one))[0])) for one in known]
+    return bool(ways) and max(ways) < COAST * (end - begin)
 
 
 def at_stamps(still: Still, stamps: Array, t: Array) -> Still:
