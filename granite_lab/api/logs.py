@@ -18,9 +18,11 @@ from granite_lab.api.project import About, Chosen, Logs, choose
 from granite_lab.api.records import Origin, Records
 from granite_lab.errors import EstimateError, InputError, LabError, UsageError
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.motion import Motion
+from granite_lab.estimation.motion import Motion, mean_known
+from granite_lab.estimation.rest import inside
 from granite_lab.files import is_folder, refuse_special
 from granite_lab.folders import replacing
+from granite_lab.logs.standstill import COAST
 from granite_lab.logs.trial import Array, Trial, TrialInfo, is_bag, is_log, name_of, trial_files
 from granite_lab.parameters import WHEELS, Robot
 from granite_lab.processes import one_thread
@@ -438,9 +440,10 @@ def _rate(t: Array) -> str:
 
 def _motion(motion: Motion, trial: Trial) -> Iterator[Check]:
     """Say of the motion what a trial needs to be of use."""
-    ends = (motion.t[0], motion.t[-1])
-    first = sum(b - a for a, b in motion.health.rests if b <= motion.steady[0] or a <= ends[0] + REST)
-    last = sum(b - a for a, b in motion.health.rests if a >= motion.steady[1] or b >= ends[1] - REST)
+    step, pace = np.gradient(motion.t), np.abs(mean_known(motion.v_wheel))
+    stands = inside(motion.t, motion.health.rests) | (pace < COAST)
+    middle = np.nan_to_num(0.5 * sum(motion.steady), nan=0.5 * float(motion.t[0] + motion.t[-1]))
+    first, last = (float(step[stands & side].sum()) for side in (motion.t < middle, motion.t >= middle))
     found = f"{first:.1f} s before the run, {last:.1f} s after it, {REST:g} s are needed"
     advice = "let the robot stand still for 2 s before and after the run"
     yield Check("standstills", min(first, last) >= REST, found, advice)

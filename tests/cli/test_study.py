@@ -17,7 +17,7 @@ def ended(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Done]:
     """Two good trials of different speed and a broken one, analysed once: their folder, and what was said."""
     root = tmp_path_factory.mktemp("study")
     text = (root / trials(root, "virtual_v0.5_r2", "virtual_v0.7_r1")[0]).read_text(encoding="utf-8")
-    (root / "logs" / "broken.csv").write_text(text.replace("imu_gy_radps", "tilt"), encoding="utf-8")
+    (root / "logs" / "broken.csv").write_text(text.replace("t_s,", "when,", 1), encoding="utf-8")
     return root, lab("study", "logs", "--out", "reports/mine", "--json", cwd=root)
 
 
@@ -33,7 +33,7 @@ def test_a_failing_trial_is_told_and_left_out(ended: tuple[Path, Done]) -> None:
     assert document["schema"] == "granite-lab/study/1"
     assert document["trials"] == 2
     assert [failure["trial"] for failure in document["failures"]] == ["broken"]
-    assert "imu_gy" in document["failures"][0]["message"]
+    assert "column 't' is missing" in document["failures"][0]["message"]
     assert "warning: broken: left out" in done.err
     assert "Traceback" not in done.err
 

@@ -89,9 +89,8 @@ def test_trials_of_one_command_under_other_conditions_are_another_command(tmp_pa
     assert {d.conditions for d in design.driven} == {PLAIN, Conditions(turned=True)}
 
 
-def test_without_a_command_nothing_is_written_and_an_older_file_goes(tmp_path: Path) -> None:
+def test_without_a_command_nothing_is_written(tmp_path: Path) -> None:
     finding = made_up_finding("named")
-    saved(finding, tmp_path / DESIGN)
     # no row of Table 2
     off = replace(finding, residuals=tuple(replace(r, variant=0.123) for r in finding.residuals))
     save_design(off, [Trial(t.name, TrialInfo()) for t in trials_of(finding)], tmp_path / DESIGN)

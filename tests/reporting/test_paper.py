@@ -18,6 +18,7 @@ from pypdf import PdfReader
 from granite_lab.errors import InputError
 from granite_lab.estimate import Part
 from granite_lab.fitting import fit_a_theta
+from granite_lab.folders import LIST
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import write_report
 from granite_lab.reporting.answers import speeds_of
@@ -165,7 +166,7 @@ def test_every_table_of_a_report_is_valid_latex_whatever_its_texts_hold() -> Non
 def test_report_json_holds_the_hash_of_every_other_file(folder: Path) -> None:
     held = {entry["file"]: entry["sha256"] for entry in document_of(folder)["files"]}
     files = {p.relative_to(folder).as_posix(): p for p in folder.rglob("*") if p.is_file()}
-    del files["report.json"]
+    del files["report.json"], files[LIST]
     assert held == {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()}
     assert {"index.html", "report.md", "report.pdf"} < set(held)
     assert not any("crate" in name for name in files)

@@ -19,6 +19,7 @@ from markdown_it import MarkdownIt
 
 from granite_lab.estimate import Estimate
 from granite_lab.files import write_table
+from granite_lab.folders import LIST, replacing
 from granite_lab.reporting import write, write_report
 from granite_lab.reporting.json_report import to_json
 from granite_lab.reporting.report import study_report
@@ -124,7 +125,7 @@ def test_virtual_data_are_labelled_everywhere(which: str, request: pytest.Fixtur
         assert rows
         if path.stem not in ("parameters", "inputs"):
             assert all(row["data"] == "virtual" for row in rows), path
-    (numbers,) = folder.glob("*.json") if which != "folder" else [folder / "report.json"]
+    numbers = folder / ("report.json" if which == "folder" else "finding.json")
     assert json.loads(numbers.read_text(encoding="utf-8"))["virtual"] is True
 
 
@@ -258,9 +259,12 @@ def test_failures_alone_make_a_report_too(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("small")
 def test_a_second_report_replaces_the_first_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "report"
-    for name in ("recordings/a.rrd", "figures/stale.svg", "index.html"):
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_text("old")
+    (folder / "recordings").mkdir(parents=True)
+    (folder / "recordings" / "a.rrd").write_text("old")
+    with replacing(folder, "report") as new:
+        for name in ("figures/stale.svg", "index.html"):
+            (new / name).parent.mkdir(parents=True, exist_ok=True)
+            (new / name).write_text("old")
 
     def fail(*_: object, **__: object) -> str:
         raise KeyboardInterrupt
@@ -269,7 +273,8 @@ def test_a_second_report_replaces_the_first_alone(tmp_path: Path, monkeypatch: p
         patch.setattr(write, "to_markdown", fail)
         with pytest.raises(KeyboardInterrupt):
             write_small_study(folder, True)
-    assert {p.read_text() for p in folder.rglob("*.*")} == {"old"}  # an interrupted report leaves the old one
+    held = {p.read_text() for p in folder.rglob("*.*") if p.name != LIST}
+    assert held == {"old"}  # an interrupted report leaves the old one
     write_small_study(folder, True)
     assert (folder / "recordings" / "a.rrd").read_text() == "old"
     assert not (folder / "figures" / "stale.svg").exists()
