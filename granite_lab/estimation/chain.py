@@ -38,6 +38,9 @@ SPIN = 0.2
 """Random walk of the slip ratio where wheels turned in a standstill that was named: it reached 100 % once, in
 a trial of half a minute [1/sqrt(s)]."""
 
+ALONE = "without encoders, noise that only motion makes cannot be told from the motion"
+"""Why an estimate by the IMU alone is fair at best."""
+
 LONG = 60.0
 """Motion longer than this [s] without a standstill leans on the wheels."""
 
@@ -164,7 +167,8 @@ def solve(
     noise = identify(imu, rolling, robot, still)
     problem = Problem(imu, rolling, robot, still, faults, noise, SlipModel(), unseen=unseen)
     problem = replace(problem, stamp_std=_stamp_std(trial))
-    problem = replace(problem, noise=with_motion_noise(problem, 0.0))
+    if rolling is not None:
+        problem = replace(problem, noise=with_motion_noise(problem, 0.0))
     offset, found, near = _clock(trial, problem, far, apart)
     if rolling is not None and offset.value != 0.0:
         still, unseen = find_rests(stream, rolling, grade, offset=offset.value, by_hand=rests)
@@ -202,7 +206,7 @@ def solve(
     solution = replace(solution, offset=seen, applied=0.0 if far else offset.value)
     if far and any_slip:
         solution = replace(solution, smoothed=with_steady_slip(solution.nodes, solution.smoothed))
-    return Solved(problem, solution, wheels, tuple(warnings), level.doubts)
+    return Solved(problem, solution, wheels, tuple(warnings), (*level.doubts, *[ALONE] * (rolling is None)))
 
 
 def finish(trial: Trial, robot: Robot, solved: Solved, known: Sequence[Variant]) -> tuple[Trial, Motion]:

@@ -19,7 +19,12 @@ from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.rest import inside
 from granite_lab.estimation.smoother import nominal_of, usual
 from granite_lab.estimation.wheels import Rolling
-from granite_lab.estimation.white import MOTION, white_in_motion
+from granite_lab.estimation.white import (
+    MOTION,
+    evident_resonance,
+    white_below_resonance,
+    white_in_motion,
+)
 from granite_lab.logs.counters import runs
 from granite_lab.logs.standstill import ROUNDED, Interval
 from granite_lab.logs.trial import Array
@@ -200,7 +205,11 @@ def with_motion_noise(problem: Problem, offset: float) -> Noise:
         noise = replace(noise, gyro_motion=white_in_motion(frequency, rate, noise.gyro, turns=True))
         lost = lost_pitch(replace(problem, noise=noise), nominal)
         noise = replace(noise, gyro_motion=float(np.hypot(noise.gyro_motion, lost)))
-    noise = replace(noise, accel_motion=white_in_motion(frequency, force, noise.accel))
+    if evident_resonance(frequency, force):
+        added = white_below_resonance(frequency, force, noise.accel, noise.vibration_frequency)
+    else:
+        added = white_in_motion(frequency, force, noise.accel)
+    noise = replace(noise, accel_motion=added)
     moving, white = ~inside(nominal.t, problem.rests), float(np.hypot(noise.accel, noise.accel_motion))
     rms, frequent, damping = vibration(problem.imu, moving, white, problem.robot.imu.vibration_frequency)
     return replace(noise, vibration=rms, vibration_frequency=frequent, vibration_damping=damping)

@@ -56,6 +56,18 @@ NONE = 0.8
 ALONE = 0.5
 """Probability, before the trial is seen, that a band below the rise holds white noise alone."""
 
+HIGH, BELOW = 10.0, 0.45
+"""Up to this frequency [Hz], and this share of a resonance's, vibration is the tail of the resonance."""
+
+EVIDENT = 10.0
+"""A resonance is evident where the loudest octave is this many times as loud as the quietest (10 dB)."""
+
+ADDED = np.geomspace(0.3, 3e4, 61)
+"""Densities that motion may add beside an evident resonance, in shares of the one at rest."""
+
+HEIGHTS = np.geomspace(1e-2, 1e6, 81)
+"""Densities of its tail at the highest frequency, in shares of the white one at rest; all equally likely."""
+
 NEGLIGIBLE = 0.3
 """White noise in motion below this share of that at rest is none."""
 
@@ -89,6 +101,54 @@ def white_in_motion(frequency: Array, density: Array, rest: float, *, turns: boo
         rising = np.where(white == 1.0, logsumexp(rising), -np.inf)
     level = float(softmax(np.logaddexp(flat, rising)) @ white)
     return rest * float(np.sqrt(level - 1.0)) if level - 1.0 > NEGLIGIBLE else 0.0
+
+
+def evident_resonance(frequency: Array, density: Array) -> bool:
+    """Whether a resonance stands out of the periodogram (F,) at `frequency` (F,) [Hz] beyond the motion."""
+    beyond = frequency > RESTLESS
+    octave = np.floor(np.log2(frequency[beyond])).astype(int)
+    number = np.bincount(octave)
+    seen = number >= FEWEST
+    mean = np.bincount(octave, density[beyond])[seen] / number[seen]
+    return bool(mean.size > 1 and float(mean.max()) > EVIDENT * float(mean.min()))
+
+
+def white_below_resonance(frequency: Array, density: Array, rest: float, resonance: float) -> float:
+    """White noise density that motion adds to that at `rest` beside an evident resonance [Hz].
+
+    Below it the vibration is the tail of a resonator without damping, r^2 / (1 - r^2)^2 with r the frequency
+    in shares of the resonance's; above, every octave holds at least the white noise. Motion of the body adds
+    to the lowest frequencies on restless ground: the smaller of the levels with and without them counts.
+    """
+    beyond = frequency > MOTION
+    frequency, density = frequency[beyond], density[beyond] / (2.0 * rest**2)
+    low = frequency < min(HIGH, BELOW * resonance)
+    ratio = (frequency[low] / resonance) ** 2
+    octave = np.floor(np.log2(frequency[~low])).astype(int)
+    number = np.bincount(octave).astype(float)
+    mean = np.bincount(octave, density[~low])[number > 0] / number[number > 0]
+    tail, quick = ratio / (1.0 - ratio) ** 2, frequency[low] > RESTLESS
+    added = min(
+        _added(density[low][use], tail[use], mean, number[number > 0]) for use in (quick | True, quick)
+    )
+    return rest * float(np.sqrt(added)) if added > NEGLIGIBLE else 0.0
+
+
+def _added(density: Array, tail: Array, mean: Array, number: Array) -> float:
+    """Mean of the white noise that motion adds, in shares of that at rest, by Whittle's likelihood."""
+    if density.size < FEWEST:
+        return 0.0
+    white = np.concatenate([[0.0], ADDED])
+    height = HEIGHTS[:, None] * tail / np.max(tail)
+    log_posterior = np.empty(white.size)
+    for i, added in enumerate(white):
+        level = 1.0 + added + height
+        low = np.sum(np.log(level) + density / level, axis=1)
+        least = np.maximum(mean, 1.0 + added)  # as loud as its mean, but not quieter than the white noise
+        high = np.sum(number * (np.log(least) + mean / least))
+        log_posterior[i] = logsumexp(-INDEPENDENT * (low + high))
+    log_posterior += np.log(np.append(NONE, np.full(ADDED.size, (1.0 - NONE) / ADDED.size)))
+    return float(softmax(log_posterior) @ white)
 
 
 def levels(frequency: Array, density: Array) -> Levels:
