@@ -20,6 +20,7 @@ from granite_lab.estimation.rest import inside
 from granite_lab.estimation.smoother import nominal_of, usual
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.estimation.white import (
+    HIGH,
     MOTION,
     evident_resonance,
     white_below_resonance,
@@ -205,7 +206,8 @@ def with_motion_noise(problem: Problem, offset: float) -> Noise:
         noise = replace(noise, gyro_motion=white_in_motion(frequency, rate, noise.gyro, turns=True))
         lost = lost_pitch(replace(problem, noise=noise), nominal)
         noise = replace(noise, gyro_motion=float(np.hypot(noise.gyro_motion, lost)))
-    if evident_resonance(frequency, force):
+    resolved = 0.5 / problem.imu.period >= 2.0 * HIGH  # a slower sensor folds vibration to any frequency
+    if resolved and evident_resonance(frequency, force):
         added = white_below_resonance(frequency, force, noise.accel, noise.vibration_frequency)
     else:
         added = white_in_motion(frequency, force, noise.accel)
