@@ -16,7 +16,7 @@ from granite_lab.api.project import FILE, named_logs, project_in
 from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.files import readable, write_text
 from granite_lab.logs.trial import name_of, trial_files
-from granite_lab.running import Options
+from granite_lab.options import Options
 
 LIST, SCHEMA = "ingest.json", "granite-lab/ingested/1"
 """Name and schema of the list beside the tables of motion."""

@@ -22,8 +22,8 @@ import granite_lab
 from granite_lab.errors import LabError
 from granite_lab.files import sha256, write_bytes
 from granite_lab.logs.trial import sidecar
+from granite_lab.options import Options
 from granite_lab.running.codec import MAGIC, Arena, content, decode
-from granite_lab.running.options import Options
 
 if TYPE_CHECKING:
     from granite_lab.model.effect import Effect

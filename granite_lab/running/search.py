@@ -25,11 +25,11 @@ from granite_lab.folders import replacing
 from granite_lab.inference.bench import Respond, Task, World
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.effect import Effect
+from granite_lab.options import Options
 from granite_lab.parameters import load_paper, load_robot, load_soil
 from granite_lab.running.cache import code, digest_of, fingerprint
 from granite_lab.running.codec import content, decode, encode
 from granite_lab.running.each import HERE, Execution, connected, run_on
-from granite_lab.running.options import Options
 from granite_lab.running.output import Guard
 
 
