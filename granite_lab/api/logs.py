@@ -61,24 +61,17 @@ class Ingested(Shown):
 def ingest(
     logs: Logs = (),
     *,
-    imu: File = None,
-    encoders: File = None,
-    currents: File = None,
-    reference: File = None,
-    rows: str | None = None,
-    variant: float | None = None,
+    imu: File = None, encoders: File = None, currents: File = None, reference: File = None,
+    rows: str | None = None, variant: float | None = None,
     rests: Sequence[tuple[float, float]] = (),
     distance_measured: Estimate | None = None,
     against_reference: bool = False,
-    robot: File = None,
-    soil: File = None,
-    column_map: File = None,
-    topics: Topics = None,
+    robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
     strict: bool = False,
     jobs: int = 0,
     done: Callable[[Path], None] = lambda _: None,
-) -> Records[Ingested]:
+) -> Records[Ingested]:  # fmt: skip
     """Estimate body velocity, slip and their uncertainty from logs.
 
     A log that cannot be used is left out and listed with the reason.
@@ -187,15 +180,10 @@ def inspect(logs: Logs, *, column_map: File = None, topics: Topics = None, robot
 def view(
     what: str | Path,
     *,
-    trial: str | None = None,
-    web: bool = False,
-    screenshot: File = None,
-    at: float | None = None,
-    robot: File = None,
-    soil: File = None,
-    column_map: File = None,
+    trial: str | None = None, web: bool = False, screenshot: File = None, at: float | None = None,
+    robot: File = None, soil: File = None, column_map: File = None,
     tell: Callable[[str], None] = print,
-) -> None:
+) -> None:  # fmt: skip
     """Open a recording in the Rerun viewer, which stays open.
 
     Args:
@@ -251,12 +239,9 @@ def _recording_in(folder: Path, trial: str | None) -> Path:
 def check(
     log: str | Path,
     *,
-    robot: File = None,
-    soil: File = None,
-    column_map: File = None,
-    topics: Topics = None,
+    robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
-) -> Checked:
+) -> Checked:  # fmt: skip
     """Check a log after a run in the field: readable, sensors, standstills, speed, slip, estimate.
 
     A log that cannot be used is reported as a failed check.
@@ -280,14 +265,11 @@ def check(
 def check_logs(
     logs: Logs,
     *,
-    robot: File = None,
-    soil: File = None,
-    column_map: File = None,
-    topics: Topics = None,
+    robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
     jobs: int = 0,
     done: Callable[[Path], None] = lambda _: None,
-) -> Records[Checked]:
+) -> Records[Checked]:  # fmt: skip
     """Check logs after runs in the field: readable, sensors, standstills, speed, slip, estimate.
 
     A log that cannot be used is reported as a failed check.

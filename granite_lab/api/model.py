@@ -86,20 +86,12 @@ def _model(
 def simulate(
     variant: float | Variant | None = None,
     *,
-    v: float | None = None,
-    a: float | None = None,
-    distance: float | None = None,
-    log: File = None,
-    seed: int = 0,
-    scatter: bool = False,
-    k92: float | None = None,
-    a_theta: float | None = None,
-    robot: File | Robot = None,
+    v: float | None = None, a: float | None = None, distance: float | None = None,
+    log: File = None, seed: int = 0, scatter: bool = False,
+    k92: float | None = None, a_theta: float | None = None, robot: File | Robot = None,
     soil: File | Soil = None,
-    model: File = None,
-    effects: File = None,
-    active: Switched = None,
-) -> Run:
+    model: File = None, effects: File = None, active: Switched = None,
+) -> Run:  # fmt: skip
     """Simulate one run by equations (1)-(26), with k_92 = exp(-a_θ v) or a constant `k92`.
 
     Args:
@@ -207,18 +199,12 @@ class WheelRun:
 def wheel(
     slip: float | Sequence[float] = 0.2,
     *,
-    load: float | None = None,
-    sinkage: float | None = None,
-    v: float | None = None,
+    load: float | None = None, sinkage: float | None = None, v: float | None = None,
     soil_values: Mapping[str, float] | None = None,
-    k92: float | None = None,
-    a_theta: float | None = None,
-    robot: File | Robot = None,
+    k92: float | None = None, a_theta: float | None = None, robot: File | Robot = None,
     soil: File | Soil = None,
-    model: File = None,
-    effects: File = None,
-    active: Switched = None,
-) -> WheelRun:
+    model: File = None, effects: File = None, active: Switched = None,
+) -> WheelRun:  # fmt: skip
     """Compute one wheel on the soil, at a load or a sinkage, by the contact model (4), (6)-(17).
 
     Without `v`, the larger of ω r and v is 0.1 m/s. Above 0.02 m/s only effects depend on it. The law (5) is
@@ -278,7 +264,7 @@ def params(robot: File = None, soil: File = None) -> Records[Provenance]:
 
 def chosen_in(
     folder: Path, robot: str | Path | None = None, soil: str | Path | None = None
-) -> dict[str, dict[str, str]]:
+) -> dict[str, dict[str, str]]:  # fmt: skip
     """Return which robot and soil hold for the logs of a folder, and who says so: what is given wins over its
     `granite-lab.toml`.
 

@@ -64,19 +64,12 @@ def _analysed(
 def fit_k92(
     logs: Logs,
     *,
-    robot: File = None,
-    soil: File = None,
-    column_map: File = None,
-    topics: Topics = None,
+    robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
-    model: File = None,
-    effects: File = None,
-    strict: bool = False,
-    jobs: int = 0,
-    scheduler: str | None = None,
-    cache: bool = True,
+    model: File = None, effects: File = None,
+    strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None,
-) -> Records[K92Fit]:
+) -> Records[K92Fit]:  # fmt: skip
     """Fit k_92 of each trial: by the steady slip ratio, as in the paper, and by the whole trajectory.
 
     Args:
@@ -107,19 +100,12 @@ def fit_a_theta(
     logs: Logs | Sequence[K92Fit] = (),
     *,
     published: bool = False,
-    robot: File = None,
-    soil: File = None,
-    column_map: File = None,
-    topics: Topics = None,
+    robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
-    model: File = None,
-    effects: File = None,
-    strict: bool = False,
-    jobs: int = 0,
-    scheduler: str | None = None,
-    cache: bool = True,
+    model: File = None, effects: File = None,
+    strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None,
-) -> AThetaFit:
+) -> AThetaFit:  # fmt: skip
     """Estimate a_θ of k_92 = exp(-a_θ v) over trials, beside the paper's 4.919 and rival laws.
 
     Args:
@@ -157,19 +143,12 @@ def compare(
     logs: Logs,
     *,
     out: File = None,
-    robot: File = None,
-    soil: File = None,
-    column_map: File = None,
-    topics: Topics = None,
+    robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
-    model: File = None,
-    effects: File = None,
-    strict: bool = False,
-    jobs: int = 0,
-    scheduler: str | None = None,
-    cache: bool = True,
+    model: File = None, effects: File = None,
+    strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None,
-) -> Records[Comparison]:
+) -> Records[Comparison]:  # fmt: skip
     """Compare measured and simulated motion: velocity, wheel speed, slip, torques and pitch.
 
     Args:
@@ -198,25 +177,14 @@ def compare(
 def study(
     logs: Logs,
     *,
-    out: File = None,
-    discover: bool = True,
-    recordings: bool = True,
-    robot: File = None,
-    soil: File = None,
-    column_map: File = None,
-    topics: Topics = None,
+    out: File = None, discover: bool = True, recordings: bool = True,
+    robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
-    model: File = None,
-    effects: File = None,
-    tolerance: float = TOLERANCE,
-    latency: float = LATENCY_LIMIT,
-    strict: bool = False,
-    jobs: int = 0,
-    scheduler: str | None = None,
-    cache: bool = True,
-    done: Done = lambda _: None,
-    progress: Progress = lambda *_: None,
-) -> StudyResult:
+    model: File = None, effects: File = None,
+    tolerance: float = TOLERANCE, latency: float = LATENCY_LIMIT,
+    strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
+    done: Done = lambda _: None, progress: Progress = lambda *_: None,
+) -> StudyResult:  # fmt: skip
     """Analyse trials: estimate, fit, simulate, compare, a_θ, and the missing effect.
 
     A trial that cannot be used is left out and listed with the reason.
@@ -316,20 +284,13 @@ def discover(
     logs: Logs,
     *,
     out: File = None,
-    robot: File = None,
-    soil: File = None,
-    column_map: File = None,
-    topics: Topics = None,
+    robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
     effects: File = None,
-    tolerance: float = TOLERANCE,
-    latency: float = LATENCY_LIMIT,
-    strict: bool = False,
-    jobs: int = 0,
-    scheduler: str | None = None,
-    cache: bool = True,
+    tolerance: float = TOLERANCE, latency: float = LATENCY_LIMIT,
+    strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     progress: Progress = lambda *_: None,
-) -> Finding:
+) -> Finding:  # fmt: skip
     """Find the physical effect that the model lacks.
 
     Args:

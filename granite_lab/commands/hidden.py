@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 import granite_lab as gl
 from granite_lab import reporting
@@ -22,45 +22,43 @@ PARTS = {"train": "trials in the fit", "held_out": "trials left out of the fit"}
 def hide(
     effect: Annotated[
         str,
-        typer.Option(
+        Option(
             help="Ids joined by +; or random: one of the library; pair: two of it; outside: one that it "
             "lacks; none."
         ),
     ],
-    out: Annotated[Path, typer.Option(help="Folder of the trials and the sealed answer.")],
-    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 0,
-    strength: Annotated[float, typer.Option(help="Factor on the effect's size (0.001 to 1000).")] = 1.0,
+    out: Annotated[Path, Option(help="Folder of the trials and the sealed answer.")],
+    seed: Annotated[int, Option(help="Seed of all random numbers.")] = 0,
+    strength: Annotated[float, Option(help="Factor on the effect's size (0.001 to 1000).")] = 1.0,
     sizes: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--size", help="A parameter of the effect: name=value, or id.name=value; may be repeated."
         ),
     ] = None,
-    noise: Annotated[float, typer.Option(help="Factor on the sensors' noise (0 to 100).")] = 1.0,
+    noise: Annotated[float, Option(help="Factor on the sensors' noise (0 to 100).")] = 1.0,
     sand_off: Annotated[
-        bool, typer.Option("--sand-off", help="Change φ, K, n and μ_s of the soil by 5 to 20 %.")
+        bool, Option("--sand-off", help="Change φ, K, n and μ_s of the soil by 5 to 20 %.")
     ] = False,
     repetitions: Annotated[
         int | None,
-        typer.Option(help="Trials of each variant; by default 3 (bench) or 2 to 4 (wild) (1 to 99)."),
+        Option(help="Trials of each variant; by default 3 (bench) or 2 to 4 (wild) (1 to 99)."),
     ] = None,
     lab: Annotated[
         str,
-        typer.Option(
+        Option(
             help="bench: sensors, robot and sand as in the files; wild: drawn by the seed, with files of "
             "robot and sand beside the trials."
         ),
     ] = "bench",
-    robot: Robot = None,
-    soil: Soil = None,
-    label: Annotated[str, typer.Option("--name", help="First word of the trials' names.")] = "hidden",
+    robot: Robot = None, soil: Soil = None,
+    label: Annotated[str, Option("--name", help="First word of the trials' names.")] = "hidden",
     truth: Annotated[
-        Path | None, typer.Option(help="Folder for the true motion of each trial (CSV).")
+        Path | None, Option(help="Folder for the true motion of each trial (CSV).")
     ] = None,
     jobs: Jobs = 1,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
+    quiet: Quiet = False, as_json: Json = False,
+) -> None:  # fmt: skip
     """Write virtual trials with a hidden effect, by an independent simulator; seal the answer.
 
     The trials and the sealed answer are written into the folder --out.
@@ -83,13 +81,11 @@ def hide(
 def reveal(
     folder: Annotated[
         Path,
-        typer.Argument(
-            metavar="DIR", help="Folder written by hide, or a kit that another laboratory filled."
-        ),
+        Argument(metavar="DIR", help="Folder written by hide, or a kit that another laboratory filled."),
     ],
     finding: Annotated[
         Path | None,
-        typer.Option(help="Discovery to be judged: JSON of discover or study, or its folder."),
+        Option(help="Discovery to be judged: JSON of discover or study, or its folder."),
     ] = None,
     jobs: Jobs = 0,
     as_json: Json = False,
@@ -155,7 +151,7 @@ def _unit(unit: str) -> str:
 
 
 def kit(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="New folder of the kit.")],
+    out: Annotated[Path, Argument(metavar="OUT", help="New folder of the kit.")],
     as_json: Json = False,
 ) -> None:
     """Write a template for a blind test: README, template of the answer, folder of the trials, and a checker.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 import granite_lab as gl
 from granite_lab import reporting
@@ -45,15 +45,10 @@ if TYPE_CHECKING:
 def check(
     logs: LogsAtHand = None,
     jobs: Jobs = 0,
-    robot: Robot = None,
-    soil: Soil = None,
-    column_map: ColumnMap = None,
-    topics: Topics = None,
-    begin: From = None,
-    end: To = None,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
+    robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
+    begin: From = None, end: To = None,
+    quiet: Quiet = False, as_json: Json = False,
+) -> None:  # fmt: skip
     """Check logs after runs in the field: readable, sensors, standstills, speed, slip, estimate.
 
     A log that cannot be used is reported as a failed check.
@@ -113,7 +108,7 @@ def inspect(
     topics: Topics = None,
     robot: Robot = None,
     write_map: Annotated[
-        Path | None, typer.Option(help="Write the column map here, to edit and to pass with --map.")
+        Path | None, Option(help="Write the column map here, to edit and to pass with --map.")
     ] = None,
     plot: Annotated[Path | None, picture("Draw the recognised channels over time")] = None,
     as_json: Json = False,
@@ -140,49 +135,44 @@ def inspect(
 def ingest(
     logs: Logs = None,
     imu: Annotated[
-        Path | None, typer.Option(help="File with the IMU, if each sensor of a trial has its own file.")
+        Path | None, Option(help="File with the IMU, if each sensor of a trial has its own file.")
     ] = None,
-    encoders: Annotated[Path | None, typer.Option(help="File with the encoders of that trial.")] = None,
-    currents: Annotated[Path | None, typer.Option(help="File with the motor currents of that trial.")] = None,
+    encoders: Annotated[Path | None, Option(help="File with the encoders of that trial.")] = None,
+    currents: Annotated[Path | None, Option(help="File with the motor currents of that trial.")] = None,
     reference: Annotated[
         Path | None,
-        typer.Option(help="File with an external reference of that trial, as GPS or motion capture."),
+        Option(help="File with an external reference of that trial, as GPS or motion capture."),
     ] = None,
     rows: Annotated[
-        str | None, typer.Option(help="Rows to take from a log of several runs, as run_id = 4.")
+        str | None, Option(help="Rows to take from a log of several runs, as run_id = 4.")
     ] = None,
     variant: Annotated[
-        float | None, typer.Option(help="Desired velocity [m/s], if the log lacks it (0.01 to 5).")
+        float | None, Option(help="Desired velocity [m/s], if the log lacks it (0.01 to 5).")
     ] = None,
     rests: Annotated[
         list[str] | None,
-        typer.Option("--rest", help="Interval of standstill, as 0:1.2 [s]; may be repeated."),
+        Option("--rest", help="Interval of standstill, as 0:1.2 [s]; may be repeated."),
     ] = None,
     distance_measured: Annotated[
-        str | None, typer.Option(help="Total distance by tape [m], as 2.03 or 2.03±0.01.")
+        str | None, Option(help="Total distance by tape [m], as 2.03 or 2.03±0.01.")
     ] = None,
     against_reference: Annotated[
         str | None,
-        typer.Option(
+        Option(
             "--against",
             help="'ref': judge the estimate by the log's reference, which the filter does not use.",
         ),
     ] = None,
     strict: Strict = False,
     jobs: Jobs = 0,
-    robot: Robot = None,
-    soil: Soil = None,
-    column_map: ColumnMap = None,
-    topics: Topics = None,
-    begin: From = None,
-    end: To = None,
+    robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
+    begin: From = None, end: To = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the motion tables.", show_default="reports/ingest")
+        Path | None, Option(help="Folder for the motion tables.", show_default="reports/ingest")
     ] = None,
     table_format: Format = None,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
+    quiet: Quiet = False, as_json: Json = False,
+) -> None:  # fmt: skip
     """Estimate body velocity, slip and their uncertainty from logs.
 
     A log that cannot be used is left out and listed with the reason.
@@ -234,30 +224,28 @@ def ingest(
 def view(
     what: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="WHAT", help="A recording (.rrd), a report folder, or a log (CSV, ROS bag, MCAP)."
         ),
     ],
-    trial: Annotated[str | None, typer.Option(help="With a report folder, the trial to open.")] = None,
+    trial: Annotated[str | None, Option(help="With a report folder, the trial to open.")] = None,
     web: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--web", help="Serve the viewer to a browser on this machine instead, until interrupted."
         ),
     ] = False,
     screenshot: Annotated[
-        Path | None, typer.Option(help="Save a picture of the viewer (.png) instead; needs no display.")
+        Path | None, Option(help="Save a picture of the viewer (.png) instead; needs no display.")
     ] = None,
     at: Annotated[
         float | None,
-        typer.Option(
+        Option(
             help="Time of the --screenshot since the start of the command [s]; by default the middle."
         ),
     ] = None,
-    robot: Robot = None,
-    soil: Soil = None,
-    column_map: ColumnMap = None,
-) -> None:
+    robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None,
+) -> None:  # fmt: skip
     """Open a recording in the Rerun viewer, which stays open.
 
     A log is analysed first.

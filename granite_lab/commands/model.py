@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 import granite_lab as gl
 from granite_lab import reporting
@@ -36,52 +37,46 @@ if TYPE_CHECKING:
 
 K92 = Annotated[
     float | None,
-    typer.Option(help="Constant k_92; by default the law (5), k_92 = exp(-a_θ v) (0 to 1)."),
+    Option(help="Constant k_92; by default the law (5), k_92 = exp(-a_θ v) (0 to 1)."),
 ]
 ATheta = Annotated[
     float | None,
-    typer.Option(help="Exponent a_θ of the law (5) [s/m]; the paper's by default (0 to 100)."),
+    Option(help="Exponent a_θ of the law (5) [s/m]; the paper's by default (0 to 100)."),
 ]
 ModelRobot = Annotated[
     str | None,
-    typer.Option(help="The robot: a name of the catalogue or a .toml file; granite by default."),
+    Option(help="The robot: a name of the catalogue or a .toml file; granite by default."),
 ]
 ModelSoil = Annotated[
     str | None,
-    typer.Option(help="The soil: a name of the catalogue or a .toml file; dry_sand by default."),
+    Option(help="The soil: a name of the catalogue or a .toml file; dry_sand by default."),
 ]
 Active = Annotated[
     list[str] | None,
-    typer.Option("--effect", help="Switch an effect on, as bulldozing.strength=0.5; may be repeated."),
+    Option("--effect", help="Switch an effect on, as bulldozing.strength=0.5; may be repeated."),
 ]
 
 
 def simulate(
     variant: Annotated[
-        float | None, typer.Option(help="Variant of Table 2, named by its velocity [m/s].")
+        float | None, Option(help="Variant of Table 2, named by its velocity [m/s].")
     ] = None,
     v: Annotated[
         float | None,
-        typer.Option(help="Desired velocity [m/s] instead of a variant; needs --a and --distance."),
+        Option(help="Desired velocity [m/s] instead of a variant; needs --a and --distance."),
     ] = None,
-    a: Annotated[float | None, typer.Option(help="Largest acceleration [m/s²] (with --v).")] = None,
-    distance: Annotated[float | None, typer.Option(help="Total distance [m] (with --v).")] = None,
-    log: Annotated[Path | None, typer.Option(help="File for the log of virtual sensors (CSV).")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the random numbers of sensors and sand.")] = 0,
+    a: Annotated[float | None, Option(help="Largest acceleration [m/s²] (with --v).")] = None,
+    distance: Annotated[float | None, Option(help="Total distance [m] (with --v).")] = None,
+    log: Annotated[Path | None, Option(help="File for the log of virtual sensors (CSV).")] = None,
+    seed: Annotated[int, Option(help="Seed of the random numbers of sensors and sand.")] = 0,
     scatter: Annotated[
-        bool, typer.Option("--scatter", help="Vary the sand at random, as raking does.")
+        bool, Option("--scatter", help="Vary the sand at random, as raking does.")
     ] = False,
-    k92: K92 = None,
-    a_theta: ATheta = None,
-    robot: ModelRobot = None,
-    soil: ModelSoil = None,
-    model: ModelFile = None,
-    effects: EffectFile = None,
-    active: Active = None,
-    out: Annotated[Path | None, typer.Option(help="File for the run (CSV or Parquet).")] = None,
-    table_format: Format = None,
-    as_json: Json = False,
-) -> None:
+    k92: K92 = None, a_theta: ATheta = None, robot: ModelRobot = None, soil: ModelSoil = None,
+    model: ModelFile = None, effects: EffectFile = None, active: Active = None,
+    out: Annotated[Path | None, Option(help="File for the run (CSV or Parquet).")] = None,
+    table_format: Format = None, as_json: Json = False,
+) -> None:  # fmt: skip
     """Simulate one run by equations (1)-(26), with k_92 = exp(-a_θ v) or a constant --k92.
 
     All signals are written into a table; means of the steady part are printed.
@@ -120,33 +115,27 @@ def simulate(
 
 def wheel(
     slip: Annotated[
-        str, typer.Option(help="Slip ratio λ of (1), as 0.2, or a sweep start:end:step, as -0.5:0.9:0.1.")
+        str, Option(help="Slip ratio λ of (1), as 0.2, or a sweep start:end:step, as -0.5:0.9:0.1.")
     ] = "0.2",
     load: Annotated[
         float | None,
-        typer.Option(help="Vertical load [N]; a quarter of the robot's weight by default (0.001 to 100000)."),
+        Option(help="Vertical load [N]; a quarter of the robot's weight by default (0.001 to 100000)."),
     ] = None,
-    sinkage: Annotated[float | None, typer.Option(help="Sinkage [mm] instead of a load.")] = None,
-    v: Annotated[float | None, typer.Option(help="Velocity of the wheel's centre [m/s].")] = None,
+    sinkage: Annotated[float | None, Option(help="Sinkage [mm] instead of a load.")] = None,
+    v: Annotated[float | None, Option(help="Velocity of the wheel's centre [m/s].")] = None,
     soil_values: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--soil-value", help="A value instead of the soil's, as cohesion_Pa=500; may be repeated."
         ),
     ] = None,
-    k92: K92 = None,
-    a_theta: ATheta = None,
-    robot: ModelRobot = None,
-    soil: ModelSoil = None,
-    model: ModelFile = None,
-    effects: EffectFile = None,
-    active: Active = None,
-    out: Annotated[Path | None, typer.Option(help="File for the table, a row for each slip.")] = None,
-    arc: Annotated[Path | None, typer.Option(help="File for the stresses over the contact arc.")] = None,
+    k92: K92 = None, a_theta: ATheta = None, robot: ModelRobot = None, soil: ModelSoil = None,
+    model: ModelFile = None, effects: EffectFile = None, active: Active = None,
+    out: Annotated[Path | None, Option(help="File for the table, a row for each slip.")] = None,
+    arc: Annotated[Path | None, Option(help="File for the stresses over the contact arc.")] = None,
     plot: Annotated[Path | None, picture("Draw the sweep over slip, or the stresses at one slip")] = None,
-    table_format: Format = None,
-    as_json: Json = False,
-) -> None:
+    table_format: Format = None, as_json: Json = False,
+) -> None:  # fmt: skip
     """Compute one wheel on the soil, at a load or a sinkage, by the contact model (4), (6)-(17).
 
     Without --v, the larger of ω r and v is 0.1 m/s. Above 0.02 m/s only effects depend on it. The law (5) is
@@ -184,7 +173,7 @@ def wheel(
 
 def params(
     folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="Folder whose granite-lab.toml applies.")
+        Path, Argument(metavar="FOLDER", help="Folder whose granite-lab.toml applies.")
     ] = Path(),
     robot: Robot = None,
     soil: Soil = None,
@@ -232,7 +221,7 @@ def list_effects(context: typer.Context, effects: EffectFile = None, as_json: Js
 
 @effects.command("show")
 def show_effect(
-    effect_id: Annotated[str, typer.Argument(metavar="ID", help="Its id.")],
+    effect_id: Annotated[str, Argument(metavar="ID", help="Its id.")],
     effects: EffectFile = None,
     picture: Annotated[
         Path | None,
@@ -241,7 +230,7 @@ def show_effect(
             show_default="reports/effects/ID.png",
         ),
     ] = None,
-    no_picture: Annotated[bool, typer.Option("--no-picture", help="Text only; simulates nothing.")] = False,
+    no_picture: Annotated[bool, Option("--no-picture", help="Text only; simulates nothing.")] = False,
     as_json: Json = False,
 ) -> None:
     """Describe one effect: equation, source and parameters.
@@ -264,9 +253,7 @@ def show_effect(
 
 @effects.command("check")
 def check_effect(
-    effect: Annotated[
-        str, typer.Argument(metavar="FILE", help="Effect file (.py), which is executed, or an id.")
-    ],
+    effect: Annotated[str, Argument(metavar="FILE", help="Effect file (.py), which is executed, or an id.")],
     as_json: Json = False,
 ) -> None:
     """Check an effect file.

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
+from typer import Argument, Option
 
 from granite_lab.errors import UsageError, printable
 from granite_lab.estimate import Estimate
@@ -18,10 +19,10 @@ T = TypeVar("T")
 TRIALS = "Logs (CSV, ROS bag, MCAP), or folders of them."
 CATALOGUE = "a name of the catalogue or a .toml file"
 
-Logs = Annotated[list[Path] | None, typer.Argument(metavar="TRIALS…", help=TRIALS, show_default=False)]
+Logs = Annotated[list[Path] | None, Argument(metavar="TRIALS…", help=TRIALS, show_default=False)]
 LogsAtHand = Annotated[
     list[Path] | None,
-    typer.Argument(
+    Argument(
         metavar="TRIALS…",
         help=f"{TRIALS} By default those that granite-lab.toml names, else those that ingest has read, else "
         "data/samples.",
@@ -30,54 +31,44 @@ LogsAtHand = Annotated[
 ]
 Robot = Annotated[
     str | None,
-    typer.Option(
-        help=f"The robot: {CATALOGUE}; by default as granite-lab.toml or the log says, else granite."
-    ),
+    Option(help=f"The robot: {CATALOGUE}; by default as granite-lab.toml or the log says, else granite."),
 ]
 Soil = Annotated[
     str | None,
-    typer.Option(
-        help=f"The soil: {CATALOGUE}; by default as granite-lab.toml or the log says, else dry_sand."
-    ),
+    Option(help=f"The soil: {CATALOGUE}; by default as granite-lab.toml or the log says, else dry_sand."),
 ]
-ColumnMap = Annotated[
-    str | None, typer.Option("--map", help=f"Column map: {CATALOGUE}, or a folder of these.")
-]
+ColumnMap = Annotated[str | None, Option("--map", help=f"Column map: {CATALOGUE}, or a folder of these.")]
 Topics = Annotated[
     list[str] | None,
-    typer.Option("--topic", help="Topic of a bag, as imu=/imu/data, joints=… or odom=…; may be repeated."),
+    Option("--topic", help="Topic of a bag, as imu=/imu/data, joints=… or odom=…; may be repeated."),
 ]
-From = Annotated[float | None, typer.Option("--from", help="Start of the part to use [s, the log's time].")]
-To = Annotated[float | None, typer.Option("--to", help="End of the part to use [s, the log's time].")]
+From = Annotated[float | None, Option("--from", help="Start of the part to use [s, the log's time].")]
+To = Annotated[float | None, Option("--to", help="End of the part to use [s, the log's time].")]
 ModelFile = Annotated[
-    Path | None, typer.Option(help="File (model.toml) of the paper's model with effects switched on.")
+    Path | None, Option(help="File (model.toml) of the paper's model with effects switched on.")
 ]
 EffectFile = Annotated[
     Path | None,
-    typer.Option(help="Your own effect file (.py). It is executed: use only code you trust."),
+    Option(help="Your own effect file (.py). It is executed: use only code you trust."),
 ]
 Strict = Annotated[
     bool,
-    typer.Option(
+    Option(
         "--strict",
         help="A trial that fails is an error; by default it is left out and listed in the result.",
     ),
 ]
-Jobs = Annotated[int, typer.Option("--jobs", "-j", help="Number of processes; 0 means one per core.")]
-Scheduler = Annotated[str | None, typer.Option(help="Address of a Dask scheduler that does the work.")]
-UseCache = Annotated[bool, typer.Option(help="Store results and reuse those with the same inputs.")]
-Tolerance = Annotated[
-    float, typer.Option(help="Accepted discrepancy, as a share of a channel's rms in motion.")
-]
-Latency = Annotated[
-    float, typer.Option(help="Largest delay between two sensors that counts as latency [ms].")
-]
-Table = Annotated[Path | None, typer.Option("--out", help="Also write the table to this file (CSV).")]
+Jobs = Annotated[int, Option("--jobs", "-j", help="Number of processes; 0 means one per core.")]
+Scheduler = Annotated[str | None, Option(help="Address of a Dask scheduler that does the work.")]
+UseCache = Annotated[bool, Option(help="Store results and reuse those with the same inputs.")]
+Tolerance = Annotated[float, Option(help="Accepted discrepancy, as a share of a channel's rms in motion.")]
+Latency = Annotated[float, Option(help="Largest delay between two sensors that counts as latency [ms].")]
+Table = Annotated[Path | None, Option("--out", help="Also write the table to this file (CSV).")]
 Format = Annotated[
-    str | None, typer.Option("--format", help="Format of the tables: csv or parquet.", show_default="csv")
+    str | None, Option("--format", help="Format of the tables: csv or parquet.", show_default="csv")
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress display.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
+Quiet = Annotated[bool, Option("--quiet", "-q", help="No progress display.")]
+Json = Annotated[bool, Option("--json", help="Print one JSON document instead of tables.")]
 
 
 def picture(text: str, **more: Any) -> Any:
@@ -88,7 +79,7 @@ def picture(text: str, **more: Any) -> Any:
             raise UsageError(f"{option.opts[0]} {path}: not a picture", "end the name in .png, .svg or .pdf")
         return path
 
-    return typer.Option(help=f"{text} (.png, .svg or .pdf).", callback=checked, **more)
+    return Option(help=f"{text} (.png, .svg or .pdf).", callback=checked, **more)
 
 
 def about(

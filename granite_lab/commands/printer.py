@@ -81,7 +81,7 @@ def warn(lines: Sequence[str]) -> None:
 
 
 def warn_of(origin: Origin) -> dict[str, Any]:
-    """Warn of trials that were left out and of what else there is to know; return those excluded, for JSON."""
+    """Warn of trials that were left out and of what else there is to know; return the excluded, for JSON."""
     warn([f"{f.trial}: {'' if f.excluded else 'left out: '}{f.message}" for f in origin.left_out])
     warn(origin.warnings)
     excluded = [{"trial": f.trial, "reason": f.reason} for f in origin.left_out if f.excluded]

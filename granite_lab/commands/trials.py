@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 import granite_lab as gl
 from granite_lab import reporting
@@ -49,23 +49,15 @@ MOST, PROPOSALS = 20, 8
 
 def fit_k92(
     logs: LogsAtHand = None,
-    robot: Robot = None,
-    soil: Soil = None,
-    column_map: ColumnMap = None,
-    topics: Topics = None,
-    begin: From = None,
-    end: To = None,
-    effects: EffectFile = None,
-    strict: Strict = False,
-    jobs: Jobs = 0,
-    scheduler: Scheduler = None,
+    robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
+    begin: From = None, end: To = None,
+    effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
     out: Table = None,
-    verbose: Annotated[bool, typer.Option("--verbose", help="Print the notes of the fits.")] = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
+    verbose: Annotated[bool, Option("--verbose", help="Print the notes of the fits.")] = False,
+    quiet: Quiet = False, as_json: Json = False,
+) -> None:  # fmt: skip
     """Fit k_92 of each trial: by the steady slip ratio, as in the paper, and by the whole trajectory.
 
     Fits without an optimum are marked; --verbose prints notes on all fits.
@@ -92,24 +84,16 @@ def fit_k92(
 def fit_atheta(
     logs: LogsAtHand = None,
     published: Annotated[
-        bool, typer.Option("--published", help="Use Table 3 of the paper instead of trials.")
+        bool, Option("--published", help="Use Table 3 of the paper instead of trials.")
     ] = False,
-    robot: Robot = None,
-    soil: Soil = None,
-    column_map: ColumnMap = None,
-    topics: Topics = None,
-    begin: From = None,
-    end: To = None,
-    effects: EffectFile = None,
-    strict: Strict = False,
-    jobs: Jobs = 0,
-    scheduler: Scheduler = None,
+    robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
+    begin: From = None, end: To = None,
+    effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
     out: Table = None,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
+    quiet: Quiet = False, as_json: Json = False,
+) -> None:  # fmt: skip
     """Estimate a_θ of k_92 = exp(-a_θ v) over trials, beside the paper's 4.919 and rival laws.
 
     A verdict needs three speeds.
@@ -136,23 +120,15 @@ def fit_atheta(
 def compare(
     logs: LogsAtHand = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for tables and figures.", show_default="reports/compare")
+        Path | None, Option(help="Folder for tables and figures.", show_default="reports/compare")
     ] = None,
-    robot: Robot = None,
-    soil: Soil = None,
-    column_map: ColumnMap = None,
-    topics: Topics = None,
-    begin: From = None,
-    end: To = None,
-    effects: EffectFile = None,
-    strict: Strict = False,
-    jobs: Jobs = 0,
-    scheduler: Scheduler = None,
+    robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
+    begin: From = None, end: To = None,
+    effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
+    quiet: Quiet = False, as_json: Json = False,
+) -> None:  # fmt: skip
     """Compare measured and simulated motion: velocity, wheel speed, slip, torques and pitch.
 
     Tables and figures are written, the differences by quantity are printed.
@@ -179,37 +155,28 @@ def compare(
 
 def study(
     logs: LogsAtHand = None,
-    robot: Robot = None,
-    soil: Soil = None,
-    column_map: ColumnMap = None,
-    topics: Topics = None,
-    begin: From = None,
-    end: To = None,
-    effects: EffectFile = None,
-    strict: Strict = False,
-    jobs: Jobs = 0,
-    scheduler: Scheduler = None,
+    robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
+    begin: From = None, end: To = None,
+    effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
-    tolerance: Tolerance = 0.02,
-    latency: Latency = 20.0,
+    tolerance: Tolerance = 0.02, latency: Latency = 20.0,
     out: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             help="Folder of the report; its name is the report's name.", show_default="reports/study"
         ),
     ] = None,
-    discover: Annotated[bool, typer.Option(help="Search for an effect that the model lacks.")] = True,
+    discover: Annotated[bool, Option(help="Search for an effect that the model lacks.")] = True,
     recordings: Annotated[
-        bool, typer.Option(help="Also write a Rerun recording of each trial into --out.")
+        bool, Option(help="Also write a Rerun recording of each trial into --out.")
     ] = True,
     report: Annotated[
         Path | None,
-        typer.Option("--verify", metavar="REPORT", help="Compute a report again and print the differences."),
+        Option("--verify", metavar="REPORT", help="Compute a report again and print the differences."),
     ] = None,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
+    quiet: Quiet = False, as_json: Json = False,
+) -> None:  # fmt: skip
     """Analyse trials: estimate, fit, simulate, compare, a_θ, and the missing effect.
 
     A trial that cannot be used is left out and listed with the reason.
@@ -273,10 +240,10 @@ def _show_verification(printer: Printer, verified: Verification) -> None:
 
 
 def compare_studies(
-    first: Annotated[Path, typer.Argument(metavar="A", help="Folder written by study.")],
-    second: Annotated[Path, typer.Argument(metavar="B", help="Folder of the other study.")],
+    first: Annotated[Path, Argument(metavar="A", help="Folder written by study.")],
+    second: Annotated[Path, Argument(metavar="B", help="Folder of the other study.")],
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write a page, a figure and a table into this folder.")
+        Path | None, Option(metavar="DIR", help="Write a page, a figure and a table into this folder.")
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -304,26 +271,17 @@ def discover(
     logs: LogsAtHand = None,
     out: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             help="Folder of the report, finding.json and model.toml.", show_default="reports/discover"
         ),
     ] = None,
-    robot: Robot = None,
-    soil: Soil = None,
-    column_map: ColumnMap = None,
-    topics: Topics = None,
-    begin: From = None,
-    end: To = None,
-    effects: EffectFile = None,
-    strict: Strict = False,
-    jobs: Jobs = 0,
-    scheduler: Scheduler = None,
+    robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
+    begin: From = None, end: To = None,
+    effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
-    tolerance: Tolerance = 0.02,
-    latency: Latency = 20.0,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
+    tolerance: Tolerance = 0.02, latency: Latency = 20.0,
+    quiet: Quiet = False, as_json: Json = False,
+) -> None:  # fmt: skip
     """Find the physical effect that the model lacks.
 
     Report, finding and corrected model are written.
@@ -349,23 +307,22 @@ def discover(
 
 
 def plan_next(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder written by discover or study.")],
+    folder: Annotated[Path, Argument(metavar="DIR", help="Folder written by discover or study.")],
     room: Annotated[
         float | None,
-        typer.Option(
+        Option(
             help="Longest distance that fits on the sand [m]; by default the longest so far (0.1 or more)."
         ),
     ] = None,
     max_speed: Annotated[
         float | None,
-        typer.Option(help="Fastest command [m/s]; by default 1.25 times the fastest so far (0.02 or more)."),
+        Option(help="Fastest command [m/s]; by default 1.25 times the fastest so far (0.02 or more)."),
     ] = None,
     effects: EffectFile = None,
     jobs: Jobs = 0,
     out: Table = None,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
+    quiet: Quiet = False, as_json: Json = False,
+) -> None:  # fmt: skip
     """Propose the most useful next trial.
 
     Proposals are ranked, the best first.

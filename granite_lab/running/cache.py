@@ -44,7 +44,7 @@ DRAWING = ("jinja2", "matplotlib", "rerun-sdk")
 OWN = re.compile(r"[0-9a-f]{2}/([0-9a-f]{62}\.bin|\.[0-9a-f]{62}\.bin\.[0-9a-f]{12}\.part)")
 """Paths in the folder of what is remembered, and of what is being written; nothing else is removed."""
 
-SHOWS = ("api", "cli.py", "commands", "hidden", "reporting", "two_studies.py")
+SHOWS = ("api", "cli.py", "commands", "hidden", "reporting", "study_folder.py", "two_studies.py")
 """Parts of the package that no cached result depends on: they only call and show."""
 
 
