@@ -20,42 +20,25 @@ PARTS = {"train": "trials in the fit", "held_out": "trials left out of the fit"}
 
 
 def hide(
-    effect: Annotated[
-        str,
-        Option(
-            help="Ids joined by +; or random: one of the library; pair: two of it; outside: one that it "
-            "lacks; none."
-        ),
-    ],
+    effect: Annotated[str, Option(
+        help="Ids joined by +; or random: one of the library; pair: two of it; outside: one that it "
+        "lacks; none.")],
     out: Annotated[Path, Option(help="Folder of the trials and the sealed answer.")],
     seed: Annotated[int, Option(help="Seed of all random numbers.")] = 0,
     strength: Annotated[float, Option(help="Factor on the effect's size (0.001 to 1000).")] = 1.0,
-    sizes: Annotated[
-        list[str] | None,
-        Option(
-            "--size", help="A parameter of the effect: name=value, or id.name=value; may be repeated."
-        ),
-    ] = None,
+    sizes: Annotated[list[str] | None, Option(
+        "--size", help="A parameter of the effect: name=value, or id.name=value; may be repeated.")] = None,
     noise: Annotated[float, Option(help="Factor on the sensors' noise (0 to 100).")] = 1.0,
-    sand_off: Annotated[
-        bool, Option("--sand-off", help="Change φ, K, n and μ_s of the soil by 5 to 20 %.")
-    ] = False,
-    repetitions: Annotated[
-        int | None,
-        Option(help="Trials of each variant; by default 3 (bench) or 2 to 4 (wild) (1 to 99)."),
-    ] = None,
-    lab: Annotated[
-        str,
-        Option(
-            help="bench: sensors, robot and sand as in the files; wild: drawn by the seed, with files of "
-            "robot and sand beside the trials."
-        ),
-    ] = "bench",
+    sand_off: Annotated[bool, Option(
+        "--sand-off", help="Change φ, K, n and μ_s of the soil by 5 to 20 %.")] = False,
+    repetitions: Annotated[int | None, Option(
+        help="Trials of each variant; by default 3 (bench) or 2 to 4 (wild) (1 to 99).")] = None,
+    lab: Annotated[str, Option(
+        help="bench: sensors, robot and sand as in the files; wild: drawn by the seed, with files of "
+        "robot and sand beside the trials.")] = "bench",
     robot: Robot = None, soil: Soil = None,
     label: Annotated[str, Option("--name", help="First word of the trials' names.")] = "hidden",
-    truth: Annotated[
-        Path | None, Option(help="Folder for the true motion of each trial (CSV).")
-    ] = None,
+    truth: Annotated[Path | None, Option(help="Folder for the true motion of each trial (CSV).")] = None,
     jobs: Jobs = 1,
     quiet: Quiet = False, as_json: Json = False,
 ) -> None:  # fmt: skip
@@ -79,17 +62,13 @@ def hide(
 
 
 def reveal(
-    folder: Annotated[
-        Path,
-        Argument(metavar="DIR", help="Folder written by hide, or a kit that another laboratory filled."),
-    ],
-    finding: Annotated[
-        Path | None,
-        Option(help="Discovery to be judged: JSON of discover or study, or its folder."),
-    ] = None,
+    folder: Annotated[Path, Argument(
+        metavar="DIR", help="Folder written by hide, or a kit that another laboratory filled.")],
+    finding: Annotated[Path | None, Option(
+        help="Discovery to be judged: JSON of discover or study, or its folder.")] = None,
     jobs: Jobs = 0,
     as_json: Json = False,
-) -> None:
+) -> None:  # fmt: skip
     """Open the sealed answer of a hidden set or of a kit, and judge a discovery by it.
 
     In a kit without a discovery, discover runs first and writes into the kit's folder finding.

@@ -107,12 +107,11 @@ def inspect(
     column_map: ColumnMap = None,
     topics: Topics = None,
     robot: Robot = None,
-    write_map: Annotated[
-        Path | None, Option(help="Write the column map here, to edit and to pass with --map.")
-    ] = None,
+    write_map: Annotated[Path | None, Option(
+        help="Write the column map here, to edit and to pass with --map.")] = None,
     plot: Annotated[Path | None, picture("Draw the recognised channels over time")] = None,
     as_json: Json = False,
-) -> None:
+) -> None:  # fmt: skip
     """Show what is recognised in logs: columns, units, clocks, rates, gaps, variant.
 
     A log that is not understood is reported as a problem, not as an error.
@@ -134,42 +133,28 @@ def inspect(
 
 def ingest(
     logs: Logs = None,
-    imu: Annotated[
-        Path | None, Option(help="File with the IMU, if each sensor of a trial has its own file.")
-    ] = None,
+    imu: Annotated[Path | None, Option(
+        help="File with the IMU, if each sensor of a trial has its own file.")] = None,
     encoders: Annotated[Path | None, Option(help="File with the encoders of that trial.")] = None,
     currents: Annotated[Path | None, Option(help="File with the motor currents of that trial.")] = None,
-    reference: Annotated[
-        Path | None,
-        Option(help="File with an external reference of that trial, as GPS or motion capture."),
-    ] = None,
-    rows: Annotated[
-        str | None, Option(help="Rows to take from a log of several runs, as run_id = 4.")
-    ] = None,
-    variant: Annotated[
-        float | None, Option(help="Desired velocity [m/s], if the log lacks it (0.01 to 5).")
-    ] = None,
-    rests: Annotated[
-        list[str] | None,
-        Option("--rest", help="Interval of standstill, as 0:1.2 [s]; may be repeated."),
-    ] = None,
-    distance_measured: Annotated[
-        str | None, Option(help="Total distance by tape [m], as 2.03 or 2.03±0.01.")
-    ] = None,
-    against_reference: Annotated[
-        str | None,
-        Option(
-            "--against",
-            help="'ref': judge the estimate by the log's reference, which the filter does not use.",
-        ),
-    ] = None,
+    reference: Annotated[Path | None, Option(
+        help="File with an external reference of that trial, as GPS or motion capture.")] = None,
+    rows: Annotated[str | None, Option(
+        help="Rows to take from a log of several runs, as run_id = 4.")] = None,
+    variant: Annotated[float | None, Option(
+        help="Desired velocity [m/s], if the log lacks it (0.01 to 5).")] = None,
+    rests: Annotated[list[str] | None, Option(
+        "--rest", help="Interval of standstill, as 0:1.2 [s]; may be repeated.")] = None,
+    distance_measured: Annotated[str | None, Option(
+        help="Total distance by tape [m], as 2.03 or 2.03±0.01.")] = None,
+    against_reference: Annotated[str | None, Option("--against",
+        help="'ref': judge the estimate by the log's reference, which the filter does not use.")] = None,
     strict: Strict = False,
     jobs: Jobs = 0,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
     begin: From = None, end: To = None,
-    out: Annotated[
-        Path | None, Option(help="Folder for the motion tables.", show_default="reports/ingest")
-    ] = None,
+    out: Annotated[Path | None, Option(
+        help="Folder for the motion tables.", show_default="reports/ingest")] = None,
     table_format: Format = None,
     quiet: Quiet = False, as_json: Json = False,
 ) -> None:  # fmt: skip
@@ -222,28 +207,15 @@ def ingest(
 
 
 def view(
-    what: Annotated[
-        Path,
-        Argument(
-            metavar="WHAT", help="A recording (.rrd), a report folder, or a log (CSV, ROS bag, MCAP)."
-        ),
-    ],
+    what: Annotated[Path, Argument(
+        metavar="WHAT", help="A recording (.rrd), a report folder, or a log (CSV, ROS bag, MCAP).")],
     trial: Annotated[str | None, Option(help="With a report folder, the trial to open.")] = None,
-    web: Annotated[
-        bool,
-        Option(
-            "--web", help="Serve the viewer to a browser on this machine instead, until interrupted."
-        ),
-    ] = False,
-    screenshot: Annotated[
-        Path | None, Option(help="Save a picture of the viewer (.png) instead; needs no display.")
-    ] = None,
-    at: Annotated[
-        float | None,
-        Option(
-            help="Time of the --screenshot since the start of the command [s]; by default the middle."
-        ),
-    ] = None,
+    web: Annotated[bool, Option(
+        "--web", help="Serve the viewer to a browser on this machine instead, until interrupted.")] = False,
+    screenshot: Annotated[Path | None, Option(
+        help="Save a picture of the viewer (.png) instead; needs no display.")] = None,
+    at: Annotated[float | None, Option(
+        help="Time of the --screenshot since the start of the command [s]; by default the middle.")] = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None,
 ) -> None:  # fmt: skip
     """Open a recording in the Rerun viewer, which stays open.

@@ -58,20 +58,14 @@ Active = Annotated[
 
 
 def simulate(
-    variant: Annotated[
-        float | None, Option(help="Variant of Table 2, named by its velocity [m/s].")
-    ] = None,
-    v: Annotated[
-        float | None,
-        Option(help="Desired velocity [m/s] instead of a variant; needs --a and --distance."),
-    ] = None,
+    variant: Annotated[float | None, Option(help="Variant of Table 2, named by its velocity [m/s].")] = None,
+    v: Annotated[float | None, Option(
+        help="Desired velocity [m/s] instead of a variant; needs --a and --distance.")] = None,
     a: Annotated[float | None, Option(help="Largest acceleration [m/s²] (with --v).")] = None,
     distance: Annotated[float | None, Option(help="Total distance [m] (with --v).")] = None,
     log: Annotated[Path | None, Option(help="File for the log of virtual sensors (CSV).")] = None,
     seed: Annotated[int, Option(help="Seed of the random numbers of sensors and sand.")] = 0,
-    scatter: Annotated[
-        bool, Option("--scatter", help="Vary the sand at random, as raking does.")
-    ] = False,
+    scatter: Annotated[bool, Option("--scatter", help="Vary the sand at random, as raking does.")] = False,
     k92: K92 = None, a_theta: ATheta = None, robot: ModelRobot = None, soil: ModelSoil = None,
     model: ModelFile = None, effects: EffectFile = None, active: Active = None,
     out: Annotated[Path | None, Option(help="File for the run (CSV or Parquet).")] = None,
@@ -114,21 +108,14 @@ def simulate(
 
 
 def wheel(
-    slip: Annotated[
-        str, Option(help="Slip ratio λ of (1), as 0.2, or a sweep start:end:step, as -0.5:0.9:0.1.")
-    ] = "0.2",
-    load: Annotated[
-        float | None,
-        Option(help="Vertical load [N]; a quarter of the robot's weight by default (0.001 to 100000)."),
-    ] = None,
+    slip: Annotated[str, Option(
+        help="Slip ratio λ of (1), as 0.2, or a sweep start:end:step, as -0.5:0.9:0.1.")] = "0.2",
+    load: Annotated[float | None, Option(
+        help="Vertical load [N]; a quarter of the robot's weight by default (0.001 to 100000).")] = None,
     sinkage: Annotated[float | None, Option(help="Sinkage [mm] instead of a load.")] = None,
     v: Annotated[float | None, Option(help="Velocity of the wheel's centre [m/s].")] = None,
-    soil_values: Annotated[
-        list[str] | None,
-        Option(
-            "--soil-value", help="A value instead of the soil's, as cohesion_Pa=500; may be repeated."
-        ),
-    ] = None,
+    soil_values: Annotated[list[str] | None, Option(
+        "--soil-value", help="A value instead of the soil's, as cohesion_Pa=500; may be repeated.")] = None,
     k92: K92 = None, a_theta: ATheta = None, robot: ModelRobot = None, soil: ModelSoil = None,
     model: ModelFile = None, effects: EffectFile = None, active: Active = None,
     out: Annotated[Path | None, Option(help="File for the table, a row for each slip.")] = None,
@@ -172,13 +159,12 @@ def wheel(
 
 
 def params(
-    folder: Annotated[
-        Path, Argument(metavar="FOLDER", help="Folder whose granite-lab.toml applies.")
-    ] = Path(),
+    folder: Annotated[Path, Argument(
+        metavar="FOLDER", help="Folder whose granite-lab.toml applies.")] = Path(),
     robot: Robot = None,
     soil: Soil = None,
     as_json: Json = False,
-) -> None:
+) -> None:  # fmt: skip
     """List every number in force with its unit, allowed range and origin.
 
     Robot and soil are taken from the options, else from granite-lab.toml in the folder.
@@ -232,7 +218,7 @@ def show_effect(
     ] = None,
     no_picture: Annotated[bool, Option("--no-picture", help="Text only; simulates nothing.")] = False,
     as_json: Json = False,
-) -> None:
+) -> None:  # fmt: skip
     """Describe one effect: equation, source and parameters.
 
     A picture shows how sensor readings change.

@@ -83,9 +83,8 @@ def fit_k92(
 
 def fit_atheta(
     logs: LogsAtHand = None,
-    published: Annotated[
-        bool, Option("--published", help="Use Table 3 of the paper instead of trials.")
-    ] = False,
+    published: Annotated[bool, Option(
+        "--published", help="Use Table 3 of the paper instead of trials.")] = False,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
     begin: From = None, end: To = None,
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
@@ -119,9 +118,8 @@ def fit_atheta(
 
 def compare(
     logs: LogsAtHand = None,
-    out: Annotated[
-        Path | None, Option(help="Folder for tables and figures.", show_default="reports/compare")
-    ] = None,
+    out: Annotated[Path | None, Option(
+        help="Folder for tables and figures.", show_default="reports/compare")] = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
     begin: From = None, end: To = None,
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
@@ -161,20 +159,12 @@ def study(
     cache: UseCache = True,
     model: ModelFile = None,
     tolerance: Tolerance = 0.02, latency: Latency = 20.0,
-    out: Annotated[
-        Path | None,
-        Option(
-            help="Folder of the report; its name is the report's name.", show_default="reports/study"
-        ),
-    ] = None,
+    out: Annotated[Path | None, Option(
+        help="Folder of the report; its name is the report's name.", show_default="reports/study")] = None,
     discover: Annotated[bool, Option(help="Search for an effect that the model lacks.")] = True,
-    recordings: Annotated[
-        bool, Option(help="Also write a Rerun recording of each trial into --out.")
-    ] = True,
-    report: Annotated[
-        Path | None,
-        Option("--verify", metavar="REPORT", help="Compute a report again and print the differences."),
-    ] = None,
+    recordings: Annotated[bool, Option(help="Also write a Rerun recording of each trial into --out.")] = True,
+    report: Annotated[Path | None, Option(
+        "--verify", metavar="REPORT", help="Compute a report again and print the differences.")] = None,
     quiet: Quiet = False, as_json: Json = False,
 ) -> None:  # fmt: skip
     """Analyse trials: estimate, fit, simulate, compare, a_θ, and the missing effect.
@@ -242,11 +232,10 @@ def _show_verification(printer: Printer, verified: Verification) -> None:
 def compare_studies(
     first: Annotated[Path, Argument(metavar="A", help="Folder written by study.")],
     second: Annotated[Path, Argument(metavar="B", help="Folder of the other study.")],
-    out: Annotated[
-        Path | None, Option(metavar="DIR", help="Write a page, a figure and a table into this folder.")
-    ] = None,
+    out: Annotated[Path | None, Option(
+        metavar="DIR", help="Write a page, a figure and a table into this folder.")] = None,
     as_json: Json = False,
-) -> None:
+) -> None:  # fmt: skip
     """Compare two studies by the numbers of their reports.
 
     For example of sand A and B, or before and after a change.
@@ -269,12 +258,8 @@ def compare_studies(
 
 def discover(
     logs: LogsAtHand = None,
-    out: Annotated[
-        Path | None,
-        Option(
-            help="Folder of the report, finding.json and model.toml.", show_default="reports/discover"
-        ),
-    ] = None,
+    out: Annotated[Path | None, Option(
+        help="Folder of the report, finding.json and model.toml.", show_default="reports/discover")] = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
     begin: From = None, end: To = None,
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
@@ -314,10 +299,8 @@ def plan_next(
             help="Longest distance that fits on the sand [m]; by default the longest so far (0.1 or more)."
         ),
     ] = None,
-    max_speed: Annotated[
-        float | None,
-        Option(help="Fastest command [m/s]; by default 1.25 times the fastest so far (0.02 or more)."),
-    ] = None,
+    max_speed: Annotated[float | None, Option(
+        help="Fastest command [m/s]; by default 1.25 times the fastest so far (0.02 or more).")] = None,
     effects: EffectFile = None,
     jobs: Jobs = 0,
     out: Table = None,

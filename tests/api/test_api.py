@@ -5,18 +5,15 @@ import inspect
 import json
 import re
 import runpy
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-import typer
 
 import granite_lab as gl
 from granite_lab.api.records import Records
-from granite_lab.cli import app
 from granite_lab.discovery.finding import Finding
 from granite_lab.errors import EstimateError, InputError, UsageError
 from granite_lab.fitting.fit import K92Fit
@@ -26,6 +23,7 @@ from tests.reporting.made_up_finding import made_up_finding
 SAMPLE = SAMPLES / "virtual_v0.3_r1.csv"
 VERBS = {name: getattr(gl, name) for name in gl.__all__ if inspect.isfunction(getattr(gl, name))}
 OTHER = SAMPLES / "virtual_v0.7_r2.csv"
+
 
 def test_every_function_is_described_and_listed() -> None:
     page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
