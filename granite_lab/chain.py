@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -10,6 +12,8 @@ from typing import Any
 
 from granite_lab import __version__, estimation, fitting, logs
 from granite_lab.comparison.compare import compare
+from granite_lab.discovery.finding import Finding
+from granite_lab.effects import library
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import EstimateError, LabError, UsageError
 from granite_lab.estimation.motion import Motion
@@ -22,7 +26,8 @@ from granite_lab.parameters import Robot, Soil, load_robot, load_soil
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.results import StudyResult, TrialResult, command_of
 from granite_lab.running import Execution, each_trial, sifted
-from granite_lab.running.cache import code, fingerprint
+from granite_lab.running.cache import code, digest_of, fingerprint
+from granite_lab.running.codec import content, decode, encode
 from granite_lab.running.each import HERE
 
 
@@ -120,15 +125,87 @@ def over_trials(
     result = StudyResult(name, tuple(results), failures, law_of(results), source)
     if not discover:
         return result
-    from granite_lab.running.search import search  # noqa: PLC0415, heavy
-
     try:
-        finding = search(trials, options, motions=motions, execution=execution, progress=progress)
+        finding = find_effect(trials, options, motions=motions, execution=execution, progress=progress)
     except LabError as error:
         if strict:
             raise EstimateError(error.message, "--no-discover leaves the search out") from None
         return replace(result, unsearched=error.message)
     return replace(result, finding=finding)
+
+
+def find_effect(
+    trials: Sequence[Trial],
+    options: Options,
+    *,
+    motions: Sequence[Motion],
+    execution: Execution = HERE,
+    progress: Callable[[str, int], None] = lambda *_: None,
+) -> Finding:
+    """Find the effect that the model lacks, or remember what was found before in the same trials.
+
+    Args:
+        trials: of one robot on one soil, as estimation corrected them.
+        motions: estimates of the trials.
+        progress: as in `discovery.discover`.
+
+    Raises:
+        UsageError: trials of several robots or soils, or options that cannot be used.
+        LabError: of `discovery.discover`.
+    """
+    from granite_lab.discovery.discover import discover  # noqa: PLC0415, heavy
+    from granite_lab.running.simulations import effects_of_search, on_cluster  # noqa: PLC0415, heavy
+
+    if options.model:
+        raise UsageError("no search starts from a model with effects", "leave out --model")
+    if not (0 < options.tolerance < 1 and 0 <= options.latency < math.inf):
+        raise UsageError(
+            f"tolerance {options.tolerance:g} or latency {1e3 * options.latency:g} ms cannot be used",
+            "the tolerance is a share between 0 and 1, the latency 0 or more",
+        )
+    robot_name, soil_name = names_of(trials, options)
+    robot, soil = load_robot(robot_name), load_soil(soil_name)
+    order = sorted(range(len(trials)), key=lambda i: trials[i].name)
+    trials, motions = [trials[i] for i in order], [motions[i] for i in order]
+    effects, cache = effects_of_search(options.effects), execution.cache
+    key = search_key((*trials, *motions, robot, soil), options)
+    if cache is not None and isinstance(found := cache.get(key, effects), Finding):
+        return found
+    with on_cluster(execution, options.effects) as respond:
+        finding = discover(
+            trials, robot, soil, effects=library(options.effects), motions=motions,
+            jobs=execution.jobs or os.cpu_count() or 1, respond=respond, progress=progress,
+            tolerance=options.tolerance, latency=options.latency,
+        )  # fmt: skip
+    data = encode(((), finding))
+    if cache is not None and not finding.failures:
+        cache.put(key, data)
+    same: Finding = decode(data, effects)[1]
+    return same
+
+
+def names_of(trials: Sequence[Trial], options: Options) -> tuple[str, str]:
+    """Return robot and soil of trials, by name or path.
+
+    Raises:
+        UsageError: the trials are of several.
+    """
+    robots = {options.robot or trial.info.robot or "granite" for trial in trials}
+    soils = {options.soil or trial.info.soil or "dry_sand" for trial in trials}
+    for kind, names in (("robots", robots), ("soils", soils)):
+        if len(names) > 1:
+            raise UsageError(
+                f"the trials are of several {kind}: {', '.join(sorted(names))}",
+                "search for a missing effect in the trials of one robot on one soil",
+            )
+    return robots.pop(), soils.pop()
+
+
+def search_key(inputs: Sequence[Any], options: Options) -> str:
+    """Return the key of a finding in certain inputs."""
+    own = fingerprint(options.effects) if options.effects else None
+    hashes = [content(record) for record in inputs]
+    return digest_of(code(), hashes, own, options.tolerance, options.latency)
 
 
 def law_of(trials: Sequence[TrialResult]) -> AThetaFit | None:

@@ -6,17 +6,22 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from granite_lab import reporting
+from granite_lab import __version__, reporting
+from granite_lab.chain import names_of
+from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.effects import library
+from granite_lab.effects.model_file import FittedEffect, ModelFile, save_model
+from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
+from granite_lab.files import write_text
 from granite_lab.folders import distinct, replacing
 from granite_lab.logs.trial import Trial
 from granite_lab.options import Options
 from granite_lab.origin import Written
+from granite_lab.parameters import load_paper
 from granite_lab.processes import shared_out
 from granite_lab.results import WHOLE, StudyResult
 from granite_lab.running.output import Guard
-from granite_lab.running.search import save_found
 
 
 def write(
@@ -94,3 +99,60 @@ def _record(given: tuple[StudyResult, Sequence[Path]], k: int) -> None:
     else:
         one = result.trials[k - 1]
         reporting.recording.record_trial(one.trial, one.comparison, paths[k], finding=result.finding)
+
+
+def save_found(
+    finding: Finding,
+    options: Options,
+    trials: Sequence[Trial],
+    motions: Sequence[Motion],
+    guard: Guard,
+) -> Path | None:
+    """Write the baseline with the physical effects that were named, and beside it what a plan needs.
+
+    The motions of the trials know what was commanded. Returns the path of the model file, None where it could
+    not be written.
+    """
+    from granite_lab.planning.design import save_design  # noqa: PLC0415, a defect there is guarded
+
+    saved = guard.run("model", lambda: _save_model(finding, options, trials, guard.folder))
+    said = []  # trials whose metadata say what was commanded
+    for trial, motion in zip(trials, motions, strict=True):
+        v, a, d = motion.variant.velocity, motion.variant.acceleration, motion.variant.distance
+        said.append(replace(trial, info=replace(trial.info, v_desired=v, a_max=a, distance=d)))
+
+    def design() -> None:
+        with replacing(guard.folder, "design") as new:
+            save_design(finding, said, new / DESIGN)
+
+    def tracebacks() -> None:
+        with replacing(guard.folder, "tracebacks") as new:
+            if finding.tracebacks:
+                write_text(new / "failure-search.txt", "\n".join(finding.tracebacks))
+
+    guard.run("design", design)
+    guard.run("tracebacks", tracebacks)
+    return saved
+
+
+def _save_model(finding: Finding, options: Options, trials: Sequence[Trial], folder: Path) -> Path:
+    active = {item.id: item for item in finding.active}
+    fitted = []
+    for found in finding.effects:
+        if not found.empirical:
+            item = active[found.id]
+            std = {p.name: p.estimate.std for p in found.parameters}
+            values = {name: Estimate(v, std.get(name, 0.0)) for name, v in item.as_dict().items()}
+            fitted.append(FittedEffect(item.effect, values, found.twins))
+    files = sorted((file.path.name, file.sha256) for t in trials for file in t.inputs)
+    provenance = {
+        "version": __version__,
+        "verdict": finding.verdict,
+        "virtual": finding.virtual,
+        "inputs": [f"{name} sha256 {sha}" for name, sha in files],
+    }
+    law = Estimate(load_paper().a_theta)
+    model = ModelFile(*names_of(trials, options), "exponential", law, tuple(fitted), provenance)
+    with replacing(folder, "model") as new:
+        save_model(model, new / MODEL)
+    return folder / MODEL

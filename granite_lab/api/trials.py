@@ -22,7 +22,7 @@ from granite_lab.api.arguments import (
 )
 from granite_lab.api.project import choose
 from granite_lab.api.records import Records
-from granite_lab.chain import analyse, corrected, over_trials, source_of
+from granite_lab.chain import analyse, corrected, find_effect, over_trials, source_of
 from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.effects import library
@@ -320,13 +320,12 @@ def discover(
         import granite_lab.study_folder  # noqa: F401, PLC0415, heavy
 
     outcomes = each_trial(corrected, chosen.files, options, execution=execution, done=ahead)
-    from granite_lab.running.search import search  # noqa: PLC0415, heavy
     from granite_lab.study_folder import write  # noqa: PLC0415, heavy
 
     read, failed = sifted(chosen.files, outcomes, strict=strict)
     left_out = (*chosen.excluded, *failed)
     trials, motions = [trial for trial, _, _ in read], [motion for _, _, motion in read]
-    finding = search(trials, options, motions=motions, execution=execution, progress=progress)
+    finding = find_effect(trials, options, motions=motions, execution=execution, progress=progress)
     notes = (*finding.notes, *(f"{one.trial} left out: {one.message}" for one in left_out))
     lines = tuple(f"{trial.name}: {line}" for trial in trials for line in trial.warnings)
     origin = Origin(source_of("discover", chosen.files, trials, options), left_out, lines)

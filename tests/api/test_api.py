@@ -196,7 +196,7 @@ def test_discover_takes_the_command_s_path(monkeypatch: pytest.MonkeyPatch) -> N
         calls.append(([trial.name for trial in trials], options, len(rest["motions"])))
         raise EstimateError("enough")
 
-    monkeypatch.setattr("granite_lab.running.search.search", search)
+    monkeypatch.setattr("granite_lab.api.trials.find_effect", search)
     with pytest.raises(EstimateError, match="enough"):
         gl.discover([SAMPLE, OTHER], robot="granite", tolerance=0.05, latency=0.03)
     names, options, motions = calls[0]

@@ -11,7 +11,7 @@ import pytest
 
 import granite_lab as gl
 import granite_lab.reporting
-from granite_lab.chain import corrected
+from granite_lab.chain import corrected, find_effect, search_key
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import Finding
 from granite_lab.effects.library import met
@@ -23,8 +23,7 @@ from granite_lab.planning.design import load_design
 from granite_lab.results import StudyResult
 from granite_lab.running.cache import trial_key
 from granite_lab.running.output import Guard, tell
-from granite_lab.running.search import save_found, search, search_key
-from granite_lab.study_folder import write
+from granite_lab.study_folder import save_found, write
 from tests.effects.example import EXAMPLE
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding
@@ -33,7 +32,7 @@ from tests.running.processes import SAMPLES
 LOG = SAMPLES / "virtual_v0.7_r2.csv"
 SAID = ("# v_desired_mps", "# a_max_mps2", "# distance_m")
 PARTS = {
-    "model": "granite_lab.running.search.save_model",
+    "model": "granite_lab.study_folder.save_model",
     "design": "granite_lab.planning.design.save_design",
     "report": "granite_lab.reporting.write_report",
 }
@@ -106,7 +105,7 @@ def test_another_tolerance_or_latency_is_another_search_but_not_another_estimate
 @pytest.mark.parametrize("options", [Options(tolerance=0.0), Options(tolerance=1.5), Options(latency=-1e-3)])
 def test_a_tolerance_or_latency_that_makes_no_sense_is_refused(options: Options) -> None:
     with pytest.raises(UsageError, match="cannot be used"):
-        search([], options, motions=[])
+        find_effect([], options, motions=[])
 
 
 @pytest.fixture
