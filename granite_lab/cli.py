@@ -114,10 +114,6 @@ def _options(
     """From raw logs of a robot on sand to slip, fitted models and reports, with uncertainty."""
 
 
-def _interrupted() -> None:
-    print("interrupted", file=sys.stderr)
-
-
 def main() -> None:
     """Run the command line; known errors become one line, one hint and an exit code."""
     try:
@@ -127,13 +123,11 @@ def main() -> None:
         if error.hint:
             print(f"hint: {error.hint}", file=sys.stderr)
         sys.exit(error.exit_code)
-    except KeyboardInterrupt:
-        _interrupted()
+    except (KeyboardInterrupt, SystemExit) as end:
+        if isinstance(end, SystemExit) and end.code != 130:  # 130 is Ctrl-C that the parser has seen
+            raise
+        print("interrupted", file=sys.stderr)
         sys.exit(130)
-    except SystemExit as end:
-        if end.code == 130:  # Ctrl-C that the parser has seen
-            _interrupted()
-        raise
     except BrokenPipeError:  # the reader of our output has gone, as in `… | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -104,11 +103,11 @@ def hide(
         EstimateError: the robot would dig itself in under this effect.
         LabError: a file cannot be written.
     """
-    for name, value, low, high in (
-        ("seed", seed, 0, math.inf), ("strength", strength, 0.001, 1000), ("noise", noise, 0, 100),
-        ("repetitions", repetitions, 1, 99), ("jobs", jobs, 0, math.inf),
-    ):  # fmt: skip
-        refuse_outside(name, value, low, high)
+    refuse_outside("seed", seed, 0)
+    refuse_outside("strength", strength, 0.001, 1000)
+    refuse_outside("noise", noise, 0, 100)
+    refuse_outside("repetitions", repetitions, 1, 99)
+    refuse_outside("jobs", jobs, 0)
     folder = Path(out)
     from granite_lab.hidden.making import make_set  # noqa: PLC0415, heavy
 

@@ -35,26 +35,16 @@ from granite_lab.shown import picked
 if TYPE_CHECKING:
     from granite_lab.model.effect import Effect
 
-K92 = Annotated[
-    float | None,
-    Option(help="Constant k_92; by default the law (5), k_92 = exp(-a_θ v) (0 to 1)."),
-]
-ATheta = Annotated[
-    float | None,
-    Option(help="Exponent a_θ of the law (5) [s/m]; the paper's by default (0 to 100)."),
-]
-ModelRobot = Annotated[
-    str | None,
-    Option(help="The robot: a name of the catalogue or a .toml file; granite by default."),
-]
-ModelSoil = Annotated[
-    str | None,
-    Option(help="The soil: a name of the catalogue or a .toml file; dry_sand by default."),
-]
-Active = Annotated[
-    list[str] | None,
-    Option("--effect", help="Switch an effect on, as bulldozing.strength=0.5; may be repeated."),
-]
+K92 = Annotated[float | None, Option(
+    help="Constant k_92; by default the law (5), k_92 = exp(-a_θ v) (0 to 1).")]  # fmt: skip
+ATheta = Annotated[float | None, Option(
+    help="Exponent a_θ of the law (5) [s/m]; the paper's by default (0 to 100).")]  # fmt: skip
+ModelRobot = Annotated[str | None, Option(
+    help="The robot: a name of the catalogue or a .toml file; granite by default.")]  # fmt: skip
+ModelSoil = Annotated[str | None, Option(
+    help="The soil: a name of the catalogue or a .toml file; dry_sand by default.")]  # fmt: skip
+Active = Annotated[list[str] | None, Option(
+    "--effect", help="Switch an effect on, as bulldozing.strength=0.5; may be repeated.")]  # fmt: skip
 
 
 def simulate(

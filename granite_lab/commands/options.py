@@ -38,19 +38,14 @@ Soil = Annotated[
     Option(help=f"The soil: {CATALOGUE}; by default as granite-lab.toml or the log says, else dry_sand."),
 ]
 ColumnMap = Annotated[str | None, Option("--map", help=f"Column map: {CATALOGUE}, or a folder of these.")]
-Topics = Annotated[
-    list[str] | None,
-    Option("--topic", help="Topic of a bag, as imu=/imu/data, joints=… or odom=…; may be repeated."),
-]
+Topics = Annotated[list[str] | None, Option(
+    "--topic", help="Topic of a bag, as imu=/imu/data, joints=… or odom=…; may be repeated.")]  # fmt: skip
 From = Annotated[float | None, Option("--from", help="Start of the part to use [s, the log's time].")]
 To = Annotated[float | None, Option("--to", help="End of the part to use [s, the log's time].")]
-ModelFile = Annotated[
-    Path | None, Option(help="File (model.toml) of the paper's model with effects switched on.")
-]
-EffectFile = Annotated[
-    Path | None,
-    Option(help="Your own effect file (.py). It is executed: use only code you trust."),
-]
+ModelFile = Annotated[Path | None, Option(
+    help="File (model.toml) of the paper's model with effects switched on.")]  # fmt: skip
+EffectFile = Annotated[Path | None, Option(
+    help="Your own effect file (.py). It is executed: use only code you trust.")]  # fmt: skip
 Strict = Annotated[
     bool,
     Option(
@@ -64,9 +59,8 @@ UseCache = Annotated[bool, Option(help="Store results and reuse those with the s
 Tolerance = Annotated[float, Option(help="Accepted discrepancy, as a share of a channel's rms in motion.")]
 Latency = Annotated[float, Option(help="Largest delay between two sensors that counts as latency [ms].")]
 Table = Annotated[Path | None, Option("--out", help="Also write the table to this file (CSV).")]
-Format = Annotated[
-    str | None, Option("--format", help="Format of the tables: csv or parquet.", show_default="csv")
-]
+Format = Annotated[str | None, Option(
+    "--format", help="Format of the tables: csv or parquet.", show_default="csv")]  # fmt: skip
 Quiet = Annotated[bool, Option("--quiet", "-q", help="No progress display.")]
 Json = Annotated[bool, Option("--json", help="Print one JSON document instead of tables.")]
 
