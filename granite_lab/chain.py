@@ -91,9 +91,12 @@ def ground(trial: Trial, options: Options) -> tuple[str, tuple[Active, ...]]:
     return soil, model.effects if model else ()
 
 
+NAME = "study"
+"""Of a study that is not written; a report has that of its folder."""
+
+
 def over_trials(
     paths: Sequence[Path],
-    name: str,
     options: Options,
     *,
     execution: Execution = HERE,
@@ -106,7 +109,6 @@ def over_trials(
 
     Args:
         paths: the logs.
-        name: of the report.
         options: for all of them.
         execution: where the work is done and what is remembered.
         discover: search for a missing effect in the end.
@@ -122,7 +124,7 @@ def over_trials(
     results, failures = sifted(paths, outcomes, strict=strict)
     trials, motions = [r.trial for r in results], [r.comparison.motion for r in results]
     source = source_of("study", paths, trials, options, discover)
-    result = StudyResult(name, tuple(results), failures, law_of(results), source)
+    result = StudyResult(NAME, tuple(results), failures, law_of(results), source)
     if not discover:
         return result
     try:

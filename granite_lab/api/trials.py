@@ -213,11 +213,12 @@ def study(
     chosen = choose(logs, options)
     with claimed(folder, PAGES) if folder else nullcontext():
         result = over_trials(
-            chosen.files, folder.name if folder else "study", chosen.options, execution=execution,
+            chosen.files, chosen.options, execution=execution,
             discover=discover, strict=strict, done=done, progress=progress,
         )  # fmt: skip
         result = replace(result, failures=(*result.failures, *chosen.excluded))
         if folder is not None:
+            result = replace(result, name=folder.name)
             result = _write(result, chosen.options, folder, execution, recordings, progress)
     return replace(result, warnings=execution.tidied())
 

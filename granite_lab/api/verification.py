@@ -76,10 +76,10 @@ def verify(
     options = replace(Options.from_given(said), effects=own)
     differences = list(reporting.json_report.changed_files(old, path))
     result = over_trials(
-        files, old["name"], options, execution=execution_of(jobs, scheduler),
+        files, options, execution=execution_of(jobs, scheduler),
         discover=("discover", "no") not in said, done=done, progress=progress,
     )  # fmt: skip
-    result = replace(result, failures=(*result.failures, *excluded))
+    result = replace(result, name=old["name"], failures=(*result.failures, *excluded))
     with tempfile.TemporaryDirectory(prefix="granite-lab-verify-") as temporary:
         folder = Path(temporary) / "report"
         tell(write(result, options, folder).written.failures)
