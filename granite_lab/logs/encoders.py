@@ -84,7 +84,7 @@ def convert(t: Array, raw: Array, unit: Unit, spec: Column, wheel: Wheel, doubts
         factor /= wheel.radius
     size, whole = abs(factor), counted and bool((raw == np.rint(raw)).all())
     if is_angle:
-        step = size * max(quantum(raw), 1.0 if whole else 0.0)
+        step = size * max(quantum(raw) or lattice(np.diff(raw)), 1.0 if whole else 0.0)
         if spec.increment:
             return Turning(_without_jumps(t, np.cumsum(values) * factor, wheel.fastest, doubts), None, step)
         span = (width or spec.wrap) * size

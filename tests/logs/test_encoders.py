@@ -281,3 +281,17 @@ def test_fewer_axes_of_an_imu_are_read_and_said_once(
     both = np.column_stack([trial.imu.specific_force, trial.imu.angular_rate])
     there = [name in names for name in make.IMU]
     np.testing.assert_array_equal(np.isfinite(both).all(axis=0), there)
+
+
+@pytest.mark.parametrize("counts", [64, 308, 457, 1000])
+def test_the_count_of_a_coarse_angle_shows_though_its_decimals_are_cut(counts: int) -> None:
+    t = np.arange(0.0, 12.0, 0.01)
+    speed = np.interp(t, [0, 2, 2.5, 9, 9.5, 12], [0, 0, 3.0, 3.0, 0, 0])
+    ticks = np.floor(np.cumsum(speed) * 0.01 / TURN * counts + 0.4)
+    raw = np.round(ticks / counts * TURN, 6)
+    found = convert(t, raw, find_unit("rad"), PLAIN, Wheel(0.0, 0.1, 60.0), [])
+    assert found.resolution == pytest.approx(TURN / counts, rel=1e-3)
+    noise = np.random.default_rng(0).normal(0.0, 1e-4, t.size)
+    smooth = np.cumsum(speed) * 0.01 + noise
+    found = convert(t, smooth, find_unit("rad"), PLAIN, Wheel(0.0, 0.1, 60.0), [])
+    assert found.resolution == 0.0
