@@ -27,6 +27,7 @@ from granite_lab.logs.trial import Array, Trial, TrialInfo, is_bag, is_log, name
 from granite_lab.parameters import WHEELS, Robot
 from granite_lab.processes import one_thread
 from granite_lab.results import WHOLE
+from granite_lab.rounding import percent_of
 from granite_lab.running import Options, each_trial, sifted
 from granite_lab.running.options import corrected, read, soil_of
 from granite_lab.shown import Shown, frame
@@ -460,7 +461,7 @@ def _motion(motion: Motion, trial: Trial) -> Iterator[Check]:
     slip = motion.slip_ratio
     low, high = slip.interval()
     usual = f"usual: {100 * SLIP[0]:.0f} to {100 * SLIP[1]:.0f} %"
-    known = f"λ_R {reporting.rounding.percent_of(slip)}, {usual}"
+    known = f"λ_R {percent_of(slip)}, {usual}"
     advice = "check wheel radius, unit of the encoders and mounting of the IMU"
     good = bool(low <= SLIP[1] and high >= SLIP[0])
     yield Check("slip", good, known if math.isfinite(slip.value) else "not known", advice)

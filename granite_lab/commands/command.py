@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from granite_lab.api.records import Origin
-    from granite_lab.reporting.table import Cells
+    from granite_lab.columns import Table
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -95,9 +95,9 @@ class Call(Generic[T]):
         """Print a sentence."""
         reporting.table.say(self.shown, text, style)
 
-    def rows(self, name: str, items: Iterable[Any], cells: Cells | None = None, **parts: str) -> None:
-        """Print a table; arguments as in `reporting.table.tabulate`."""
-        reporting.table.show_rows(name, items, self.shown, cells, **parts)
+    def rows(self, table: Table[R], rows: Iterable[R]) -> None:
+        """Print a table."""
+        reporting.table.show_table(table.fill(rows), self.shown)
 
 
 def command(

@@ -14,14 +14,16 @@ from granite_lab import reporting
 from granite_lab.api import hidden
 from granite_lab.api import model as api
 from granite_lab.api.records import Records
+from granite_lab.columns import Column, Table, words
 from granite_lab.commands.command import Call, command, warn, write_picture
 from granite_lab.commands.options import Flag, Format
 from granite_lab.commands.options import picture as picture_file
 from granite_lab.effects import get
 from granite_lab.errors import UsageError
 from granite_lab.files import ending_of, write_table
-from granite_lab.hidden.scoring import MEANING, Score
+from granite_lab.hidden.scoring import MEANING, ParameterScore, Score
 from granite_lab.parameters import load_paper, load_robot, load_soil, load_variants, names
+from granite_lab.rounding import tidy_unit
 from granite_lab.shown import picked
 
 if TYPE_CHECKING:
@@ -49,17 +51,7 @@ def simulate(
     document |= {"variant_mps": run.variant.velocity, "steady_s": run.steady, "wall_s": run.wall}
     call.json("simulate/1", document | {"run": path, "log": log})
     call.say(f"Simulated run, {run.variant.velocity:g} m/s", "bold")
-    steady = (run.t >= run.steady[0]) & (run.t <= run.steady[1])
-    rows = [
-        (label, *(factor * run[name.format(axle)][steady].mean() for axle in "fr"), unit)
-        for label, name, factor, unit in (
-            ("slip ratio", "slip_{}", 100, "%"),
-            ("sinkage", "sinkage_{}_m", 1000, "mm"),
-            ("driving torque", "torque_{}_Nm", 1, "N m"),
-            ("motor current", "current_{}_A", 1, "A"),
-        )
-    ]
-    call.rows("run", rows)
+    reporting.terminal.show_run(run, call.shown)
     law = f"k_92 = {run.k92_value:g}" if run.k92_law == "constant" else f"a_θ = {run.k92_value:g} s/m"
     call.line(f"slip ratio of the robot λ_R = {100 * run.slip_ratio:.2f} % over the steady part, {law}")
     for name, values_of in run.effects.items():
@@ -96,7 +88,9 @@ def wheel(
     call.say(f"wheel of radius {run.wheels.radius:g} m and width {run.wheels.width:g} m on {run.soil.name}")
     for e in run.effects:
         call.say(f"with {e.id}: " + ", ".join(f"{k} = {x:g}" for k, x in e.as_dict().items()))
-    call.rows("wheel", run.points, {"stress": lambda p: f"{p.normal_stress.max() / 1000:.1f}"})
+    from granite_lab.model.single_wheel import WHEEL_POINTS
+
+    call.rows(WHEEL_POINTS, run.points)
 
 
 @command(api.params)
@@ -184,15 +178,14 @@ def _contracts(effect: str) -> dict[str, tuple[Effect, list[Check]]]:
 @command(_contracts, effect=Flag(metavar="FILE"))
 def check_effect(call: Call[dict[str, tuple[Effect, list[Check]]]]) -> None:
     """The exit code is 3 if a check fails."""
-    from granite_lab.effects.contract import refuse_failed
+    from granite_lab.effects.contract import CHECKS, refuse_failed
 
     found = call()
     checks = {name: own for name, (_, own) in found.items()}
     call.json("effect-check/1", {"effects": checks})
-    mark = {"mark": lambda check: {True: "ok", False: "FAILED", None: "-"}[check.passed]}
     for name, (effect, own) in found.items():
         call.say(f"{name}: {effect.title}", "bold")
-        call.rows("checks", own, mark | {"found": lambda check: check.detail})
+        call.rows(CHECKS, own)
     refuse_failed(checks, call.said["effect"])
 
 
@@ -235,6 +228,31 @@ def reveal(call: Call[hidden.Revealed]) -> None:
         _show_score(opened.score, call)
 
 
+HIDDEN = Table[tuple[str, str, float | None, str]](
+    "hidden",
+    "What is hidden",
+    (
+        Column("effect", lambda row: words(row[0])),
+        Column("parameter", lambda row: row[1]),
+        Column("value", lambda row: row[2], "value", form=".4g"),
+        Column("unit", lambda row: words(row[3])),
+    ),
+)
+SCORED = Table[ParameterScore](
+    "scored",
+    "Sizes hidden and found",
+    (
+        Column("effect", lambda p: p.effect),
+        Column("parameter", lambda p: f"{p.name} [{_unit(p.unit)}]".removesuffix(" []")),
+        Column("hidden", lambda p: p.true, "hidden", form=".4g"),
+        Column("found", lambda p: p.value, "found", form=".4g"),
+        Column("std", lambda p: p.std, "std", form=".2g"),
+        Column("z", lambda p: p.z, "z", form="+.1f"),
+        Column("meaning", lambda p: p.kind),
+    ),
+)
+
+
 def _show_answer(answer: Mapping[str, Any], call: Call[Any]) -> None:
     trials = "virtual trials" if answer.get("virtual", True) else "trials"
     if answer["effects"]:
@@ -244,7 +262,7 @@ def _show_answer(answer: Mapping[str, Any], call: Call[Any]) -> None:
             named = effect["id"] + ("" if effect["library"] else " (not in the library)")
             values = [(k, p["value"], _unit(p["unit"])) for k, p in effect["parameters"].items()]
             rows += [("" if k else named, *cells) for k, cells in enumerate(values or [("", None, "")])]
-        call.rows("hidden", rows, {"0": lambda row: row[0], "3": lambda row: row[3]})
+        call.rows(HIDDEN, rows)
         for effect in answer["effects"]:
             told = ". ".join(part for part in (effect["title"], effect["account"]) if part)
             call.say(f"{effect['id']}: {told}.")
@@ -269,8 +287,7 @@ def _show_score(judged: Score, call: Call[Any]) -> None:
     named = ", ".join(judged.named) or judged.verdict
     call.say(f"judgement: {mark}; {MEANING[judged.outcome]} (found: {named})")
     if judged.parameters:
-        cells = {"parameter": lambda p: f"{p.name} [{_unit(p.unit)}]".removesuffix(" []")}
-        call.rows("scored", judged.parameters, cells)
+        call.rows(SCORED, judged.parameters)
     for part, share in judged.gap_closed.items():
         if share is not None:
             call.say(f"gap closed, {PARTS[part]}: {100 * share:.1f} %")
@@ -278,7 +295,7 @@ def _show_score(judged: Score, call: Call[Any]) -> None:
 
 def _unit(unit: str) -> str:
     """Return a unit as it is printed: nothing for a number without one."""
-    return "" if unit == "-" else reporting.rounding.tidy_unit(unit)
+    return "" if unit == "-" else tidy_unit(unit)
 
 
 @command(hidden.kit, out=Flag(metavar="OUT", help="New folder of the kit."))

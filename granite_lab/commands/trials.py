@@ -12,11 +12,14 @@ from granite_lab.api import logs
 from granite_lab.api import trials as api
 from granite_lab.api.at_hand import refuse_others, remember
 from granite_lab.api.records import Origin, Records
+from granite_lab.columns import Column, words
+from granite_lab.columns import Table as Tabular
 from granite_lab.commands.command import Call, command, warn, warn_of, write_picture
 from granite_lab.commands.options import AT_HAND, Flag, Format, Table, picture
 from granite_lab.errors import EstimateError, InputError, LabError, printable
 from granite_lab.files import ending_of, write_table, write_text
 from granite_lab.logs.trial import name_of
+from granite_lab.rounding import significant
 from granite_lab.running import Execution
 from granite_lab.running.output import tell
 from granite_lab.shown import picked
@@ -65,15 +68,24 @@ def _show_sheet(call: Call[Any], found: Records[logs.Checked]) -> None:
     call.say(f"All {len(found)} runs are good.", "bold green")
 
 
+CHECKS = Tabular[logs.Check](
+    "checks",
+    "Checks of a run",
+    (
+        Column("", lambda c: words("good", "good") if c.good else words("BAD", "bad")),
+        Column("check", lambda c: c.name),
+        Column(
+            "found",
+            lambda c: words(c.found if c.good else f"{c.found}. {reporting.names.capital(c.advice)}."),
+        ),
+    ),
+)
+
+
 def _show_checks(call: Call[Any], found: logs.Checked) -> None:
     """Print each check of one run."""
-    words = reporting.table.words
     call.json("check/1", _check_as_json(found))
-    cells = {
-        "mark": lambda c: words("good", "good") if c.good else words("BAD", "bad"),
-        "found": lambda c: c.found if c.good else f"{c.found}. {reporting.names.capital(c.advice)}.",
-    }
-    call.rows("checks", found.checks, cells)
+    call.rows(CHECKS, found.checks)
     if found.virtual:
         call.say("virtual data: written by a simulator.", "yellow")
     if found.error is not None:
@@ -355,7 +367,7 @@ def show_plan(plan: Plan, shown: Console) -> None:
 
     def size(value: float) -> str:
         if sharpens:
-            return f"{reporting.rounding.significant(100 * value, 2)} %"
+            return f"{significant(100 * value, 2)} %"
         return f"{value:.0f}" if value >= 9.95 else f"{value:.1f}"
 
     def cells(k: int, p: Proposal) -> tuple[str, ...]:
@@ -374,8 +386,18 @@ def show_plan(plan: Plan, shown: Console) -> None:
     if not plan.worth:
         why = "none lowers the std by a fifth" if sharpens else "none adds 3 to a log Bayes factor (20 to 1)"
         say(shown, f"No trial is recommended: {why}.", "bold")
+    table = Tabular[tuple[str, ...]](
+        "plan",
+        "Proposals",
+        (
+            Column("", lambda row: row[0], "rank"),
+            Column("next trial", lambda row: row[1]),
+            Column("std" if sharpens else "log Bayes factor", lambda row: row[2], "change"),
+            Column("because", lambda row: row[3]),
+        ),
+    )
     rows = (cells(k, p) for k, p in enumerate(plan.proposals[:PROPOSALS], 1))
-    reporting.table.show_rows("plan", rows, shown, change="std" if sharpens else "log Bayes factor")
+    reporting.table.show_table(table.fill(rows), shown)
     if plan.worth:
         best = plan.proposals[0].option
         say(shown, f"First choice: {best.how}.")
