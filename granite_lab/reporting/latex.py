@@ -6,10 +6,12 @@ is too wide gets headings and words on several lines, then a smaller type, then 
 
 from __future__ import annotations
 
+import math
 import re
 import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import accumulate, count
 
 from granite_lab.columns import FilledTable, Heading
 
@@ -97,7 +99,7 @@ def _letter(letter: str) -> str:
 
 def width_of(text: str) -> float:
     """Return about how wide a text is in Computer Modern [em], rather too much."""
-    return sum(_EM.get(unicodedata.normalize("NFD", c)[0], CODE_POINT) for c in text)
+    return sum(_EM.get(c) or _EM.get(unicodedata.normalize("NFD", c)[0], CODE_POINT) for c in text)
 
 
 def widest(texts: Sequence[str]) -> float:
@@ -142,6 +144,7 @@ class Measured:
     Attributes:
         heading: what stands above it.
         texts: its cells.
+        cells: width of the widest cell.
         whole: no cell is broken.
         least: width where all is broken that can be.
         full: width where nothing is.
@@ -149,6 +152,7 @@ class Measured:
 
     heading: Heading
     texts: tuple[str, ...]
+    cells: float
     whole: bool
     least: float
     full: float
@@ -160,7 +164,7 @@ class Measured:
         whole = heading.number and cells <= WHOLE
         pieces = [piece for text in texts for word in words_of(text) for piece in pieces_of(word)]
         least = max(widest(words_of(heading.title)), cells if whole else widest(pieces))
-        return cls(heading, texts, whole, least, max(cells, width_of(heading.title)))
+        return cls(heading, texts, cells, whole, least, max(cells, width_of(heading.title)))
 
 
 @dataclass(frozen=True)
@@ -175,7 +179,7 @@ class Block:
     def wrapped(self) -> tuple[bool, ...]:
         """Whether the words of a column stand on several lines."""
         pairs = zip(self.columns, self.widths, strict=True)
-        return tuple(not c.whole and widest(c.texts) * self.em > width + 1e-6 for c, width in pairs)
+        return tuple(not c.whole and c.cells * self.em > width + 1e-6 for c, width in pairs)
 
     @property
     def kinds(self) -> str:
@@ -236,13 +240,17 @@ def laid_out(table: FilledTable) -> tuple[str, float, list[Block]]:
     """
     texts = [tuple(row[k].text for row in table.rows) for k in range(len(table.columns))]
     first, *rest = map(Measured.of, table.columns, texts)
-    for n in range(1, len(rest) + 1):
-        parts = [rest[len(rest) * k // n : len(rest) * (k + 1) // n] for k in range(n)]
+    ends = list(accumulate(column.full + 1.0 for column in rest))
+    for n in count(1):
+        part_of = [math.ceil(n * end / ends[-1]) for end in ends]
+        parts = [
+            [c for c, part in zip(rest, part_of, strict=True) if part == k] for k in sorted(set(part_of))
+        ]
         for size, em, space, comfort in TYPES:
             blocks = [block for part in parts if (block := beside((first, *part), em, space, comfort))]
-            if len(blocks) == n:
+            if len(blocks) == len(parts):
                 return size, space, blocks
-    raise AssertionError("two columns always fit: no piece is wider than `WHOLE`")
+    raise AssertionError  # two columns fit, for no piece is wider than `WHOLE`
 
 
 def to_latex(table: FilledTable) -> str:
