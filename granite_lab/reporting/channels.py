@@ -6,29 +6,8 @@ import math
 from dataclasses import dataclass
 
 from granite_lab.columns import Cell, Column, Table, number, words
-from granite_lab.results import Gap
+from granite_lab.results import PHASES, Gap
 from granite_lab.rounding import NONE, shown_as, significant, tidy_unit, with_unit
-
-QUANTITIES = {
-    "velocity": "body velocity",
-    "wheels": "wheel speeds",
-    "slip_f": "front slip ratio",
-    "slip_r": "rear slip ratio",
-    "torque_f": "front driving torque",
-    "torque_r": "rear driving torque",
-    "pitch": "pitch",
-    "accel": "forward acceleration",
-    "pitch_rate": "pitch rate",
-}
-"""Channels of a comparison as a reader calls them; "wheels" are all four."""
-
-PHASES = {
-    "rest": "at rest",
-    "accelerate": "while accelerating",
-    "steady": "in steady motion",
-    "brake": "while braking",
-}
-"""Phases of a motion, with their preposition."""
 
 NOISE, CLEAR = 1.5, 3.0
 """Difference over noise up to which a channel agrees, and above which it differs clearly."""
@@ -71,7 +50,7 @@ class ChannelAnswer:
         )
 
 
-CHANNELS = Table[ChannelAnswer](
+CHANNEL_TABLE = Table[ChannelAnswer](
     "channels",
     "Simulated minus measured, by quantity",
     (
@@ -93,12 +72,13 @@ def channels_of(found: dict[tuple[str, str], Gap]) -> tuple[ChannelAnswer, ...]:
     for gap in (g for g in found.values() if g.phase == "all"):
         unit, scale = shown_as(gap.unit)
         noise = gap.rms / gap.normalised if gap.normalised > 0 else math.nan
-        phases = [found[gap.channel, p] for p in PHASES if (gap.channel, p) in found]
+        phases = [found[gap.channel, p] for p in PHASES if p != "all" and (gap.channel, p) in found]
         known = [g for g in phases if math.isfinite(g.normalised)]
         worst = PHASES[max(known, key=lambda g: g.normalised).phase] if known else ""
         sizes = (gap.rms * scale, noise * scale, gap.size * scale)
-        name = QUANTITIES.get(gap.channel, gap.channel)
-        judged.append(ChannelAnswer(gap.channel, name, tidy_unit(unit), *sizes, *_judge(gap, noise), worst))
+        judged.append(
+            ChannelAnswer(gap.channel, gap.name, tidy_unit(unit), *sizes, *_judge(gap, noise), worst)
+        )
     return tuple(judged)
 
 
@@ -122,8 +102,8 @@ MISFITS = Table[Gap](
     "misfits",
     "Simulated minus measured, by quantity and phase",
     (
-        Column("quantity", lambda g: QUANTITIES.get(g.channel, g.channel)),
-        Column("phase", lambda g: PHASES.get(g.phase, "whole trial")),
+        Column("quantity", lambda g: g.name),
+        Column("phase", lambda g: PHASES[g.phase]),
         Column("unit", lambda g: tidy_unit(shown_as(g.unit)[0])),
         Column("rms", lambda g: _small(g.rms, g), "rms_si"),
         Column("mean", lambda g: _small(g.bias, g), "bias_si"),

@@ -9,9 +9,14 @@ from __future__ import annotations
 import math
 import re
 import unicodedata
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import accumulate, count
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.ft2font import FT2Font
 
 from granite_lab.columns import FilledTable, Heading
 
@@ -61,24 +66,12 @@ _SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _TOKEN = re.compile("|".join([*map(re.escape, sorted(SYMBOLS, key=len, reverse=True)), "[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+"]))
 _ACCENTS = dict(zip("\u0300\u0301\u0302\u0303\u0308\u030a\u030c\u0327", "`'^~\"rvc", strict=True))
 
-_EM = {
-    character: width
-    for width, characters in (
-        (0.28, "il.,:;'!|·"),
-        (0.39, " \u00a0I()[]-fj"),
-        (0.42, "rst°⁰¹²³⁴⁵⁶⁷⁸⁹"),
-        (0.47, "cez"),
-        (0.53, "agkovxqy0123456789/?*$_J"),
-        (0.58, "bdhnpuS{}~^“”"),
-        (0.66, "⁻–αβδθλμµρσφψωπτ"),
-        (0.78, "ABCDEFHKLNOPQRTUVXYZw=+"),
-        (0.86, "Gm%±−×≤≥√→&@#<>ΔΩ"),
-        (1.04, "MW∞…—"),
-    )
-    for character in characters
-}
-"""Widths of characters in Computer Modern [em], rather too large; of others the width of a code point."""
-CODE_POINT = 3.7
+_LETTERS = re.compile(r"[A-Za-z0-9 .,:;()\[\]/=+?!'@-]")
+"""What matplotlib's Computer Modern has in the places where ASCII has it."""
+
+_EM = {"\u00a0": 0.34, "·": 0.28, "°": 0.5, "…": 1.34, "—": 1.0} | dict.fromkeys("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", 0.65)
+SIGN, CODE_POINT = 0.9, 3.7
+"""Widths of other characters, of signs at most, and of a letter as its code point [em]."""
 
 
 def escaped(text: str) -> str:
@@ -98,8 +91,23 @@ def _letter(letter: str) -> str:
 
 
 def width_of(text: str) -> float:
-    """Return about how wide a text is in Computer Modern [em], rather too much."""
-    return sum(_EM.get(c) or _EM.get(unicodedata.normalize("NFD", c)[0], CODE_POINT) for c in text)
+    """Return how wide a text is in Computer Modern [em], signs at most."""
+    return sum(map(_em, text))
+
+
+@cache
+def _em(character: str) -> float:
+    base = unicodedata.normalize("NFD", character)[0]
+    if _LETTERS.match(base):
+        return float(_font().load_char(ord(base)).linearHoriAdvance / 65536 / 10)
+    return _EM.get(base, SIGN if base in SYMBOLS else CODE_POINT)
+
+
+@cache
+def _font() -> FT2Font:
+    font = FT2Font(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / "cmr10.ttf"))
+    font.set_size(10, 72)
+    return font
 
 
 def widest(texts: Sequence[str]) -> float:
@@ -168,56 +176,46 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Block:
-    """Columns beside each other, with their widths [pt] in a type of an `em` [pt]."""
+class Laid:
+    """A column with the width that it gets [em]."""
 
-    columns: tuple[Measured, ...]
-    widths: tuple[float, ...]
+    column: Measured
+    width: float
     em: float
 
     @property
-    def wrapped(self) -> tuple[bool, ...]:
-        """Whether the words of a column stand on several lines."""
-        pairs = zip(self.columns, self.widths, strict=True)
-        return tuple(not c.whole and c.cells * self.em > width + 1e-6 for c, width in pairs)
+    def wraps(self) -> bool:
+        """Whether its words stand on several lines."""
+        return not self.column.whole and self.column.cells > self.width + 1e-6
 
     @property
-    def kinds(self) -> str:
-        """The columns as LaTeX declares them."""
-        kinds = [
-            "r" if c.whole else f"p{{{width / TEXT:.3f}\\linewidth}}" if wraps else "l"
-            for c, width, wraps in zip(self.columns, self.widths, self.wrapped, strict=True)
-        ]
-        return f"{{@{{}}{''.join(kinds)}@{{}}}}"
+    def kind(self) -> str:
+        """The column as LaTeX declares it."""
+        wide = f"p{{{self.em * self.width / TEXT:.3f}\\linewidth}}"
+        return "r" if self.column.whole else wide if self.wraps else "l"
 
     @property
     def head(self) -> str:
-        """The row of headings, each on as many lines as its column needs."""
-        cells = []
-        for c, width in zip(self.columns, self.widths, strict=True):
-            lines = [escaped(line) for line in lines_of(c.heading.title, width / self.em + 1e-6)]
-            side, stack = "r" if c.whole else "l", r" \\ ".join(lines)
-            stack = rf"\begin{{tabular}}[b]{{@{{}}{side}@{{}}}}{stack}\end{{tabular}}"
-            cells.append(stack if len(lines) > 1 else lines[0])
-        return f"\\toprule\n{' & '.join(cells)} \\tabularnewline\n\\midrule"
+        """Its heading, on as many lines as it needs."""
+        lines = [escaped(line) for line in lines_of(self.column.heading.title, self.width + 1e-6)]
+        side, stack = "r" if self.column.whole else "l", r" \\ ".join(lines)
+        return rf"\begin{{tabular}}[b]{{@{{}}{side}@{{}}}}{stack}\end{{tabular}}" if lines[1:] else stack
 
     @property
-    def rows(self) -> Iterator[str]:
-        """The rows."""
-        for texts in zip(*(c.texts for c in self.columns), strict=True):
-            pairs = zip(texts, self.wrapped, strict=True)
-            cells = [rf"\raggedright {breakable(t)}" if wraps else escaped(t) for t, wraps in pairs]
-            yield f"{' & '.join(cells)} \\tabularnewline"
+    def cells(self) -> list[str]:
+        """Its cells."""
+        if self.wraps:
+            return [rf"\raggedright {breakable(text)}" for text in self.column.texts]
+        return [escaped(text) for text in self.column.texts]
 
     @property
-    def height(self) -> float:
-        """About how tall the rows are [pt]."""
-        lines = [
-            [len(lines_of(text, width / self.em)) if wraps else 1 for text in c.texts]
-            for c, width, wraps in zip(self.columns, self.widths, self.wrapped, strict=True)
-        ]
-        total: int = sum(max(row) for row in zip(*lines, strict=True))
-        return 1.2 * self.em * total
+    def lines(self) -> list[int]:
+        """About how many lines each cell has."""
+        return [len(lines_of(text, self.width)) if self.wraps else 1 for text in self.column.texts]
+
+
+Block = tuple[Laid, ...]
+"""Columns that stand beside each other."""
 
 
 def beside(columns: Sequence[Measured], em: float, space: float, comfort: float) -> Block | None:
@@ -225,12 +223,12 @@ def beside(columns: Sequence[Measured], em: float, space: float, comfort: float)
 
     `em`, `space` and `comfort` as in `TYPES`.
     """
-    least = [em * (c.least if c.whole else max(c.least, min(c.full, comfort))) for c in columns]
-    wanted = [em * c.full - low for c, low in zip(columns, least, strict=True)]
-    spare = TEXT - 2 * space * (len(columns) - 1) - sum(least)
+    least = [c.least if c.whole else max(c.least, min(c.full, comfort)) for c in columns]
+    wanted = [max(c.full - low, 0.0) for c, low in zip(columns, least, strict=True)]
+    spare = (TEXT - 2 * space * (len(columns) - 1)) / em - sum(least)
     part = min(1.0, spare / max(sum(wanted), 1e-6))
-    widths = tuple(low + part * more for low, more in zip(least, wanted, strict=True))
-    return Block(tuple(columns), widths, em) if spare >= 0 else None
+    shared = zip(columns, least, wanted, strict=True)
+    return tuple(Laid(c, low + part * more, em) for c, low, more in shared) if spare >= 0 else None
 
 
 def laid_out(table: FilledTable) -> tuple[str, float, list[Block]]:
@@ -242,9 +240,9 @@ def laid_out(table: FilledTable) -> tuple[str, float, list[Block]]:
     first, *rest = map(Measured.of, table.columns, texts)
     ends = list(accumulate(column.full + 1.0 for column in rest))
     for n in count(1):
-        part_of = [math.ceil(n * end / ends[-1]) for end in ends]
+        places = [math.ceil(n * end / ends[-1]) for end in ends]
         parts = [
-            [c for c, part in zip(rest, part_of, strict=True) if part == k] for k in sorted(set(part_of))
+            [c for c, k in zip(rest, places, strict=True) if k == part] for part in sorted({*places} or {0})
         ]
         for size, em, space, comfort in TYPES:
             blocks = [block for part in parts if (block := beside((first, *part), em, space, comfort))]
@@ -256,28 +254,26 @@ def laid_out(table: FilledTable) -> tuple[str, float, list[Block]]:
 def to_latex(table: FilledTable) -> str:
     """Return a table as LaTeX, its note below it."""
     size, space, blocks = laid_out(table)
-    long = sum(block.height for block in blocks) > TALL
+    lines: int = sum(max(row) for block in blocks for row in zip(*(c.lines for c in block), strict=True))
+    long = 1.2 * blocks[0][0].em * lines > TALL
     title = rf"\caption{{{breakable(table.heading)}}}\label{{tab:{table.name.replace('_', '-')}}}"
     setting = rf"\{size}\setlength{{\tabcolsep}}{{{space:g}pt}}"
+    out = [r"% needs \usepackage{booktabs}", r"\begin{table}[htbp]", rf"\centering\sloppy{title}", setting]
     if long:
-        lines = [r"% needs \usepackage{booktabs,longtable}", r"\begingroup\sloppy" + setting]
-        lines.append(r"\setlength{\LTcapwidth}{\linewidth}\setlength{\LTpost}{0pt}")
-        for k, block in enumerate(blocks):
-            above = [r"\addtocounter{table}{-1}"] if k else [rf"{title}\tabularnewline"]
-            lines += [rf"\begin{{longtable}}{block.kinds}", *(above if not k else [])]
-            lines += [block.head, r"\endfirsthead", block.head, r"\endhead", r"\bottomrule", r"\endfoot"]
-            lines += [*block.rows, r"\end{longtable}", *(above if k else [])]
-    else:
-        lines = [
-            r"% needs \usepackage{booktabs}",
-            r"\begin{table}[htbp]",
-            rf"\centering\sloppy{title}",
-            setting,
-        ]
-        for block in blocks:
-            lines += [r"\par\medskip", rf"\begin{{tabular}}{block.kinds}", block.head]
-            lines += [*block.rows, r"\bottomrule", r"\end{tabular}"]
+        out = [r"% needs \usepackage{booktabs,longtable}", r"\begingroup\sloppy" + setting]
+        out.append(r"\setlength{\LTcapwidth}{\linewidth}\setlength{\LTpost}{0pt}")
+    for k, block in enumerate(blocks):
+        kinds = f"{{@{{}}{''.join(c.kind for c in block)}@{{}}}}"
+        head = [r"\toprule", rf"{' & '.join(c.head for c in block)} \tabularnewline", r"\midrule"]
+        rows = [" & ".join(row) + r" \tabularnewline" for row in zip(*(c.cells for c in block), strict=True)]
+        if long:
+            out += [rf"\begin{{longtable}}{kinds}", *([] if k else [rf"{title}\tabularnewline"]), *head]
+            out += [r"\endfirsthead", *head, r"\endhead", r"\bottomrule", r"\endfoot", *rows]
+            out += [r"\end{longtable}", *([r"\addtocounter{table}{-1}"] if k else [])]
+        else:
+            out += [r"\par\medskip", rf"\begin{{tabular}}{kinds}", *head, *rows]
+            out += [r"\bottomrule", r"\end{tabular}"]
     if table.note:
         note = breakable(table.note)
-        lines.append(rf"\par\smallskip\noindent\parbox{{\linewidth}}{{\raggedright\footnotesize {note}}}\par")
-    return "\n".join([*lines, r"\endgroup" if long else r"\end{table}", ""])
+        out.append(rf"\par\smallskip\noindent\parbox{{\linewidth}}{{\raggedright\footnotesize {note}}}\par")
+    return "\n".join([*out, r"\endgroup" if long else r"\end{table}", ""])

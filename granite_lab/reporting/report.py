@@ -17,7 +17,7 @@ from granite_lab.reporting import answers as decide
 from granite_lab.reporting import plot_motion, plot_results, plot_search, search_tables, tables
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.canvas import Figure
-from granite_lab.reporting.channels import CHANNELS, MISFITS
+from granite_lab.reporting.channels import CHANNEL_TABLE, MISFITS
 from granite_lab.reporting.names import in_plain_words, latency_in_words, law_formulas, shared
 from granite_lab.reporting.speeds import SLIP_BY_SPEED
 from granite_lab.results import Source, StudyResult, gaps
@@ -182,7 +182,7 @@ def _model(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
     shown: list[Figure | None] = [f for f in drawn if f not in rest]
     yield MODEL
     yield _gallery(*shown)
-    yield CHANNELS.fill(decided.channels, virtual=virtual)
+    yield CHANNEL_TABLE.fill(decided.channels, virtual=virtual)
     yield _fold(
         "Differences by phase",
         _gallery(*rest), MISFITS.fill(found.values(), virtual=virtual),

@@ -63,49 +63,25 @@ SCALES = {
 SURE = 0.95
 """Share of sets from which on a candidate is told from all others."""
 
+TERM = "term of an empirical law"
+
 NO_NUMBER = FoundParameter(NONE, "", Estimate(math.nan))
 
 
+def _spaced(name: str) -> str:
+    return name.replace("_", " ")
+
+
 class Size(NamedTuple):
-    """A number of an effect; what holds for the effect stands beside the first one."""
+    """A number of an effect; what holds for the effect as a whole stands beside the first one."""
 
     effect: FoundEffect
     parameter: FoundParameter
     first: bool
 
     def once(self, cell: Cell) -> Cell:
-        """Return a cell about the effect as a whole, blank beside the other numbers."""
+        """Return a cell about the effect as a whole, blank beside its other numbers."""
         return cell if self.first else Cell("", cell.raw)
-
-    @property
-    def number(self) -> str:
-        """Name of the number."""
-        return "amount" if self.effect.empirical else self.parameter.name.replace("_", " ")
-
-    @property
-    def amount(self) -> Cell:
-        """The value ± std."""
-        value = self.parameter.estimate
-        return Cell(amount(self.effect, self.parameter), (value.value, value.std, self.parameter.unit))
-
-    @property
-    def ends(self) -> Cell:
-        """The 95 % interval."""
-        p, both = self.parameter, self.parameter.estimate.interval()
-        return Cell(interval(*both, *scale_of(self.effect.id, p.name, p.unit, p.estimate.value)), both)
-
-    @property
-    def closes(self) -> Cell:
-        """Share of the gap that the effect closes."""
-        closes = self.effect.closes
-        return Cell(percent_of(closes), (closes.value, closes.std))
-
-    @property
-    def meaning(self) -> str:
-        """What the number is."""
-        if self.effect.empirical:
-            return "term of an empirical law"
-        return meaning(self.effect.id, self.parameter.name)
 
 
 def effects_table(finding: Finding, effects: Sequence[FoundEffect], *, small: bool = False) -> FilledTable:
@@ -119,22 +95,37 @@ def effects_table(finding: Finding, effects: Sequence[FoundEffect], *, small: bo
     if small:
         name, title = "found_small", "Small effects"
         note = "Possibly present; they close little of the gap or stay below the tolerance."
+
+    def what(r: Size) -> str:
+        return TERM if r.effect.empirical else meaning(r.effect.id, r.parameter.name)
+
+    def size(r: Size) -> Cell:
+        value = r.parameter.estimate
+        return Cell(amount(r.effect, r.parameter), (value.value, value.std, r.parameter.unit))
+
+    def ends(r: Size) -> Cell:
+        p, both = r.parameter, r.parameter.estimate.interval()
+        return Cell(interval(*both, *scale_of(r.effect.id, p.name, p.unit, p.estimate.value)), both)
+
+    def closes(r: Size) -> Cell:
+        return r.once(Cell(percent_of(r.effect.closes), (r.effect.closes.value, r.effect.closes.std)))
+
     rows = [Size(e, p, k == 0) for e in effects for k, p in enumerate(e.parameters or (NO_NUMBER,))]
     return Table[Size](
         name,
         title,
         (
             Column("effect", lambda r: r.once(words(plain(r.effect.id)))),
-            Column("number", lambda r: r.number),
-            Column("what it is", lambda r: r.meaning),
-            Column("value ± std", lambda r: r.amount, "value std unit"),
-            Column("95 % interval", lambda r: r.ends, "low high"),
+            Column("number", lambda r: "amount" if r.effect.empirical else _spaced(r.parameter.name)),
+            Column("what it is", what),
+            Column("value ± std", size, "value std unit"),
+            Column("95 % interval", ends, "low high"),
             Column(
                 "cannot be told from", lambda r: ", ".join(map(plain, r.effect.twins)) or "none",
                 shown=any(e.twins for e in effects),
             ),
             Column("probability", lambda r: r.once(probable(r.effect.probability)), "probability"),
-            Column("share of the gap", lambda r: r.once(r.closes), "closes closes_std"),
+            Column("share of the gap", closes, "closes closes_std"),
         ),
         note,
     ).fill(rows, virtual=finding.virtual)  # fmt: skip
@@ -201,7 +192,7 @@ def left_out_table(finding: Finding) -> FilledTable:
 
 
 def _became(c: Candidate) -> str:
-    bounds = ", ".join(b.replace("_", " ") for b in c.bounds)
+    bounds = ", ".join(map(_spaced, c.bounds))
     return STATUS[c.status] + (f" ({bounds})" if bounds else "")
 
 
@@ -210,7 +201,7 @@ CANDIDATES = Table[Candidate](
     "Every candidate",
     (
         Column("candidate", lambda c: plain(c.id)),
-        Column("what it is", lambda c: getattr(met(c.id), "title", "term of an empirical law")),
+        Column("what it is", lambda c: getattr(met(c.id), "title", TERM)),
         Column(
             "probability", lambda c: words(NONE) if c.status == "screened" else probable(c.probability),
             "probability",
@@ -259,7 +250,7 @@ def detectable_table(finding: Finding) -> FilledTable:
         "Smallest sizes that these trials show",
         (
             Column("candidate", lambda d: plain(d.effect)),
-            Column("number", lambda d: d.parameter.replace("_", " ")),
+            Column("number", lambda d: _spaced(d.parameter)),
             Column("smallest size", size, "smallest"),
             Column("expected", expected, "expected_low expected_high"),
             Column("unit", lambda d: Cell(scale(d)[0] or NONE, (d.unit or NONE,)), "unit"),

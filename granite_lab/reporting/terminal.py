@@ -151,7 +151,7 @@ def show_a_theta(fit: AThetaFit, console: Console) -> None:
 def show_misfits(comparisons: Sequence[Comparison], console: Console) -> None:
     """Print the difference of simulation and measurement by quantity, over all trials."""
     judged = reporting.channels.channels_of(results.gaps(comparisons))
-    table = reporting.channels.CHANNELS.fill(judged, virtual=any(c.motion.virtual for c in comparisons))
+    table = reporting.channels.CHANNEL_TABLE.fill(judged, virtual=any(c.motion.virtual for c in comparisons))
     columns = ("quantity", "verdict", "difference, rms", "noise", "largest value")
     show_table(table, console, only=columns)
 

@@ -16,7 +16,7 @@ from granite_lab.folders import replacing
 from granite_lab.processes import shared_out
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import FORMATS, Figure, converted, drawn, on_page
-from granite_lab.reporting.channels import CHANNELS, MISFITS, channels_of
+from granite_lab.reporting.channels import CHANNEL_TABLE, MISFITS, channels_of
 from granite_lab.reporting.json_report import dumps, to_json
 from granite_lab.reporting.latex import to_latex
 from granite_lab.reporting.plot_motion import comparison_figure
@@ -84,7 +84,7 @@ def write_comparison(comparisons: Sequence[Comparison], folder: Path) -> list[Pa
     """
     found, virtual = gaps(comparisons), any(c.motion.virtual for c in comparisons)
     figures = tuple(comparison_figure(c, i) for i, c in enumerate(comparisons, 1))
-    judged = CHANNELS.fill(channels_of(found), virtual=virtual)
+    judged = CHANNEL_TABLE.fill(channels_of(found), virtual=virtual)
     return write_parts([Gallery(figures), judged, MISFITS.fill(found.values(), virtual=virtual)], folder)
 
 
