@@ -4,11 +4,9 @@ A column names what stands above it and what it shows of a row. mypy knows the t
 
     TRIALS = Table[Motion](
         "trials", "Estimates",
-        (
-            Column("trial", lambda m: m.trial),
-            Column("distance", lambda m: m.distance, "distance_m distance_std_m", unit="m"),
-            Column("slip λ_R", lambda m: m.slip_ratio, "slip_ratio slip_ratio_std", unit="%", scale=100),
-        ),
+        Column("trial", lambda m: m.trial),
+        Column("distance", lambda m: m.distance, "distance_m distance_std_m", unit="m"),
+        Column("slip λ_R", lambda m: m.slip_ratio, "slip_ratio slip_ratio_std", unit="%", scale=100),
         note="Value ± standard deviation.",
     )
     table = TRIALS.fill(motions, virtual=False)
@@ -134,27 +132,26 @@ class Column(Generic[R]):
         )  # fmt: skip
 
 
-@dataclass(frozen=True)
 class Table(Generic[R]):
-    """A table without its rows.
+    """A table without its rows."""
 
-    Attributes:
-        name: stem of its files.
-        title: what it lists.
-        columns: from left to right; the first one names the row.
-        note: what to see in it.
-    """
+    def __init__(self, name: str, title: str, *columns: Column[R], note: str = "") -> None:
+        """Declare a table.
 
-    name: str
-    title: str
-    columns: tuple[Column[R], ...]
-    note: str = ""
+        Args:
+            name: stem of its files.
+            title: what it lists.
+            *columns: from left to right; the first one names the row.
+            note: what to see in it.
+        """
+        self.name, self.title, self.note = name, title, note
+        self.columns = tuple(column for column in columns if column.shown)
 
     def fill(self, rows: Iterable[R], *, virtual: bool = False) -> FilledTable:
         """Return the table with its rows; `virtual` as in `FilledTable`."""
-        shown = [c for c in self.columns if c.shown]
-        cells = tuple(tuple(column.cell(row) for column in shown) for row in rows)
-        return FilledTable(self.name, self.title, tuple(c.heading for c in shown), cells, self.note, virtual)
+        cells = tuple(tuple(column.cell(row) for column in self.columns) for row in rows)
+        headings = tuple(column.heading for column in self.columns)
+        return FilledTable(self.name, self.title, headings, cells, self.note, virtual)
 
 
 @dataclass(frozen=True)

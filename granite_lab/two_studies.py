@@ -195,20 +195,18 @@ def compared_table(found: Compared) -> FilledTable:
     return Table[Row](
         "differences",
         f"{b} minus {a}",
-        (
-            Column("quantity", lambda r: r.quantity),
-            Column("unit", lambda r: tidy_unit(r.unit)),
-            Column("A", lambda r: value(r.a), "a a_low95 a_high95"),
-            Column("B", lambda r: value(r.b), "b b_low95 b_high95"),
-            Column(
-                "B − A, 95 %", lambda r: Cell(interval(r.difference.low, r.difference.high), r.difference),
-                "difference difference_low95 difference_high95",
-            ),
-            Column("detectable", lambda r: r.smallest, "smallest_seen", digits=2),
-            Column("verdict", lambda r: words(r.verdict, tones.get(r.verdict, ""))),
+        Column("quantity", lambda r: r.quantity),
+        Column("unit", lambda r: tidy_unit(r.unit)),
+        Column("A", lambda r: value(r.a), "a a_low95 a_high95"),
+        Column("B", lambda r: value(r.b), "b b_low95 b_high95"),
+        Column(
+            "B − A, 95 %", lambda r: Cell(interval(r.difference.low, r.difference.high), r.difference),
+            "difference difference_low95 difference_high95",
         ),
-        f"A: {a}; B: {b}. B − A: 95 % interval of the difference. Detectable: the smallest difference that "
-        "is found with a probability of 80 %.",
+        Column("detectable", lambda r: r.smallest, "smallest_seen", digits=2),
+        Column("verdict", lambda r: words(r.verdict, tones.get(r.verdict, ""))),
+        note=f"A: {a}; B: {b}. B − A: 95 % interval of the difference. Detectable: the smallest difference "
+        "that is found with a probability of 80 %.",
     ).fill(found.rows, virtual=found.virtual)  # fmt: skip
 
 

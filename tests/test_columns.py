@@ -27,14 +27,12 @@ SLIP = Column[Drive]("slip", lambda d: d.slip, "slip slip_std", unit="%", scale=
 DRIVES = Table[Drive](
     "drives",
     "Drives",
-    (
-        Column("name of it", lambda d: d.name),
-        Column("speed", lambda d: d.speed, "speed_mmps", unit="mm/s", scale=1e3, digits=2),
-        SLIP,
-        Column("wheels", lambda d: d.wheels, "wheels"),
-        Column("note", lambda d: d.note),
-    ),
-    "What drives are.",
+    Column("name of it", lambda d: d.name),
+    Column("speed", lambda d: d.speed, "speed_mmps", unit="mm/s", scale=1e3, digits=2),
+    SLIP,
+    Column("wheels", lambda d: d.wheels, "wheels"),
+    Column("note", lambda d: d.note),
+    note="What drives are.",
 )
 ONE = Drive("a", 0.31234, Estimate(0.1234, 0.0051))
 
@@ -66,7 +64,7 @@ def test_a_cell_of_its_own_stands_as_it_is_and_words_of_nothing_are_blank() -> N
         Column[Drive]("", lambda _: words("")),
         Column[Drive]("x", lambda _: Cell("yes", (True, 2.0)), "b c"),
     )
-    table = Table("mine", "Mine", columns).fill([ONE])
+    table = Table("mine", "Mine", *columns).fill([ONE])
     assert texts(table) == ["", "yes"]
     assert table.to_csv().splitlines()[1] == ",true,2"
 
@@ -93,7 +91,7 @@ def _drive(log: Log) -> Drive:
 
 def test_a_column_that_is_not_shown_is_in_neither_page_nor_csv() -> None:
     hidden = Column[Drive]("speed", lambda d: d.speed, "speed", shown=False)
-    table = Table("mine", "Mine", (SLIP, hidden)).fill([ONE])
+    table = Table("mine", "Mine", SLIP, hidden).fill([ONE])
     assert len(table.columns) == len(table.rows[0]) == 1
     assert "speed" not in table.to_csv()
 

@@ -231,25 +231,21 @@ def reveal(call: Call[hidden.Revealed]) -> None:
 HIDDEN = Table[tuple[str, str, float | None, str]](
     "hidden",
     "What is hidden",
-    (
-        Column("effect", lambda row: words(row[0])),
-        Column("parameter", lambda row: row[1]),
-        Column("value", lambda row: row[2], "value", form=".4g"),
-        Column("unit", lambda row: words(row[3])),
-    ),
+    Column("effect", lambda row: words(row[0])),
+    Column("parameter", lambda row: row[1]),
+    Column("value", lambda row: row[2], "value", form=".4g"),
+    Column("unit", lambda row: words(row[3])),
 )
 SCORED = Table[ParameterScore](
     "scored",
     "Sizes hidden and found",
-    (
-        Column("effect", lambda p: p.effect),
-        Column("parameter", lambda p: f"{p.name} [{_unit(p.unit)}]".removesuffix(" []")),
-        Column("hidden", lambda p: p.true, "hidden", form=".4g"),
-        Column("found", lambda p: p.value, "found", form=".4g"),
-        Column("std", lambda p: p.std, "std", form=".2g"),
-        Column("z", lambda p: p.z, "z", form="+.1f"),
-        Column("meaning", lambda p: p.kind),
-    ),
+    Column("effect", lambda p: p.effect),
+    Column("parameter", lambda p: f"{p.name} [{_unit(p.unit)}]".removesuffix(" []")),
+    Column("hidden", lambda p: p.true, "hidden", form=".4g"),
+    Column("found", lambda p: p.value, "found", form=".4g"),
+    Column("std", lambda p: p.std, "std", form=".2g"),
+    Column("z", lambda p: p.z, "z", form="+.1f"),
+    Column("meaning", lambda p: p.kind),
 )
 
 

@@ -71,13 +71,11 @@ def _show_sheet(call: Call[Any], found: Records[logs.Checked]) -> None:
 CHECKS = Tabular[logs.Check](
     "checks",
     "Checks of a run",
-    (
-        Column("", lambda c: words("good", "good") if c.good else words("BAD", "bad")),
-        Column("check", lambda c: c.name),
-        Column(
-            "found",
-            lambda c: words(c.found if c.good else f"{c.found}. {reporting.names.capital(c.advice)}."),
-        ),
+    Column("", lambda c: words("good", "good") if c.good else words("BAD", "bad")),
+    Column("check", lambda c: c.name),
+    Column(
+        "found",
+        lambda c: words(c.found if c.good else f"{c.found}. {reporting.names.capital(c.advice)}."),
     ),
 )
 
@@ -389,12 +387,10 @@ def show_plan(plan: Plan, shown: Console) -> None:
     table = Tabular[tuple[str, ...]](
         "plan",
         "Proposals",
-        (
-            Column("", lambda row: row[0], "rank"),
-            Column("next trial", lambda row: row[1]),
-            Column("std" if sharpens else "log Bayes factor", lambda row: row[2], "change"),
-            Column("because", lambda row: row[3]),
-        ),
+        Column("", lambda row: row[0], "rank"),
+        Column("next trial", lambda row: row[1]),
+        Column("std" if sharpens else "log Bayes factor", lambda row: row[2], "change"),
+        Column("because", lambda row: row[3]),
     )
     rows = (cells(k, p) for k, p in enumerate(plan.proposals[:PROPOSALS], 1))
     reporting.table.show_table(table.fill(rows), shown)

@@ -60,11 +60,9 @@ class Check:
 CHECKS = Table[Check](
     "checks",
     "Checks of an effect",
-    (
-        Column("", lambda c: {True: "ok", False: "FAILED", None: "-"}[c.passed]),
-        Column("check", lambda c: c.name),
-        Column("found", lambda c: words(c.detail)),
-    ),
+    Column("", lambda c: {True: "ok", False: "FAILED", None: "-"}[c.passed]),
+    Column("check", lambda c: c.name),
+    Column("found", lambda c: words(c.detail)),
 )
 
 

@@ -123,14 +123,12 @@ K92_TRAJECTORY = Column[K92Fit](
 K92_FITS = Table[K92Fit](
     "k92",
     "k_92 of each trial",
-    (
-        Column("trial", lambda f: f.trial),
-        Column("speed", lambda f: f.variant.velocity, "speed_mps", unit="m/s", form=".3g"),
-        Column("λ_R", lambda f: f.slip_measured, "slip_ratio slip_ratio_std", unit="%", scale=100),
-        K92_STEADY,
-        K92_TRAJECTORY,
-    ),
-    "Value ± standard deviation.",
+    Column("trial", lambda f: f.trial),
+    Column("speed", lambda f: f.variant.velocity, "speed_mps", unit="m/s", form=".3g"),
+    Column("λ_R", lambda f: f.slip_measured, "slip_ratio slip_ratio_std", unit="%", scale=100),
+    K92_STEADY,
+    K92_TRAJECTORY,
+    note="Value ± standard deviation.",
 )
 
 LAW_NAMES = {

@@ -61,14 +61,12 @@ class EffectParameter:
 EFFECT_PARAMETERS = Table[EffectParameter](
     "effect",
     "Parameters of an effect",
-    (
-        Column("parameter", lambda p: p.name),
-        Column("unit", lambda p: words(tidy_unit(p.unit))),
-        Column("neutral", lambda p: p.neutral, "neutral", form="g"),
-        Column("allowed", lambda p: f"{p.low:g} … {p.high:g}"),
-        Column("expected", lambda p: f"{p.prior_low:g} … {p.prior_high:g}"),
-        Column("meaning", lambda p: p.meaning),
-    ),
+    Column("parameter", lambda p: p.name),
+    Column("unit", lambda p: words(tidy_unit(p.unit))),
+    Column("neutral", lambda p: p.neutral, "neutral", form="g"),
+    Column("allowed", lambda p: f"{p.low:g} … {p.high:g}"),
+    Column("expected", lambda p: f"{p.prior_low:g} … {p.prior_high:g}"),
+    Column("meaning", lambda p: p.meaning),
 )
 
 
@@ -259,11 +257,9 @@ def _with_units(effect: Effect) -> str:
 EFFECTS = Table[Effect](
     "effects",
     "Effects",
-    (
-        Column("effect", lambda e: e.id),
-        Column("what it is", lambda e: e.title),
-        Column("parameters", lambda e: words(_with_units(e))),
-    ),
+    Column("effect", lambda e: e.id),
+    Column("what it is", lambda e: e.title),
+    Column("parameters", lambda e: words(_with_units(e))),
 )
 
 

@@ -160,27 +160,21 @@ def provenance_table(*, origin: bool) -> Table[Provenance]:
     return Table[Provenance](
         "in_force",
         "Parameters in force",
-        (
-            Column("key", lambda p: p.key),
-            Column("symbol", lambda p: p.symbol),
-            Column(
-                "value", lambda p: f"{p.value:g}" if isinstance(p.value, (int, float)) else p.value, "value"
-            ),
-            Column("unit", lambda p: words(tidy_unit(p.unit))),
-            Column("allowed", lambda p: f"{p.low:g} … {p.high:g}"),
-            Column("from", lambda p: p.origin, shown=origin),
-        ),
+        Column("key", lambda p: p.key),
+        Column("symbol", lambda p: p.symbol),
+        Column("value", lambda p: f"{p.value:g}" if isinstance(p.value, (int, float)) else p.value, "value"),
+        Column("unit", lambda p: words(tidy_unit(p.unit))),
+        Column("allowed", lambda p: f"{p.low:g} … {p.high:g}"),
+        Column("from", lambda p: p.origin, shown=origin),
     )
 
 
 VARIANTS = Table[Variant](
     "variants",
     "Variants of motion (Table 2)",
-    (
-        Column("velocity", lambda v: v.velocity, "velocity", unit="m/s", form="g"),
-        Column("acceleration", lambda v: v.acceleration, "acceleration", unit="m/s²", form="g"),
-        Column("distance", lambda v: v.distance, "distance", unit="m", form="g"),
-    ),
+    Column("velocity", lambda v: v.velocity, "velocity", unit="m/s", form="g"),
+    Column("acceleration", lambda v: v.acceleration, "acceleration", unit="m/s²", form="g"),
+    Column("distance", lambda v: v.distance, "distance", unit="m", form="g"),
 )
 
 

@@ -53,16 +53,14 @@ class ChannelAnswer:
 CHANNEL_TABLE = Table[ChannelAnswer](
     "channels",
     "Simulated minus measured, by quantity",
-    (
-        Column("quantity", lambda c: c.name),
-        Column("verdict", lambda c: words(c.verdict, c.tone)),
-        Column("difference, rms", lambda c: c.size(c.rms), "rms rms_unit"),
-        Column("noise", lambda c: c.size(c.noise), "noise noise_unit"),
-        Column("largest value", lambda c: c.size(c.largest), "largest largest_unit"),
-        Column("largest difference", lambda c: c.worst),
-    ),
-    "Root mean square of the difference over whole trials, beside the noise of the measurement (its standard "
-    "deviation) and the largest simulated value. Points: percentage points of slip.",
+    Column("quantity", lambda c: c.name),
+    Column("verdict", lambda c: words(c.verdict, c.tone)),
+    Column("difference, rms", lambda c: c.size(c.rms), "rms rms_unit"),
+    Column("noise", lambda c: c.size(c.noise), "noise noise_unit"),
+    Column("largest value", lambda c: c.size(c.largest), "largest largest_unit"),
+    Column("largest difference", lambda c: c.worst),
+    note="Root mean square of the difference over whole trials, beside the noise of the measurement (its "
+    "standard deviation) and the largest simulated value. Points: percentage points of slip.",
 )
 
 
@@ -101,16 +99,14 @@ def _small(value: float, gap: Gap) -> Cell:
 MISFITS = Table[Gap](
     "misfits",
     "Simulated minus measured, by quantity and phase",
-    (
-        Column("quantity", lambda g: g.name),
-        Column("phase", lambda g: PHASES[g.phase]),
-        Column("unit", lambda g: tidy_unit(shown_as(g.unit)[0])),
-        Column("rms", lambda g: _small(g.rms, g), "rms_si"),
-        Column("mean", lambda g: _small(g.bias, g), "bias_si"),
-        Column("largest", lambda g: _small(g.peak, g), "peak_si"),
-        Column("rms over noise", lambda g: g.normalised, "rms_over_noise", unit="–", digits=2),
-        Column("trials", lambda g: g.trials, "trials"),
-    ),
-    "Over all trials. The CSV file holds SI units, slip ratios as fractions.",
+    Column("quantity", lambda g: g.name),
+    Column("phase", lambda g: PHASES[g.phase]),
+    Column("unit", lambda g: tidy_unit(shown_as(g.unit)[0])),
+    Column("rms", lambda g: _small(g.rms, g), "rms_si"),
+    Column("mean", lambda g: _small(g.bias, g), "bias_si"),
+    Column("largest", lambda g: _small(g.peak, g), "peak_si"),
+    Column("rms over noise", lambda g: g.normalised, "rms_over_noise", unit="–", digits=2),
+    Column("trials", lambda g: g.trials, "trials"),
+    note="Over all trials. The CSV file holds SI units, slip ratios as fractions.",
 )
 """The difference in each quantity and phase."""

@@ -114,20 +114,18 @@ def effects_table(finding: Finding, effects: Sequence[FoundEffect], *, small: bo
     return Table[Size](
         name,
         title,
-        (
-            Column("effect", lambda r: r.once(words(plain(r.effect.id)))),
-            Column("number", lambda r: "amount" if r.effect.empirical else _spaced(r.parameter.name)),
-            Column("what it is", what),
-            Column("value ± std", size, "value std unit"),
-            Column("95 % interval", ends, "low high"),
-            Column(
-                "cannot be told from", lambda r: ", ".join(map(plain, r.effect.twins)) or "none",
-                shown=any(e.twins for e in effects),
-            ),
-            Column("probability", lambda r: r.once(probable(r.effect.probability)), "probability"),
-            Column("share of the gap", closes, "closes closes_std"),
+        Column("effect", lambda r: r.once(words(plain(r.effect.id)))),
+        Column("number", lambda r: "amount" if r.effect.empirical else _spaced(r.parameter.name)),
+        Column("what it is", what),
+        Column("value ± std", size, "value std unit"),
+        Column("95 % interval", ends, "low high"),
+        Column(
+            "cannot be told from", lambda r: ", ".join(map(plain, r.effect.twins)) or "none",
+            shown=any(e.twins for e in effects),
         ),
-        note,
+        Column("probability", lambda r: r.once(probable(r.effect.probability)), "probability"),
+        Column("share of the gap", closes, "closes closes_std"),
+        note=note,
     ).fill(rows, virtual=finding.virtual)  # fmt: skip
 
 
@@ -156,16 +154,14 @@ def gaps_table(finding: Finding) -> FilledTable:
     return Table[Gap](
         "found_gaps",
         "Gap between sensors and model, without and with the effects found",
-        (
-            Column("sensor", lambda g: names.get(g.channel, g.channel)),
-            Column("in the fit: without", lambda g: g.train[0], "train_before", unit="–"),
-            Column("with", lambda g: g.train[1], "train_after", unit="–"),
-            Column("left out: without", lambda g: g.held_out[0], "held_out_before", unit="–", shown=out),
-            Column("with", lambda g: g.held_out[1], "held_out_after", unit="–", shown=out),
-            Column("discrepancy: without", lambda g: discrepancy(g, 0), "discrepancy_before"),
-            Column("with", lambda g: discrepancy(g, 1), "discrepancy_after"),
-        ),
-        "All channels: root mean square of the residuals over what noise and tolerance explain; 1 means "
+        Column("sensor", lambda g: names.get(g.channel, g.channel)),
+        Column("in the fit: without", lambda g: g.train[0], "train_before", unit="–"),
+        Column("with", lambda g: g.train[1], "train_after", unit="–"),
+        Column("left out: without", lambda g: g.held_out[0], "held_out_before", unit="–", shown=out),
+        Column("with", lambda g: g.held_out[1], "held_out_after", unit="–", shown=out),
+        Column("discrepancy: without", lambda g: discrepancy(g, 0), "discrepancy_before"),
+        Column("with", lambda g: discrepancy(g, 1), "discrepancy_after"),
+        note="All channels: root mean square of the residuals over what noise and tolerance explain; 1 means "
         "explained. A sensor: its largest discrepancy over the tolerance; 0 means none beyond the noise. "
         "Discrepancy: what all repetitions share and the model does not explain, over the rms of the sensor "
         "in motion.",
@@ -175,12 +171,10 @@ def gaps_table(finding: Finding) -> FilledTable:
 LEFT_OUT = Table[tuple[str, LeftOut]](
     "found_left_out",
     "Prediction of trials and speeds left out of the fit",
-    (
-        Column("left out", lambda r: r[0]),
-        Column("without", lambda r: r[1].before, "before", unit="–"),
-        Column("with", lambda r: r[1].after, "after", unit="–"),
-    ),
-    "Gap of each, predicted by a fit to the others, without and with the effects found.",
+    Column("left out", lambda r: r[0]),
+    Column("without", lambda r: r[1].before, "before", unit="–"),
+    Column("with", lambda r: r[1].after, "after", unit="–"),
+    note="Gap of each, predicted by a fit to the others, without and with the effects found.",
 )
 
 
@@ -199,21 +193,19 @@ def _became(c: Candidate) -> str:
 CANDIDATES = Table[Candidate](
     "found_candidates",
     "Every candidate",
-    (
-        Column("candidate", lambda c: plain(c.id)),
-        Column("what it is", lambda c: getattr(met(c.id), "title", TERM)),
-        Column(
-            "probability", lambda c: words(NONE) if c.status == "screened" else probable(c.probability),
-            "probability",
-        ),
-        # a fit to the noise closes no more than all of the gap
-        Column("closes alone", lambda c: Cell(percent(min(c.closes, 1.0)), (c.closes,)), "closes"),
-        Column("ln Bayes factor, alone", lambda c: c.gain, "log_bayes_factor", unit="–"),
-        Column("result", _became),
+    Column("candidate", lambda c: plain(c.id)),
+    Column("what it is", lambda c: getattr(met(c.id), "title", TERM)),
+    Column(
+        "probability", lambda c: words(NONE) if c.status == "screened" else probable(c.probability),
+        "probability",
     ),
-    "Probability that the effect is in the model; share of the gap that it closes alone, all trials in the "
-    "fit; logarithm of the Bayes factor of the effect alone against the paper's model. A screened candidate "
-    "was not fitted in full.",
+    # a fit to the noise closes no more than all of the gap
+    Column("closes alone", lambda c: Cell(percent(min(c.closes, 1.0)), (c.closes,)), "closes"),
+    Column("ln Bayes factor, alone", lambda c: c.gain, "log_bayes_factor", unit="–"),
+    Column("result", _became),
+    note="Probability that the effect is in the model; share of the gap that it closes alone, all trials in "
+    "the fit; logarithm of the Bayes factor of the effect alone against the paper's model. A screened "
+    "candidate was not fitted in full.",
 )  # fmt: skip
 
 
@@ -248,16 +240,14 @@ def detectable_table(finding: Finding) -> FilledTable:
     return Table[Detectable](
         "found_detectable",
         "Smallest sizes that these trials show",
-        (
-            Column("candidate", lambda d: plain(d.effect)),
-            Column("number", lambda d: _spaced(d.parameter)),
-            Column("smallest size", size, "smallest"),
-            Column("expected", expected, "expected_low expected_high"),
-            Column("unit", lambda d: Cell(scale(d)[0] or NONE, (d.unit or NONE,)), "unit"),
-            Column("limited by", lambda d: d.limit if math.isfinite(d.size) else NONE),
-            Column("looks like", alike),
-        ),
-        "An effect of this size is named with a probability of 80 %. Expected: range of the literature.",
+        Column("candidate", lambda d: plain(d.effect)),
+        Column("number", lambda d: _spaced(d.parameter)),
+        Column("smallest size", size, "smallest"),
+        Column("expected", expected, "expected_low expected_high"),
+        Column("unit", lambda d: Cell(scale(d)[0] or NONE, (d.unit or NONE,)), "unit"),
+        Column("limited by", lambda d: d.limit if math.isfinite(d.size) else NONE),
+        Column("looks like", alike),
+        note="An effect of this size is named with a probability of 80 %. Expected: range of the literature.",
     ).fill(finding.detectable, virtual=finding.virtual)
 
 
@@ -272,14 +262,12 @@ def confusion_table(finding: Finding) -> FilledTable | None:
     return Table[str](
         "found_confusion",
         "Candidates that these trials could take for another",
-        (
-            Column("candidate", plain),
-            Column("named first", lambda i: share(first[i]), "first"),
-            Column("nothing named", lambda i: share(float(check.missed[check.ids.index(i)])), "missed"),
-            Column("taken for", lambda i: others[i] or "none"),
-        ),
-        f"Each candidate in turn at {check.factor:g} times its smallest visible size, {check.draws} times "
-        f"with other noise. All others are named first in at least {percent(SURE)} of these sets.",
+        Column("candidate", plain),
+        Column("named first", lambda i: share(first[i]), "first"),
+        Column("nothing named", lambda i: share(float(check.missed[check.ids.index(i)])), "missed"),
+        Column("taken for", lambda i: others[i] or "none"),
+        note=f"Each candidate in turn at {check.factor:g} times its smallest visible size, {check.draws} "
+        f"times with other noise. All others are named first in at least {percent(SURE)} of these sets.",
     ).fill(unsure, virtual=finding.virtual)
 
 
@@ -299,10 +287,8 @@ def fitted_table(finding: Finding) -> FilledTable:
     return Table[tuple[str, str, Cell]](
         "found_fitted",
         f"Sand and sensors as fitted, compared with {finding.soil.title}",
-        (
-            Column("number", lambda r: r[0]),
-            Column("difference", lambda r: r[1]),
-            Column("size", lambda r: r[2], "size"),
-        ),
-        "Fitted together with everything else.",
+        Column("number", lambda r: r[0]),
+        Column("difference", lambda r: r[1]),
+        Column("size", lambda r: r[2], "size"),
+        note="Fitted together with everything else.",
     ).fill(rows, virtual=finding.virtual)

@@ -56,26 +56,24 @@ AGREES = {True: Cell("yes", (True,), "good"), False: Cell("no", (False,), "fair"
 SLIP_BY_SPEED = Table[Speed](
     "slip_by_speed",
     "Slip ratio λ_R and contact-angle ratio k_92 by speed",
-    (
-        Column("speed", lambda s: s.velocity, "speed_mps", unit="m/s", form="g"),
-        Column("slip", lambda s: Cell(s.slip.text, (s.slip.value / 100,)), "slip_ratio", unit="%"),
-        Column(
-            "95 % interval", lambda s: Cell(s.slip.interval, (s.slip.low / 100, s.slip.high / 100)),
-            "slip_ratio_low95 slip_ratio_high95", unit="%",
-        ),
-        Column(
-            "paper", lambda s: number(s.paper_slip / 100, scale=100), "slip_ratio_paper_experiment", unit="%"
-        ),
-        Column("paper in interval", lambda s: AGREES[s.agrees]),
-        Column(
-            "k_92", lambda s: Cell(s.k92_note or s.k92.with_std, (s.k92.value, s.k92.std)),
-            "k92 k92_std", unit="–",
-        ),
-        Column("paper's k_92", lambda s: s.paper_k92, "k92_paper", unit="–", form="g"),
-        Column("trials", lambda s: s.trials, "trials"),
+    Column("speed", lambda s: s.velocity, "speed_mps", unit="m/s", form="g"),
+    Column("slip", lambda s: Cell(s.slip.text, (s.slip.value / 100,)), "slip_ratio", unit="%"),
+    Column(
+        "95 % interval", lambda s: Cell(s.slip.interval, (s.slip.low / 100, s.slip.high / 100)),
+        "slip_ratio_low95 slip_ratio_high95", unit="%",
     ),
-    "Means over the trials; the interval covers their scatter and their standard deviations. k_92 ± standard "
-    "error is fitted to the slip.",
+    Column(
+        "paper", lambda s: number(s.paper_slip / 100, scale=100), "slip_ratio_paper_experiment", unit="%"
+    ),
+    Column("paper in interval", lambda s: AGREES[s.agrees]),
+    Column(
+        "k_92", lambda s: Cell(s.k92_note or s.k92.with_std, (s.k92.value, s.k92.std)),
+        "k92 k92_std", unit="–",
+    ),
+    Column("paper's k_92", lambda s: s.paper_k92, "k92_paper", unit="–", form="g"),
+    Column("trials", lambda s: s.trials, "trials"),
+    note="Means over the trials; the interval covers their scatter and their standard deviations. k_92 ± "
+    "standard error is fitted to the slip.",
 )  # fmt: skip
 """The table of the first screen."""
 

@@ -42,13 +42,11 @@ def law_table(fit: AThetaFit, virtual: bool) -> FilledTable:
     return Table[Law](
         "laws",
         "Laws for k_92 compared",
-        (
-            Column("law", lambda law: Cell(LAW_NAMES.get(law.id, law.formula), (law.id,))),
-            Column("fitted numbers", numbers, "fitted_numbers values"),
-            Column("rms residual", lambda law: law.rms, "rms", unit="–", digits=2),
-            Column("ΔAICc", delta, "delta_aicc", unit="–"),
-        ),
-        note,
+        Column("law", lambda law: Cell(LAW_NAMES.get(law.id, law.formula), (law.id,))),
+        Column("fitted numbers", numbers, "fitted_numbers values"),
+        Column("rms residual", lambda law: law.rms, "rms", unit="–", digits=2),
+        Column("ΔAICc", delta, "delta_aicc", unit="–"),
+        note=note,
     ).fill(fit.laws, virtual=virtual)
 
 
@@ -64,29 +62,27 @@ def trial_table(result: StudyResult) -> FilledTable:
     return Table[TrialResult](
         "trials",
         "Trials",
-        (
-            Column("trial", lambda r: r.trial.name),
-            Column("data", lambda r: "virtual" if r.trial.info.virtual else "measured", shown=mixed),
-            Column("speed", speed, "speed_mps speed_is", unit="m/s"),
-            Column("repetition", lambda r: r.trial.info.repetition, "repetition"),
-            Column("distance", lambda r: r.comparison.motion.distance, "distance_m distance_std_m", unit="m"),
-            Column(
-                "λ_R", lambda r: r.comparison.motion.slip_ratio,
-                "slip_ratio slip_ratio_std", unit="%", scale=100,
-            ),
-            K92_STEADY.of(lambda r: r.comparison.fit),
-            K92_TRAJECTORY.of(lambda r: r.comparison.fit),
-            Column(
-                "wheel stamps late", lambda r: r.comparison.motion.stamps_late,
-                "wheel_stamps_late_s wheel_stamps_late_std_s", unit="ms", scale=1000,
-            ),
-            Column("estimate", lambda r: good(r.comparison.motion.health.good)),
-            Column(
-                "warnings", lambda r: len({*r.trial.warnings, *r.comparison.motion.warnings}), "warnings"
-            ),
+        Column("trial", lambda r: r.trial.name),
+        Column("data", lambda r: "virtual" if r.trial.info.virtual else "measured", shown=mixed),
+        Column("speed", speed, "speed_mps speed_is", unit="m/s"),
+        Column("repetition", lambda r: r.trial.info.repetition, "repetition"),
+        Column("distance", lambda r: r.comparison.motion.distance, "distance_m distance_std_m", unit="m"),
+        Column(
+            "λ_R", lambda r: r.comparison.motion.slip_ratio,
+            "slip_ratio slip_ratio_std", unit="%", scale=100,
         ),
-        "Value ± standard deviation of a single trial. Wheel stamps late: how much later the time stamps of "
-        "encoders and currents are than those of the IMU; negative where they are earlier.",
+        K92_STEADY.of(lambda r: r.comparison.fit),
+        K92_TRAJECTORY.of(lambda r: r.comparison.fit),
+        Column(
+            "wheel stamps late", lambda r: r.comparison.motion.stamps_late,
+            "wheel_stamps_late_s wheel_stamps_late_std_s", unit="ms", scale=1000,
+        ),
+        Column("estimate", lambda r: good(r.comparison.motion.health.good)),
+        Column(
+            "warnings", lambda r: len({*r.trial.warnings, *r.comparison.motion.warnings}), "warnings"
+        ),
+        note="Value ± standard deviation of a single trial. Wheel stamps late: how much later the time "
+        "stamps of encoders and currents are than those of the IMU; negative where they are earlier.",
     ).fill(result.trials, virtual=result.virtual and not mixed)  # fmt: skip
 
 
@@ -157,21 +153,19 @@ def _budget_table(what: str, of: Sequence[records.Budget], virtual: bool) -> Fil
     return Table[Component](
         f"budget_{what}",
         f"Uncertainty budget of {title}",
-        (
-            Column("component", lambda row: row.part.name),
-            Column("speed", lambda row: row.speed, "speed_mps", unit="m/s", form="g", shown=each),
-            Column("type", lambda row: words("" if row.part.name == COMBINED else row.part.kind)),
-            Column("distribution", lambda row: row.part.distribution),
-            Column("standard uncertainty", std, "std std_unit"),
-            Column("sensitivity", sensitivity, "sensitivity", unit=f"{unit} per its unit"),
-            Column(
-                "contribution", lambda row: row.part.contribution, "contribution",
-                unit=unit, digits=2, scale=scale,
-            ),
-            Column("share", lambda row: share(row.share), "share"),
+        Column("component", lambda row: row.part.name),
+        Column("speed", lambda row: row.speed, "speed_mps", unit="m/s", form="g", shown=each),
+        Column("type", lambda row: words("" if row.part.name == COMBINED else row.part.kind)),
+        Column("distribution", lambda row: row.part.distribution),
+        Column("standard uncertainty", std, "std std_unit"),
+        Column("sensitivity", sensitivity, "sensitivity", unit=f"{unit} per its unit"),
+        Column(
+            "contribution", lambda row: row.part.contribution, "contribution",
+            unit=unit, digits=2, scale=scale,
         ),
-        f"{mean}Contribution: sensitivity times standard uncertainty, combined over the trials. Share: of "
-        "the variance. Type A: from the scatter of the data; type B: from other knowledge. "
+        Column("share", lambda row: share(row.share), "share"),
+        note=f"{mean}Contribution: sensitivity times standard uncertainty, combined over the trials. Share: "
+        "of the variance. Type A: from the scatter of the data; type B: from other knowledge. "
         f"{records.LEFT_OUT[what]}",
     ).fill(rows, virtual=virtual)  # fmt: skip
 
@@ -179,18 +173,17 @@ def _budget_table(what: str, of: Sequence[records.Budget], virtual: bool) -> Fil
 PARAMETERS = Table[tuple[str, str, str, str]](
     "parameters",
     "Parameters in force",
-    (
-        Column("parameter", lambda p: p[0]),
-        Column("value", lambda p: p[1], "value"),
-        Column("unit", lambda p: words(tidy_unit(p[2]))),
-        Column("origin", lambda p: p[3]),
-    ),
-    "Each with the file it was read from.",
+    Column("parameter", lambda p: p[0]),
+    Column("value", lambda p: p[1], "value"),
+    Column("unit", lambda p: words(tidy_unit(p[2]))),
+    Column("origin", lambda p: p[3]),
+    note="Each with the file it was read from.",
 )
 """Rows of `Source.parameters`."""
 
 INPUTS = Table[InputFile](
     "inputs",
     "Files that were read",
-    (Column("file", lambda f: shown_path(f.path)), Column("SHA-256", lambda f: f.sha256)),
+    Column("file", lambda f: shown_path(f.path)),
+    Column("SHA-256", lambda f: f.sha256),
 )

@@ -87,14 +87,12 @@ def _answers(questions: Sequence[Answer], console: Console) -> None:
 MOTIONS: Table[Motion] = Table(
     "motions",
     "Estimates",
-    (
-        Column("trial", lambda m: m.trial),
-        Column("speed", lambda m: m.variant.velocity, "speed_mps", unit="m/s", form=".3g"),
-        Column("distance", lambda m: m.distance, "distance_m distance_std_m", unit="m"),
-        Column("slip λ_R", lambda m: m.slip_ratio, "slip_ratio slip_ratio_std", unit="%", scale=100),
-        Column("wheel stamps late", lambda m: m.stamps_late, "late_s late_std_s", unit="ms", scale=1000),
-        Column("estimate", lambda m: good(m.health.good)),
-    ),
+    Column("trial", lambda m: m.trial),
+    Column("speed", lambda m: m.variant.velocity, "speed_mps", unit="m/s", form=".3g"),
+    Column("distance", lambda m: m.distance, "distance_m distance_std_m", unit="m"),
+    Column("slip λ_R", lambda m: m.slip_ratio, "slip_ratio slip_ratio_std", unit="%", scale=100),
+    Column("wheel stamps late", lambda m: m.stamps_late, "late_s late_std_s", unit="ms", scale=1000),
+    Column("estimate", lambda m: good(m.health.good)),
 )
 
 
@@ -166,12 +164,10 @@ def show_run(run: Run, console: Console) -> None:
     table = Table[tuple[str, str, float, str]](
         "run",
         "Means over the steady part",
-        (
-            Column("quantity", lambda row: row[0]),
-            Column("front", mean("f"), "front", form=".2f"),
-            Column("rear", mean("r"), "rear", form=".2f"),
-            Column("unit", lambda row: row[3]),
-        ),
+        Column("quantity", lambda row: row[0]),
+        Column("front", mean("f"), "front", form=".2f"),
+        Column("rear", mean("r"), "rear", form=".2f"),
+        Column("unit", lambda row: row[3]),
     )
     rows = (
         ("slip ratio", "slip_{}", 100.0, "%"),
@@ -237,30 +233,24 @@ def _sure(column: ColumnReport) -> Cell:
 LOG_COLUMNS: Table[ColumnReport] = Table(
     "log_columns",
     "Columns of a log",
-    (
-        Column("column", lambda c: c.name or f"(column {c.place + 1})"),
-        Column("becomes", lambda c: ", ".join(c.to) or words(c.why or "not used", "faint")),
-        Column("unit", lambda c: words(tidy_unit(c.unit) if c.to else "")),
-        Column("sure", _sure, "sure", unit="%"),
-        Column("from", lambda c: c.low, "low"),
-        Column("to", lambda c: c.high, "high"),
-    ),
+    Column("column", lambda c: c.name or f"(column {c.place + 1})"),
+    Column("becomes", lambda c: ", ".join(c.to) or words(c.why or "not used", "faint")),
+    Column("unit", lambda c: words(tidy_unit(c.unit) if c.to else "")),
+    Column("sure", _sure, "sure", unit="%"),
+    Column("from", lambda c: c.low, "low"),
+    Column("to", lambda c: c.high, "high"),
 )
 
 CLOCKS: Table[StreamReport] = Table(
     "clocks",
     "Clocks of a log",
-    (
-        Column("clock", lambda s: s.what),
-        Column("samples", lambda s: s.samples, "samples"),
-        Column("from", lambda s: s.start, "start", unit="s", form=".2f"),
-        Column("to", lambda s: s.end, "end", unit="s", form=".2f"),
-        Column("rate", lambda s: s.rate, "rate", unit="Hz"),
-        Column("jitter", lambda s: s.jitter, "jitter", unit="ms", scale=1000, digits=2),
-        Column(
-            "gaps", lambda s: f"{s.gaps} (≤ {significant(s.longest_gap, 2)} s)" if s.gaps else "0", "gaps"
-        ),
-    ),
+    Column("clock", lambda s: s.what),
+    Column("samples", lambda s: s.samples, "samples"),
+    Column("from", lambda s: s.start, "start", unit="s", form=".2f"),
+    Column("to", lambda s: s.end, "end", unit="s", form=".2f"),
+    Column("rate", lambda s: s.rate, "rate", unit="Hz"),
+    Column("jitter", lambda s: s.jitter, "jitter", unit="ms", scale=1000, digits=2),
+    Column("gaps", lambda s: f"{s.gaps} (≤ {significant(s.longest_gap, 2)} s)" if s.gaps else "0", "gaps"),
 )
 
 

@@ -36,7 +36,7 @@ LETTERS = "試験 Прогон é ø Σ ≈ “x” – …  ½ 🚙"
 def table(rows: int, text: str = "a_b & c", columns: int = 1, note: str = "") -> FilledTable:
     shown = [Column[str]("trial", words)]
     shown += [Column[str]("slip λ_R", lambda _: number(-1.5), "slip", unit="%") for _ in range(columns)]
-    return Table("mine", "Title 5 %", tuple(shown), note).fill([text] * rows, virtual=True)
+    return Table("mine", "Title 5 %", *shown, note=note).fill([text] * rows, virtual=True)
 
 
 def every_table() -> list[FilledTable]:
