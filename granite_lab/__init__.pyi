@@ -1,7 +1,9 @@
 from .api.hidden import hide, kit, reveal
-from .api.logs import Checked, check, check_logs, ingest, inspect, view
+from .api.logs import check, check_logs, ingest, inspect, view
 from .api.model import list_effects, params, show_effect, simulate, wheel
+from .api.run_checks import Checked
 from .api.trials import compare, discover, fit_a_theta, fit_k92, plan_next, record, report, study
+from .api.verification import verify
 from .errors import EstimateError, InputError, LabError, UsageError
 from .estimate import Estimate
 from .two_studies import compare_studies
@@ -35,6 +37,7 @@ __all__ = [
     "show_effect",
     "simulate",
     "study",
+    "verify",
     "view",
     "wheel",
 ]

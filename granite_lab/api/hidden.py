@@ -7,10 +7,9 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from granite_lab.api import calls
-from granite_lab.api.calls import Arg, checked
+from granite_lab.api.arguments import File, refuse_outside
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import sha256, write_bytes, write_text
 from granite_lab.hidden import kit_check
@@ -61,23 +60,22 @@ class Revealed:
         return frame(rows, columns=["effect", "parameter", "value", "unit"])
 
 
-@checked
 def hide(
     effect: str,
     out: str | Path,
     *,
-    seed: Annotated[int, Arg(low=0)] = 0,
-    strength: Annotated[float, Arg(low=0.001, high=1000)] = 1.0,
+    seed: int = 0,
+    strength: float = 1.0,
     sizes: Mapping[str, float] | None = None,
-    noise: Annotated[float, Arg(low=0, high=100)] = 1.0,
+    noise: float = 1.0,
     sand_off: bool = False,
-    repetitions: Annotated[int | None, Arg(low=1, high=99)] = None,
+    repetitions: int | None = None,
     lab: str = "bench",
-    robot: calls.RobotFile = None,
-    soil: calls.SoilFile = None,
+    robot: File = None,
+    soil: File = None,
     label: str = "hidden",
-    truth: calls.File = None,
-    jobs: calls.Jobs = 1,
+    truth: File = None,
+    jobs: int = 1,
     done: Callable[[str], None] = lambda _: None,
 ) -> HiddenSet:
     """Write virtual trials with a hidden effect, by an independent simulator; seal the answer.
@@ -87,15 +85,17 @@ def hide(
             it lacks; ``none``.
         out: folder of the trials and the sealed answer.
         seed: seed of all random numbers.
-        strength: factor on the effect's size.
+        strength: factor on the effect's size, 0.001 to 1000.
         sizes: parameters of the effect.
-        noise: factor on the sensors' noise.
+        noise: factor on the sensors' noise, 0 to 100.
         sand_off: change φ, K, n and μ_s of the soil by 5 to 20 %.
-        repetitions: trials of each variant; by default 3 (``bench``) or 2 to 4 (``wild``).
+        repetitions: trials of each variant, 1 to 99; by default 3 (``bench``) or 2 to 4 (``wild``).
         lab: ``bench``: sensors, robot and sand as in the files; ``wild``: drawn by the seed, with files of
             robot and sand beside the trials.
+        robot, soil: names of the catalogue or .toml files; granite and dry_sand by default.
         label: first word of the trials' names.
         truth: folder for the true motion of each trial (CSV).
+        jobs: number of processes; 0 means one per core.
         done: called with the name of each finished trial.
 
     Raises:
@@ -103,6 +103,11 @@ def hide(
         EstimateError: the robot would dig itself in under this effect.
         LabError: a file cannot be written.
     """
+    refuse_outside("seed", seed, 0)
+    refuse_outside("strength", strength, 0.001, 1000)
+    refuse_outside("noise", noise, 0, 100)
+    refuse_outside("repetitions", repetitions, 1, 99)
+    refuse_outside("jobs", jobs, 0)
     folder = Path(out)
     from granite_lab.hidden.making import make_set  # noqa: PLC0415, heavy
 
@@ -139,8 +144,7 @@ def hide(
     return HiddenSet(tuple(sorted(files)), folder / NAME)
 
 
-@checked
-def reveal(folder: str | Path, finding: calls.File = None, *, jobs: calls.Jobs = 0) -> Revealed:
+def reveal(folder: str | Path, finding: File = None, *, jobs: int = 0) -> Revealed:
     """Open the sealed answer of a hidden set or of a kit, and judge a discovery by it.
 
     In a kit without a discovery, `discover` runs first and writes into the kit's folder ``finding``.
@@ -148,11 +152,13 @@ def reveal(folder: str | Path, finding: calls.File = None, *, jobs: calls.Jobs =
     Args:
         folder: folder written by `hide`, or a kit that another laboratory filled.
         finding: discovery to be judged: JSON of `discover` or `study`, or its folder.
+        jobs: number of processes of that search; 0 means one per core.
 
     Raises:
         InputError: a file cannot be used, or the answer is not the one that was promised by its hash.
         EstimateError: the search of a kit is impossible.
     """
+    refuse_outside("jobs", jobs, 0)
     place, said = Path(folder), Path(finding) if finding else None
     answer = open_answer(place)  # a seal that does not hold is told before a search, which takes a while
     if said is None and (place / TRIALS).is_dir():
@@ -205,7 +211,6 @@ def _allowed() -> dict[str, Any]:
     }
 
 
-@checked
 def kit(out: str | Path) -> Kit:
     """Write a template for a blind test: README, template of the answer, folder of the trials, and a checker.
 

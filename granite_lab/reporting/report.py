@@ -12,6 +12,7 @@ from pathlib import Path
 
 from granite_lab.columns import FilledTable
 from granite_lab.discovery.finding import Finding
+from granite_lab.origin import Source
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import answers as decide
 from granite_lab.reporting import plot_motion, plot_results, plot_search, search_tables, tables
@@ -20,7 +21,7 @@ from granite_lab.reporting.canvas import Figure
 from granite_lab.reporting.channels import CHANNEL_TABLE, MISFITS
 from granite_lab.reporting.names import in_plain_words, latency_in_words, law_formulas, shared
 from granite_lab.reporting.speeds import SLIP_BY_SPEED
-from granite_lab.results import Source, StudyResult, gaps
+from granite_lab.results import StudyResult, gaps
 from granite_lab.rounding import percent
 
 OPEN_SPEEDS = 4

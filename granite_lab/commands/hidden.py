@@ -1,0 +1,165 @@
+"""Commands on trials with a sealed answer: write them, open the answer, judge a discovery by it."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from typer import Argument, Option
+
+import granite_lab as gl
+from granite_lab.columns import Column, Table, words
+from granite_lab.commands.options import Jobs, Json, Quiet, Robot, Soil, number_of, read_pairs
+from granite_lab.commands.printer import Printer, progress, warn
+from granite_lab.hidden.scoring import MEANING, ParameterScore, Score
+from granite_lab.rounding import tidy_unit
+
+PARTS = {"train": "trials in the fit", "held_out": "trials left out of the fit"}
+"""Parts of the trials that a discovery tells of, as they are printed."""
+
+
+def hide(
+    effect: Annotated[str, Option(
+        help="Ids joined by +; or random: one of the library; pair: two of it; outside: one that it "
+        "lacks; none.")],
+    out: Annotated[Path, Option(help="Folder of the trials and the sealed answer.")],
+    seed: Annotated[int, Option(help="Seed of all random numbers.")] = 0,
+    strength: Annotated[float, Option(help="Factor on the effect's size (0.001 to 1000).")] = 1.0,
+    sizes: Annotated[list[str] | None, Option(
+        "--size", help="A parameter of the effect: name=value, or id.name=value; may be repeated.")] = None,
+    noise: Annotated[float, Option(help="Factor on the sensors' noise (0 to 100).")] = 1.0,
+    sand_off: Annotated[bool, Option(
+        "--sand-off", help="Change φ, K, n and μ_s of the soil by 5 to 20 %.")] = False,
+    repetitions: Annotated[int | None, Option(
+        help="Trials of each variant; by default 3 (bench) or 2 to 4 (wild) (1 to 99).")] = None,
+    lab: Annotated[str, Option(
+        help="bench: sensors, robot and sand as in the files; wild: drawn by the seed, with files of "
+        "robot and sand beside the trials.")] = "bench",
+    robot: Robot = None, soil: Soil = None,
+    label: Annotated[str, Option("--name", help="First word of the trials' names.")] = "hidden",
+    truth: Annotated[Path | None, Option(help="Folder for the true motion of each trial (CSV).")] = None,
+    jobs: Jobs = 1,
+    quiet: Quiet = False, as_json: Json = False,
+) -> None:  # fmt: skip
+    """Write virtual trials with a hidden effect, by an independent simulator; seal the answer.
+
+    The trials and the sealed answer are written into the folder --out.
+    """
+    named = read_pairs("--size", sizes, number_of, "write name=number")
+    with progress("trials", quiet=quiet) as watch:
+        made = gl.hide(
+            effect, out, seed=seed, strength=strength, sizes=named, noise=noise, sand_off=sand_off,
+            repetitions=repetitions, lab=lab, robot=robot, soil=soil, label=label, truth=truth, jobs=jobs,
+            done=watch.done,
+        )  # fmt: skip
+    printer = Printer(as_json)
+    printer.json("hide/1", vars(made))
+    folder, finding = shlex.quote(str(out)), shlex.quote(str(out / "finding.json"))
+    printer.line(f"{len(made.trials)} virtual trials in {out}, the answer sealed in {made.sealed}")
+    printer.line(f"find it: granite-lab discover {folder} --json > {finding}")
+    printer.line(f"then:    granite-lab reveal {folder} --finding {finding}")
+
+
+def reveal(
+    folder: Annotated[Path, Argument(
+        metavar="DIR", help="Folder written by hide, or a kit that another laboratory filled.")],
+    finding: Annotated[Path | None, Option(
+        help="Discovery to be judged: JSON of discover or study, or its folder.")] = None,
+    jobs: Jobs = 0,
+    as_json: Json = False,
+) -> None:  # fmt: skip
+    """Open the sealed answer of a hidden set or of a kit, and judge a discovery by it.
+
+    In a kit without a discovery, discover runs first and writes into the kit's folder finding.
+
+    Without a discovery, only the answer is printed.
+    """
+    opened, printer = gl.reveal(folder, finding, jobs=jobs), Printer(as_json)
+    warn(opened.warnings)
+    printer.json("reveal/1", {"answer": opened.answer, "score": opened.score})
+    _show_answer(opened.answer, printer)
+    if opened.score:
+        _show_score(opened.score, printer)
+
+
+HIDDEN = Table[tuple[str, str, float | None, str]](
+    "hidden",
+    "What is hidden",
+    Column("effect", lambda row: words(row[0])),
+    Column("parameter", lambda row: row[1]),
+    Column("value", lambda row: row[2], "value", form=".4g"),
+    Column("unit", lambda row: words(row[3])),
+)
+SCORED = Table[ParameterScore](
+    "scored",
+    "Sizes hidden and found",
+    Column("effect", lambda p: p.effect),
+    Column("parameter", lambda p: f"{p.name} [{_unit(p.unit)}]".removesuffix(" []")),
+    Column("hidden", lambda p: p.true, "hidden", form=".4g"),
+    Column("found", lambda p: p.value, "found", form=".4g"),
+    Column("std", lambda p: p.std, "std", form=".2g"),
+    Column("z", lambda p: p.z, "z", form="+.1f"),
+    Column("meaning", lambda p: p.kind),
+)
+
+
+def _show_answer(answer: Mapping[str, Any], printer: Printer) -> None:
+    trials = "virtual trials" if answer.get("virtual", True) else "trials"
+    if answer["effects"]:
+        printer.say(f"Hidden in these {trials}", "bold")
+        rows = []
+        for effect in answer["effects"]:
+            named = effect["id"] + ("" if effect["library"] else " (not in the library)")
+            values = [(k, p["value"], _unit(p["unit"])) for k, p in effect["parameters"].items()]
+            rows += [("" if k else named, *cells) for k, cells in enumerate(values or [("", None, "")])]
+        printer.rows(HIDDEN, rows)
+        for effect in answer["effects"]:
+            told = ". ".join(part for part in (effect["title"], effect["account"]) if part)
+            printer.say(f"{effect['id']}: {told}.")
+    else:
+        printer.say(f"Nothing is hidden in these {trials}.")
+    if "made_by" in answer:
+        printer.say(f"made by {answer['made_by']}")
+        return
+    if answer["sand_off"]:
+        off = ", ".join(f"{name} {100 * (x - 1):+.1f} %" for name, x in answer["sand_off"].items())
+        printer.say(f"sand off its file: {off}")
+    lab = answer.get("lab", {})
+    for part, drawn in lab.items() if lab.get("name") == "wild" else ():
+        each = drawn.items() if isinstance(drawn, Mapping) else [("", drawn)]
+        told = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in each)
+        printer.line(f"{part}: {told.strip()}")
+    printer.say(f"seed {answer['seed']}, strength {answer['strength']:g}, noise {answer['noise']:g}")
+
+
+def _show_score(judged: Score, printer: Printer) -> None:
+    mark = "right" if judged.right else "wrong"
+    named = ", ".join(judged.named) or judged.verdict
+    printer.say(f"judgement: {mark}; {MEANING[judged.outcome]} (found: {named})")
+    if judged.parameters:
+        printer.rows(SCORED, judged.parameters)
+    for part, share in judged.gap_closed.items():
+        if share is not None:
+            printer.say(f"gap closed, {PARTS[part]}: {100 * share:.1f} %")
+
+
+def _unit(unit: str) -> str:
+    """Return a unit as it is printed: nothing for a number without one."""
+    return "" if unit == "-" else tidy_unit(unit)
+
+
+def kit(
+    out: Annotated[Path, Argument(metavar="OUT", help="New folder of the kit.")],
+    as_json: Json = False,
+) -> None:
+    """Write a template for a blind test: README, template of the answer, folder of the trials, and a checker.
+
+    granite-lab reveal judges discover by the kit that comes back.
+    """
+    made, printer = gl.kit(out), Printer(as_json)
+    printer.json("kit/1", vars(made))
+    for path in made.files:
+        printer.line(path)
+    printer.line(f"read {made.folder / 'README.md'}; python {made.folder / 'check.py'} checks and seals it")
