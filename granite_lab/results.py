@@ -124,11 +124,26 @@ def mean_of_known(values: Array, axis: int) -> Array:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-CHANNELS = (
-    "velocity", "wheels", "slip_f", "slip_r", "torque_f", "torque_r", "pitch", "accel", "pitch_rate"
-)  # fmt: skip
-PHASES = ("all", "rest", "accelerate", "steady", "brake")
-"""Channels and phases of a comparison in the order of a report; "wheels" are all four."""
+CHANNELS = {
+    "velocity": "body velocity",
+    "wheels": "wheel speeds",
+    "slip_f": "front slip ratio",
+    "slip_r": "rear slip ratio",
+    "torque_f": "front driving torque",
+    "torque_r": "rear driving torque",
+    "pitch": "pitch",
+    "accel": "forward acceleration",
+    "pitch_rate": "pitch rate",
+}
+PHASES = {
+    "all": "whole trial",
+    "rest": "at rest",
+    "accelerate": "while accelerating",
+    "steady": "in steady motion",
+    "brake": "while braking",
+}
+"""Channels and phases of a comparison in the order of a report, and as a reader calls them; "wheels" are all
+four."""
 
 
 @dataclass(frozen=True)
@@ -153,6 +168,11 @@ class Gap:
     size: float
     trials: int
 
+    @property
+    def name(self) -> str:
+        """The channel as a reader calls it."""
+        return CHANNELS.get(self.channel, self.channel)
+
 
 def gaps(comparisons: Sequence[Comparison]) -> dict[tuple[str, str], Gap]:
     """Pool the misfits of several trials, weighted by samples; (channel, phase) to gap.
@@ -172,7 +192,7 @@ def gaps(comparisons: Sequence[Comparison]) -> dict[tuple[str, str], Gap]:
             sizes[channel] = max(sizes.get(channel, 0.0), largest.get(m.channel, 0.0))
             if m.samples and math.isfinite(m.rms):
                 pooled.setdefault((channel, m.phase), []).append(m)
-    order = [*CHANNELS, *sorted(sizes.keys() - set(CHANNELS))]
+    order = [*CHANNELS, *sorted(sizes.keys() - CHANNELS.keys())]
     keys = [(c, p) for c in order for p in PHASES if (c, p) in pooled]
     return {key: _pool(*key, sizes[key[0]], pooled[key]) for key in keys}
 

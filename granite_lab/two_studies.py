@@ -15,15 +15,15 @@ import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granite_lab import reporting
+from granite_lab.columns import Cell, Column, FilledTable, Table, number, words
 from granite_lab.reporting.names import plain
-from granite_lab.reporting.rounding import interval
-from granite_lab.reporting.table import Cell, Cells, Table, number, tabulate, words
-from granite_lab.reporting.words import said
 from granite_lab.results import load_report
+from granite_lab.rounding import interval, tidy_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -163,37 +163,51 @@ def _value(known: Mapping[str, Any]) -> Value:
 
 def _notes(a: Mapping[str, Any], b: Mapping[str, Any], rows: Sequence[Row]) -> Iterator[str]:
     judged = sum(r.verdict in (DIFFERS, ALIKE) for r in rows)
-    yield said("compared", "chance", rows=judged, wrong=0.05 * judged)
+    yield (
+        f"Each interval holds the true difference in 95 of 100 cases: of {judged} rows, about "
+        f"{0.05 * judged:.1f} would differ by chance."
+    )
     first, second = ({i["sha256"] for i in d["provenance"]["inputs"]} for d in (a, b))
     if first & second:
-        yield said("compared", "same", files=len(first & second))
-    yield said("compared", "shared")
+        files = len(first & second)
+        yield f"{files} files are read by both studies; the intervals take them as independent."
+    yield "Errors that both studies share, such as that of the wheel radius, cancel only partly."
     p, q = ({(p["key"], p["value"]) for p in d["provenance"]["parameters"]} for d in (a, b))
     if other := sorted({key for key, _ in p ^ q}):
         names = f"{', '.join(other[:6])}{' and more' if len(other) > 6 else ''}"
-        yield said("compared", "parameters", names=names)
+        yield f"The parameter files differ in {names}."
     for name, d in zip("AB", (a, b), strict=True):
         if d["discovery"] is None:
-            yield said("compared", "unsearched", study=name)
+            yield f"{name} has no search for a missing effect: effects are not compared."
     if a["virtual"] != b["virtual"]:
-        yield said("compared", "virtual", study="A" if a["virtual"] else "B")
+        study = "A" if a["virtual"] else "B"
+        yield f"The data of {study} are virtual, those of the other study are not."
 
 
-def compared_table(found: Compared) -> Table:
+def compared_table(found: Compared) -> FilledTable:
     """Return the rows as a table."""
 
     def value(v: Value) -> Cell:
         return Cell(number(v.value, 4 if abs(v.value) >= 10 else 3).text, v)
 
     tones = {DIFFERS: "fair", ALIKE: "good"}
-    cells: Cells = {
-        "a": lambda r: value(r.a),
-        "b": lambda r: value(r.b),
-        "difference": lambda r: Cell(interval(r.difference.low, r.difference.high), r.difference),
-        "verdict": lambda r: words(r.verdict, tones.get(r.verdict, "")),
-    }
     a, b = found.names
-    return tabulate("differences", found.rows, cells, virtual=found.virtual, a=a, b=b)
+    return Table[Row](
+        "differences",
+        f"{b} minus {a}",
+        Column("quantity", lambda r: r.quantity),
+        Column("unit", lambda r: tidy_unit(r.unit)),
+        Column("A", lambda r: value(r.a), "a a_low95 a_high95"),
+        Column("B", lambda r: value(r.b), "b b_low95 b_high95"),
+        Column(
+            "B − A, 95 %", lambda r: Cell(interval(r.difference.low, r.difference.high), r.difference),
+            "difference difference_low95 difference_high95",
+        ),
+        Column("detectable", lambda r: r.smallest, "smallest_seen", digits=2),
+        Column("verdict", lambda r: words(r.verdict, tones.get(r.verdict, ""))),
+        note=f"A: {a}; B: {b}. B − A: 95 % interval of the difference. Detectable: the smallest difference "
+        "that is found with a probability of 80 %.",
+    ).fill(found.rows, virtual=found.virtual)  # fmt: skip
 
 
 def compared_as_json(found: Compared) -> dict[str, Any]:
@@ -217,7 +231,11 @@ def compared_figure(found: Compared) -> Figure | None:
     differ = [r.quantity for r in rows if r.verdict == DIFFERS]
     title = f"{len(differ)} of {len(rows)} quantities differ" if differ else "No difference is seen"
     a, b = found.names
-    return reporting.canvas.drawing("differences", title, found.virtual, _differences, rows, a=a, b=b)
+    caption = (
+        f"{b} minus {a}, divided by half the width of its 95 % interval. Bars that do not include 0 are "
+        "significant."
+    )
+    return reporting.canvas.Figure("differences", title, caption, partial(_differences, rows), found.virtual)
 
 
 def _differences(rows: Sequence[Row]) -> Canvas:

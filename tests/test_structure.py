@@ -14,7 +14,8 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 
 STAGES = [
     {"errors", "estimate", "__init__", "__version__"},
-    {"csv_rows", "files", "folders", "processes", "shown"},
+    {"csv_rows", "files", "folders", "processes", "rounding", "shown"},
+    {"columns"},
     {"parameters"},
     {"logs"},
     {"origin"},

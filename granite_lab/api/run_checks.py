@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granite_lab import estimation, reporting
+from granite_lab import estimation
 from granite_lab.chain import read, soil_of
 from granite_lab.errors import EstimateError, InputError, LabError
 from granite_lab.estimation.motion import Motion, mean_known
@@ -20,6 +20,7 @@ from granite_lab.logs.trial import Array, Trial, is_bag
 from granite_lab.options import Options
 from granite_lab.parameters import WHEELS
 from granite_lab.processes import one_thread
+from granite_lab.rounding import percent_of
 from granite_lab.shown import frame
 
 if TYPE_CHECKING:
@@ -195,7 +196,7 @@ def _motion(motion: Motion, trial: Trial) -> Iterator[Check]:
     slip = motion.slip_ratio
     low, high = slip.interval()
     usual = f"usual: {100 * SLIP[0]:.0f} to {100 * SLIP[1]:.0f} %"
-    known = f"λ_R {reporting.rounding.percent_of(slip)}, {usual}"
+    known = f"λ_R {percent_of(slip)}, {usual}"
     advice = "check wheel radius, unit of the encoders and mounting of the IMU"
     good = bool(low <= SLIP[1] and high >= SLIP[0])
     yield Check("slip", good, known if math.isfinite(slip.value) else "not known", advice)

@@ -10,10 +10,11 @@ from typing import Annotated, Any
 from typer import Argument, Option
 
 import granite_lab as gl
-from granite_lab import reporting
+from granite_lab.columns import Column, Table, words
 from granite_lab.commands.options import Jobs, Json, Quiet, Robot, Soil, number_of, read_pairs
 from granite_lab.commands.printer import Printer, progress, warn
-from granite_lab.hidden.scoring import MEANING, Score
+from granite_lab.hidden.scoring import MEANING, ParameterScore, Score
+from granite_lab.rounding import tidy_unit
 
 PARTS = {"train": "trials in the fit", "held_out": "trials left out of the fit"}
 """Parts of the trials that a discovery tells of, as they are printed."""
@@ -83,6 +84,27 @@ def reveal(
         _show_score(opened.score, printer)
 
 
+HIDDEN = Table[tuple[str, str, float | None, str]](
+    "hidden",
+    "What is hidden",
+    Column("effect", lambda row: words(row[0])),
+    Column("parameter", lambda row: row[1]),
+    Column("value", lambda row: row[2], "value", form=".4g"),
+    Column("unit", lambda row: words(row[3])),
+)
+SCORED = Table[ParameterScore](
+    "scored",
+    "Sizes hidden and found",
+    Column("effect", lambda p: p.effect),
+    Column("parameter", lambda p: f"{p.name} [{_unit(p.unit)}]".removesuffix(" []")),
+    Column("hidden", lambda p: p.true, "hidden", form=".4g"),
+    Column("found", lambda p: p.value, "found", form=".4g"),
+    Column("std", lambda p: p.std, "std", form=".2g"),
+    Column("z", lambda p: p.z, "z", form="+.1f"),
+    Column("meaning", lambda p: p.kind),
+)
+
+
 def _show_answer(answer: Mapping[str, Any], printer: Printer) -> None:
     trials = "virtual trials" if answer.get("virtual", True) else "trials"
     if answer["effects"]:
@@ -92,7 +114,7 @@ def _show_answer(answer: Mapping[str, Any], printer: Printer) -> None:
             named = effect["id"] + ("" if effect["library"] else " (not in the library)")
             values = [(k, p["value"], _unit(p["unit"])) for k, p in effect["parameters"].items()]
             rows += [("" if k else named, *cells) for k, cells in enumerate(values or [("", None, "")])]
-        printer.rows("hidden", rows, {"0": lambda row: row[0], "3": lambda row: row[3]})
+        printer.rows(HIDDEN, rows)
         for effect in answer["effects"]:
             told = ". ".join(part for part in (effect["title"], effect["account"]) if part)
             printer.say(f"{effect['id']}: {told}.")
@@ -117,8 +139,7 @@ def _show_score(judged: Score, printer: Printer) -> None:
     named = ", ".join(judged.named) or judged.verdict
     printer.say(f"judgement: {mark}; {MEANING[judged.outcome]} (found: {named})")
     if judged.parameters:
-        cells = {"parameter": lambda p: f"{p.name} [{_unit(p.unit)}]".removesuffix(" []")}
-        printer.rows("scored", judged.parameters, cells)
+        printer.rows(SCORED, judged.parameters)
     for part, share in judged.gap_closed.items():
         if share is not None:
             printer.say(f"gap closed, {PARTS[part]}: {100 * share:.1f} %")
@@ -126,7 +147,7 @@ def _show_score(judged: Score, printer: Printer) -> None:
 
 def _unit(unit: str) -> str:
     """Return a unit as it is printed: nothing for a number without one."""
-    return "" if unit == "-" else reporting.rounding.tidy_unit(unit)
+    return "" if unit == "-" else tidy_unit(unit)
 
 
 def kit(

@@ -9,6 +9,7 @@ from typer import Argument, Option
 
 import granite_lab as gl
 from granite_lab import reporting
+from granite_lab.columns import Column, Table, words
 from granite_lab.commands.options import (
     ColumnMap,
     Format,
@@ -39,7 +40,7 @@ from granite_lab.shown import picked
 
 if TYPE_CHECKING:
     from granite_lab.api.records import Records
-    from granite_lab.api.run_checks import Checked
+    from granite_lab.api.run_checks import Check, Checked
 
 
 def check(
@@ -86,15 +87,22 @@ def _show_sheet(printer: Printer, checked: Records[Checked]) -> None:
     printer.say(f"All {len(checked)} runs are good.", "bold green")
 
 
+CHECKS: Table[Check] = Table(
+    "checks",
+    "Checks of a run",
+    Column("", lambda c: words("good", "good") if c.good else words("BAD", "bad")),
+    Column("check", lambda c: c.name),
+    Column(
+        "found",
+        lambda c: words(c.found if c.good else f"{c.found}. {reporting.names.capital(c.advice)}."),
+    ),
+)
+
+
 def _show_checks(printer: Printer, checked: Checked) -> None:
     """Print each check of one run."""
-    words = reporting.table.words
     printer.json("check/1", _check_as_json(checked))
-    cells = {
-        "mark": lambda c: words("good", "good") if c.good else words("BAD", "bad"),
-        "found": lambda c: c.found if c.good else f"{c.found}. {reporting.names.capital(c.advice)}.",
-    }
-    printer.rows("checks", checked.checks, cells)
+    printer.rows(CHECKS, checked.checks)
     if checked.virtual:
         printer.say("virtual data: written by a simulator.", "yellow")
     if checked.error is not None:

@@ -77,17 +77,7 @@ def simulate(
     printer = Printer(as_json)
     printer.json("simulate/1", document | {"run": path, "log": log})
     printer.say(f"Simulated run, {run.variant.velocity:g} m/s", "bold")
-    steady = (run.t >= run.steady[0]) & (run.t <= run.steady[1])
-    rows = [
-        (label, *(factor * run[name.format(axle)][steady].mean() for axle in "fr"), unit)
-        for label, name, factor, unit in (
-            ("slip ratio", "slip_{}", 100, "%"),
-            ("sinkage", "sinkage_{}_m", 1000, "mm"),
-            ("driving torque", "torque_{}_Nm", 1, "N m"),
-            ("motor current", "current_{}_A", 1, "A"),
-        )
-    ]
-    printer.rows("run", rows)
+    reporting.terminal.show_run(run, printer.shown)
     law = f"k_92 = {run.k92_value:g}" if run.k92_law == "constant" else f"a_θ = {run.k92_value:g} s/m"
     printer.line(f"slip ratio of the robot λ_R = {100 * run.slip_ratio:.2f} % over the steady part, {law}")
     for name, values_of in run.effects.items():
@@ -145,7 +135,9 @@ def wheel(
     )
     for e in run.effects:
         printer.say(f"with {e.id}: " + ", ".join(f"{k} = {x:g}" for k, x in e.as_dict().items()))
-    printer.rows("wheel", run.points, {"stress": lambda p: f"{p.normal_stress.max() / 1000:.1f}"})
+    from granite_lab.model.single_wheel import WHEEL_POINTS
+
+    printer.rows(WHEEL_POINTS, run.points)
 
 
 def params(
@@ -236,7 +228,7 @@ def check_effect(
 
     The exit code is 3 if a check fails.
     """
-    from granite_lab.effects.contract import contract, refuse_failed
+    from granite_lab.effects.contract import CHECKS, contract, refuse_failed
     from granite_lab.effects.library import read_effects
 
     own = effect.endswith(".py") or "/" in effect
@@ -244,10 +236,9 @@ def check_effect(
     checks = {name: contract(one) for name, one in known.items()}
     printer = Printer(as_json)
     printer.json("effect-check/1", {"effects": checks})
-    mark = {"mark": lambda check: {True: "ok", False: "FAILED", None: "-"}[check.passed]}
     for name, one in known.items():
         printer.say(f"{name}: {one.title}", "bold")
-        printer.rows("checks", checks[name], mark | {"found": lambda check: check.detail})
+        printer.rows(CHECKS, checks[name])
     refuse_failed(checks, effect)
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, cast
+from typing import IO, TYPE_CHECKING, Any, TypeVar, cast
 
 from granite_lab import reporting
 from granite_lab.errors import printable
@@ -20,8 +20,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import Console
 
+    from granite_lab.columns import Table
     from granite_lab.origin import Origin
-    from granite_lab.reporting.table import Cells
+
+
+R = TypeVar("R")
 
 
 class Printer:
@@ -47,9 +50,9 @@ class Printer:
         """Print a sentence."""
         reporting.table.say(self.shown, text, style)
 
-    def rows(self, name: str, items: Iterable[Any], cells: Cells | None = None, **parts: str) -> None:
-        """Print a table; arguments as in `reporting.table.tabulate`."""
-        reporting.table.show_rows(name, items, self.shown, cells, **parts)
+    def rows(self, table: Table[R], rows: Iterable[R]) -> None:
+        """Print a table."""
+        reporting.table.show_table(table.fill(rows), self.shown)
 
 
 class _Encodable:

@@ -9,6 +9,8 @@ from typer import Argument, Option
 
 import granite_lab as gl
 from granite_lab import reporting
+from granite_lab.columns import Column
+from granite_lab.columns import Table as Tabular
 from granite_lab.commands.options import (
     ColumnMap,
     EffectFile,
@@ -34,6 +36,7 @@ from granite_lab.commands.options import (
 from granite_lab.commands.printer import Printer, progress, provenance, warn, warn_of
 from granite_lab.errors import LabError
 from granite_lab.files import write_table, write_text
+from granite_lab.rounding import significant
 from granite_lab.running.output import tell
 from granite_lab.shown import picked
 
@@ -343,7 +346,7 @@ def show_plan(plan: Plan, shown: Console) -> None:
 
     def size(value: float) -> str:
         if sharpens:
-            return f"{reporting.rounding.significant(100 * value, 2)} %"
+            return f"{significant(100 * value, 2)} %"
         return f"{value:.0f}" if value >= 9.95 else f"{value:.1f}"
 
     def cells(k: int, p: Proposal) -> tuple[str, ...]:
@@ -362,8 +365,16 @@ def show_plan(plan: Plan, shown: Console) -> None:
     if not plan.worth:
         why = "none lowers the std by a fifth" if sharpens else "none adds 3 to a log Bayes factor (20 to 1)"
         say(shown, f"No trial is recommended: {why}.", "bold")
+    table = Tabular[tuple[str, ...]](
+        "plan",
+        "Proposals",
+        Column("", lambda row: row[0], "rank"),
+        Column("next trial", lambda row: row[1]),
+        Column("std" if sharpens else "log Bayes factor", lambda row: row[2], "change"),
+        Column("because", lambda row: row[3]),
+    )
     rows = (cells(k, p) for k, p in enumerate(plan.proposals[:PROPOSALS], 1))
-    reporting.table.show_rows("plan", rows, shown, change="std" if sharpens else "log Bayes factor")
+    reporting.table.show_table(table.fill(rows), shown)
     if plan.worth:
         best = plan.proposals[0].option
         say(shown, f"First choice: {best.how}.")

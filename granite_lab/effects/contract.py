@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from granite_lab.columns import Column, Table, words
 from granite_lab.effects.library import neutral_gap
 from granite_lab.errors import EstimateError, InputError, LabError
 from granite_lab.model import Accuracy, interpreted, simulate
@@ -54,6 +55,15 @@ class Check:
     name: str
     passed: bool | None
     detail: str
+
+
+CHECKS = Table[Check](
+    "checks",
+    "Checks of an effect",
+    Column("", lambda c: {True: "ok", False: "FAILED", None: "-"}[c.passed]),
+    Column("check", lambda c: c.name),
+    Column("found", lambda c: words(c.detail)),
+)
 
 
 def typical(effect: Effect) -> Active:

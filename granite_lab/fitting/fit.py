@@ -12,9 +12,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
+from granite_lab.columns import Cell, Column, Table
 from granite_lab.estimate import Estimate, Part
 from granite_lab.origin import NOWHERE, Origin
 from granite_lab.parameters import Variant
+from granite_lab.rounding import plus_minus
 from granite_lab.shown import Shown, frame, picked
 
 if TYPE_CHECKING:
@@ -27,6 +29,15 @@ K92_BOUNDS = (0.0, 1.0)
 """The model needs k_92 >= 0 (section 5), and k_92 = 1 is the value at rest, below (4)."""
 
 FitStatus = Literal["ok", "at_lower_bound", "at_upper_bound", "not_converged", "not_evaluated"]
+
+STATUS_NAMES: Mapping[FitStatus, str] = {
+    "ok": "fitted",
+    "at_lower_bound": "at lower limit",
+    "at_upper_bound": "at upper limit",
+    "not_converged": "not converged",
+    "not_evaluated": "not evaluated",
+}
+"""Status of a fit as a reader calls it."""
 
 SCATTER = "scatter between trials beyond these"
 
@@ -93,6 +104,40 @@ class K92Fit(Shown):
             row |= {name: number.value, f"{name}_std": number.std}
         row |= {"slip_ratio_simulated": self.slip_simulated}
         return frame([row | picked(self, "status", "status_trajectory")])
+
+
+def _with_status(value: Estimate, status: FitStatus) -> Cell:
+    """Return k_92; where it is no inner optimum it stands with the reason."""
+    text, raw = plus_minus(value), (value.value, value.std, STATUS_NAMES[status])
+    return Cell(text, raw) if status == "ok" else Cell(f"{text} ({STATUS_NAMES[status]})", raw, "fair")
+
+
+K92_STEADY = Column[K92Fit](
+    "k_92, steady slip", lambda f: _with_status(f.k92, f.status), "k92 k92_std k92_status", unit="–"
+)
+K92_TRAJECTORY = Column[K92Fit](
+    "k_92, trajectory",
+    lambda f: _with_status(f.k92_trajectory, f.status_trajectory),
+    "k92_trajectory k92_trajectory_std k92_trajectory_status",
+    unit="–",
+)
+K92_FITS = Table[K92Fit](
+    "k92",
+    "k_92 of each trial",
+    Column("trial", lambda f: f.trial),
+    Column("speed", lambda f: f.variant.velocity, "speed_mps", unit="m/s", form=".3g"),
+    Column("λ_R", lambda f: f.slip_measured, "slip_ratio slip_ratio_std", unit="%", scale=100),
+    K92_STEADY,
+    K92_TRAJECTORY,
+    note="Value ± standard deviation.",
+)
+
+LAW_NAMES = {
+    "exponential": "k_92 = exp(−a_θ v)",
+    "linear_slip": "k_92 = b_0 + b_1 λ_R",
+    "free": "k_92 constant at each speed",
+}
+"""Laws for k_92 by their id, as a reader calls them."""
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from granite_lab.columns import Column, Table, words
 from granite_lab.errors import InputError
 from granite_lab.model.body import BodyLoad, BodyState
 from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import Drive, Soil
+from granite_lab.rounding import tidy_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,6 +56,18 @@ class EffectParameter:
     linear: bool = False
     relative: bool = False
     signs: tuple[str, str] = ("", "")
+
+
+EFFECT_PARAMETERS = Table[EffectParameter](
+    "effect",
+    "Parameters of an effect",
+    Column("parameter", lambda p: p.name),
+    Column("unit", lambda p: words(tidy_unit(p.unit))),
+    Column("neutral", lambda p: p.neutral, "neutral", form="g"),
+    Column("allowed", lambda p: f"{p.low:g} … {p.high:g}"),
+    Column("expected", lambda p: f"{p.prior_low:g} … {p.prior_high:g}"),
+    Column("meaning", lambda p: p.meaning),
+)
 
 
 @dataclass(frozen=True)
@@ -233,6 +247,20 @@ class Effect:
         run: the signal ``enc_f_rad`` at t becomes what it was at t minus the delay of ``enc``.
         """
         return {}
+
+
+def _with_units(effect: Effect) -> str:
+    units = {p.name: "" if p.unit in ("", "-") else f" [{tidy_unit(p.unit)}]" for p in effect.parameters}
+    return ", ".join(f"{name}{unit}" for name, unit in units.items())
+
+
+EFFECTS = Table[Effect](
+    "effects",
+    "Effects",
+    Column("effect", lambda e: e.id),
+    Column("what it is", lambda e: e.title),
+    Column("parameters", lambda e: words(_with_units(e))),
+)
 
 
 @dataclass(frozen=True)

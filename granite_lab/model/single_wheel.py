@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
+from granite_lab.columns import Column, Table
 from granite_lab.errors import EstimateError, InputError, UsageError
 from granite_lab.model.command import V_FLOOR, contact_angle_ratio
 from granite_lab.model.contact import WheelState, outline
@@ -112,6 +113,21 @@ class WheelPoint:
     def slip(self) -> float:
         """λ of (1)."""
         return self.rolling.slip
+
+
+WHEEL_POINTS = Table[WheelPoint](
+    "wheel",
+    "One wheel at each slip",
+    Column("slip", lambda p: p.slip, "slip", form="g"),
+    Column("drawbar pull", lambda p: p.drawbar_pull, "drawbar_pull", unit="N", form=".2f"),
+    Column("torque", lambda p: p.torque, "torque", unit="N m", form=".3f"),
+    Column("sinkage", lambda p: p.sinkage, "sinkage", unit="mm", scale=1000, form=".2f"),
+    Column("load", lambda p: p.load, "load", unit="N", form=".1f"),
+    Column("k_92", lambda p: p.k92, "k92", form=".3f"),
+    Column("front", lambda p: p.angle_front, "angle_front", unit="°", scale=180 / math.pi, form=".1f"),
+    Column("rear", lambda p: p.angle_rear, "angle_rear", unit="°", scale=180 / math.pi, form=".1f"),
+    Column("σ max", lambda p: p.normal_stress.max(), "stress", unit="kPa", scale=1e-3, form=".1f"),
+)
 
 
 def rolling(

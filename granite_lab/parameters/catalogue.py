@@ -11,9 +11,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from granite_lab.columns import Column, Table, words
 from granite_lab.errors import UsageError
 from granite_lab.parameters.quantity import build, key_of, read_toml
 from granite_lab.parameters.records import ImuGrade, Paper, Published, Robot, Soil, Variant
+from granite_lab.rounding import tidy_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -151,6 +153,29 @@ class Provenance:
         import pandas as pd  # noqa: PLC0415, heavy
 
         return pd.DataFrame([dataclasses.asdict(self)])
+
+
+def provenance_table(*, origin: bool) -> Table[Provenance]:
+    """Return the table of parameters, with their `origin` where it is asked for."""
+    return Table[Provenance](
+        "in_force",
+        "Parameters in force",
+        Column("key", lambda p: p.key),
+        Column("symbol", lambda p: p.symbol),
+        Column("value", lambda p: f"{p.value:g}" if isinstance(p.value, (int, float)) else p.value, "value"),
+        Column("unit", lambda p: words(tidy_unit(p.unit))),
+        Column("allowed", lambda p: f"{p.low:g} … {p.high:g}"),
+        Column("from", lambda p: p.origin, shown=origin),
+    )
+
+
+VARIANTS = Table[Variant](
+    "variants",
+    "Variants of motion (Table 2)",
+    Column("velocity", lambda v: v.velocity, "velocity", unit="m/s", form="g"),
+    Column("acceleration", lambda v: v.acceleration, "acceleration", unit="m/s²", form="g"),
+    Column("distance", lambda v: v.distance, "distance", unit="m", form="g"),
+)
 
 
 def in_force(robot: str, soil: str, grade: str | None = None) -> list[Provenance]:

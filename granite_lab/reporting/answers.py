@@ -8,12 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from granite_lab.discovery.finding import Finding
-from granite_lab.estimate import mean_over
 from granite_lab.fitting.fit import AThetaFit
-from granite_lab.parameters import Paper, by_speed, load_paper
+from granite_lab.parameters import by_speed, load_paper
+from granite_lab.reporting.channels import ChannelAnswer, channels_of
 from granite_lab.reporting.names import (
     MUCH,
     capital,
@@ -24,151 +22,17 @@ from granite_lab.reporting.names import (
     plain,
     together,
 )
-from granite_lab.reporting.rounding import (
+from granite_lab.reporting.speeds import Speed, speeds_of, velocities_of
+from granite_lab.results import StudyResult, gaps
+from granite_lab.rounding import (
     Number,
     chance,
     decided,
     percent,
-    shown_as,
     significant,
-    tidy_unit,
     times,
     with_unit,
 )  # fmt: skip
-from granite_lab.reporting.words import PHASES, quantity, said
-from granite_lab.results import Gap, StudyResult, TrialResult, gaps
-
-NOISE, CLEAR = 1.5, 3.0
-"""Difference over noise up to which a channel agrees, and above which it differs clearly."""
-
-SMALL, UNSEEN = 0.01, 0.2
-"""Shares of a channel's largest value: a difference below the first is small; noise above the second is
-too large for a judgement."""
-
-
-@dataclass(frozen=True, eq=False)
-class Speed:
-    """All trials at one desired velocity.
-
-    Attributes:
-        velocity: desired velocity [m/s].
-        results: the trials.
-        trials: how many have a slip ratio.
-        slip: mean λ_R over the trials [%], with its standard error and 95 % interval.
-        k92: mean of k_92 fitted to the steady slip [–], likewise.
-        k92_note: stands in place of k_92 where no trial has an inner optimum.
-        paper_slip: λ_R of the paper's experiment [%] as printed there; NaN where it has none.
-        paper_k92: k_92 of the paper; NaN likewise.
-    """
-
-    velocity: float
-    results: tuple[TrialResult, ...]
-    trials: int
-    slip: Number
-    k92: Number
-    k92_note: str
-    paper_slip: float
-    paper_k92: float
-
-    @property
-    def agrees(self) -> bool | None:
-        """Whether the paper's slip lies in the interval as printed; None where that cannot be said."""
-        return self.slip.holds(self.paper_slip)
-
-    @property
-    def typical(self) -> TrialResult:
-        """The trial whose λ_R is in the middle; the one that is drawn."""
-        slips = np.array([r.comparison.motion.slip_ratio.value for r in self.results])
-        ranked = np.argsort(slips)  # NaN last
-        return self.results[int(ranked[max(int(np.isfinite(slips).sum()) - 1, 0) // 2])]
-
-
-def speeds_of(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
-    """Group the trials by desired velocity (`parameters.by_speed`)."""
-    from granite_lab.fitting.atheta import k92_interval  # noqa: PLC0415, heavy
-
-    rows = []
-    for velocity, positions in by_speed(_velocities(result)).items():
-        trials = [result.trials[i] for i in positions]
-        fits = [t.comparison.fit for t in trials]
-        inner = [f for f in fits if f.status == "ok"]
-        *slip, count = mean_over(t.comparison.motion.slip_ratio for t in trials)
-        k92 = mean_over(f.k92 for f in inner)
-        # The interval is by the likelihood where the covariance is not enough.
-        ends = k92_interval(inner, (k92.low, k92.high))
-        own = next((p for p in paper.table3 if abs(p.velocity - velocity) < 0.005), None)
-        rows.append(
-            Speed(
-                velocity, tuple(trials), count, decided(*slip, unit="%", scale=100),
-                decided(k92.value, k92.std, *ends),
-                "at its limit" if all(f.status.endswith("bound") for f in fits) else "",
-                # The paper prints three digits; the tail of 100 times a fraction is none of them.
-                round(100 * own.slip_measured, 6) if own else math.nan, own.k92 if own else math.nan,
-            )
-        )  # fmt: skip
-    return tuple(rows)
-
-
-def _velocities(result: StudyResult) -> list[float]:
-    return [trial.comparison.motion.variant.velocity for trial in result.trials]
-
-
-@dataclass(frozen=True)
-class ChannelAnswer:
-    """How well the model explains one quantity over whole trials.
-
-    Attributes:
-        channel, name: as in `Gap`, and as a reader calls it.
-        unit: of `rms`, `noise` (std of the measurement) and `largest` (simulated magnitude), as printed.
-        verdict, tone: in words.
-        worst: phase in which the difference is largest against the noise.
-    """
-
-    channel: str
-    name: str
-    unit: str
-    rms: float
-    noise: float
-    largest: float
-    verdict: str
-    tone: str
-    worst: str
-
-    @property
-    def differs(self) -> bool:
-        """Whether simulation and measurement differ by more than the noise."""
-        return self.tone in ("fair", "bad")
-
-
-def channels_of(found: dict[tuple[str, str], Gap]) -> tuple[ChannelAnswer, ...]:
-    """Judge each channel over whole trials."""
-    judged = []
-    for gap in (g for g in found.values() if g.phase == "all"):
-        unit, scale = shown_as(gap.unit)
-        noise = gap.rms / gap.normalised if gap.normalised > 0 else math.nan
-        phases = [found[gap.channel, p] for p in PHASES if (gap.channel, p) in found]
-        known = [g for g in phases if math.isfinite(g.normalised)]
-        worst = PHASES[max(known, key=lambda g: g.normalised).phase] if known else ""
-        sizes = (gap.rms * scale, noise * scale, gap.size * scale)
-        judged.append(
-            ChannelAnswer(
-                gap.channel, quantity(gap.channel), tidy_unit(unit), *sizes, *_judge(gap, noise), worst
-            )
-        )
-    return tuple(judged)
-
-
-def _judge(gap: Gap, noise: float) -> tuple[str, str]:
-    if not math.isfinite(gap.normalised):
-        return "not judged, noise not known", ""
-    if gap.normalised <= NOISE:
-        if gap.size > 0 and noise > UNSEEN * gap.size:
-            return "not judged, too noisy", ""
-        return "agrees", "good"
-    if gap.size > 0 and gap.rms < SMALL * gap.size:
-        return f"differs by under {with_unit(significant(100 * SMALL, 1), '%')}", "good"
-    return ("differs", "fair") if gap.normalised <= CLEAR else ("differs clearly", "bad")
-
 
 SPEEDS = 3
 """A law over speed is tested by at least so many speeds."""
@@ -237,7 +101,7 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
     elif finding is not None:
         alike, differ = finding.verdict == "none", _differ(finding, gap_pair(finding)[0])
         verdict, tone = ("Yes", "good") if alike else ("No", "fair")
-        questions = [Answer("model", said("questions", "sensors"), verdict, differ, tone)]
+        questions = [Answer("model", "Does the paper's model explain the sensors?", verdict, differ, tone)]
     questions.append(missing_answer(finding, result.unsearched))
     questions += [closes_answer(finding)] if finding else []
     questions.append(_trust(result, finding))
@@ -250,9 +114,11 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
 
 def _differ(finding: Finding, gap: float) -> str:
     """Say how far the sensors are from the model without effects."""
-    where = gap_pair(finding)[2]
-    text = said("answers", "differ", gap=times(gap), tolerance=percent(finding.tolerance), where=where)
-    return text + (said("answers", "repetitions") if finding.scatter else "")
+    text = (
+        f"Sensors and model differ by {times(gap)} times what noise and a tolerance of "
+        f"{percent(finding.tolerance)} of each sensor's rms explain, {gap_pair(finding)[2]}."
+    )
+    return text + (" Repetitions of a command differ from each other by more." if finding.scatter else "")
 
 
 def _drove(trials: int, robots: Sequence[str], soils: Sequence[str], speeds: Sequence[float]) -> str:
@@ -287,13 +153,20 @@ def _lead(result: StudyResult, speeds: Sequence[Speed]) -> str:
 
 def _virtual(result: StudyResult) -> str:
     if not result.trials and result.finding is not None and result.finding.virtual:
-        return said("page", "virtual_search")
+        return (
+            "A simulator wrote the sensor logs of these trials; no robot was driven. Nothing here is about "
+            "real sand."
+        )
     count, n = (
         sum(r.trial.info.virtual or r.comparison.motion.virtual for r in result.trials),
         len(result.trials),
     )
     which = "All trials are" if count == n else f"{count} of {n} trials are"
-    return said("page", "virtual_study", which=which) if count else ""
+    text = (
+        f"{which} virtual: a simulator wrote the sensor logs and no robot was driven. “Measured” means "
+        "estimated from the virtual sensors. Nothing here is about real sand."
+    )
+    return text if count else ""
 
 
 def _slip(speeds: Sequence[Speed]) -> Answer:
@@ -304,17 +177,22 @@ def _slip(speeds: Sequence[Speed]) -> Answer:
     )
     tone = "fair" if outside else "good"
     if not known:
-        verdict, text, tone = "Not known", said("answers", "no_slip"), "bad"
+        verdict, text, tone = "Not known", "No trial has a steady part with a slip ratio.", "bad"
     elif not inside and not outside:
-        text, tone = said("answers", "no_experiment"), ""
+        text, tone = "The paper has no experiment to compare with.", ""
     elif inside and outside:
-        text = said("answers", "slip_in_part", inside=listed(inside), outside=listed(outside))
+        text = (
+            f"The paper's experiment lies in the 95 % interval at {listed(inside)} m/s, and outside at "
+            f"{listed(outside)} m/s."
+        )
     else:
         every = " at every speed" if len(inside) + len(outside) > 1 else ""
-        text = said("answers", "slip", place="outside" if outside else "in", every=every)
+        text = f"The paper's experiment lies {'outside' if outside else 'in'} the 95 % interval{every}."
     if alone := [f"{s.velocity:g}" for s in known if s.trials == 1]:
-        text += said("answers", "one_trial", speeds=listed(alone))
-    return Answer("slip", said("questions", "slip"), verdict, text, tone)
+        text += (
+            f" The interval of a single trial ({listed(alone)} m/s) leaves out the scatter between trials."
+        )
+    return Answer("slip", "How much does the robot slip?", verdict, text, tone)
 
 
 def a_theta_of(fit: AThetaFit | None) -> tuple[Number | None, bool | None]:
@@ -332,19 +210,23 @@ def _speeds_of(fit: AThetaFit) -> int:
 def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
     """Say whether a_θ agrees with the paper's; a finding says whether the model lacks something."""
     number, agrees = a_theta_of(fit)
-    question = said("questions", "a_theta", paper=load_paper().a_theta)
+    question = f"Does a_θ agree with the paper's {load_paper().a_theta:g} s/m?"
     if fit is None or number is None:
-        return Answer("a_theta", question, "Not known", said("answers", "no_law"))
-    text = said("answers", "law", number=number, trials=plural(len(fit.points), "trial"))
+        return Answer("a_theta", question, "Not known", "a_θ needs a trial in which k_92 could be fitted.")
+    text = (
+        f"a_θ = {number.with_std} s/m, 95 % interval {number.interval} s/m, from "
+        f"{plural(len(fit.points), 'trial')}."
+    )
     if agrees is None:
-        text += said("answers", "law_untested", least=SPEEDS, speeds=_speeds_of(fit))
+        few = _speeds_of(fit)
+        text += f" A test of the law k_92 = exp(−a_θ v) needs {SPEEDS} speeds; these trials have {few}."
         return Answer("a_theta", question, "Not tested", text)
     if agrees:
         return Answer("a_theta", question, "Yes", text, "good")
     way = "above" if number.value > fit.published else "below"
-    text += said("answers", "law_off", by=percent(abs(number.value / fit.published - 1)), way=way)
+    text += f" It is {percent(abs(number.value / fit.published - 1))} {way} the paper's."
     if finding is not None and finding.effects:
-        text += said("answers", "law_missing")
+        text += " k_92 is fitted with the paper's model, so that what is missing can cause this."
     return Answer("a_theta", question, "No", text, "fair")
 
 
@@ -353,28 +235,28 @@ def model_answer(channels: Sequence[ChannelAnswer], finding: Finding | None = No
     agree = [c for c in channels if c.tone == "good"]
     differ = sorted((c for c in channels if c.differs), key=lambda c: -c.rms / c.noise)
     unseen = [c.name for c in channels if not c.tone]
-    question = said("questions", "model")
+    question = "Does the paper's model explain the measurements?"
     if not agree and not differ:
-        return Answer("model", question, "Not known", said("answers", "no_noise"))
+        return Answer("model", question, "Not known", "The noise of the measured quantities is not known.")
     text = f"{len(agree)} of {plural(len(channels), 'quantity')} agree with the simulation."
     if differ:
         worst, names = differ[0], capital(together([c.name for c in differ]))
-        text += said(
-            "answers", "worst", names=names, verb="differs" if len(differ) == 1 else "differ",
-            worst=worst.name, rms=with_unit(significant(worst.rms, 2), worst.unit),
-            over=significant(worst.rms / worst.noise, 2),
-        )  # fmt: skip
+        text += (
+            f" {names} {'differs' if len(differ) == 1 else 'differ'}; largest against its noise: "
+            f"{worst.name}, {with_unit(significant(worst.rms, 2), worst.unit)} rms, "
+            f"{significant(worst.rms / worst.noise, 2)} times the noise."
+        )
     if unseen:
         text += f" Not judged: {listed(unseen)}."
     missing = finding is not None and finding.verdict != "none"
     verdict, tone = "In part", "fair"
     if not differ and missing:
-        text += said("answers", "sensors_more")
+        text += " The readings of the sensors show more: see what is missing."
     elif not differ:
         verdict, tone = "Yes", "good"
     elif finding is not None and not missing:
         verdict, tone = "Yes, once the sand is fitted", "good"
-        text = said("answers", "sand_fitted", text=text)
+        text = f"With the sand of the parameter file: {text} With the sand fitted, the sensors agree too."
     elif not agree:
         verdict, tone = "No", "bad"
     return Answer("model", question, verdict, text, tone)
@@ -382,17 +264,21 @@ def model_answer(channels: Sequence[ChannelAnswer], finding: Finding | None = No
 
 def missing_answer(finding: Finding | None, reason: str = "") -> Answer:
     """Say which effect the model lacks, with its sizes; `reason` says why nothing was searched."""
-    question = said("questions", "missing")
+    question = "What is missing from the model?"
     if finding is None:
         text = reason and f"{capital(reason).rstrip('.')}."
-        return Answer("missing", question, "Not searched", text or said("answers", "not_searched"))
+        return Answer("missing", question, "Not searched", text or "No search for a missing effect was run.")
     if finding.verdict == "none":
         tone = "fair" if finding.provisional else "good"
-        return Answer("missing", question, "Nothing that these trials show", said("answers", "nothing"), tone)
+        text = "No effect of the library and no other disagreement exceeds noise and tolerance."
+        return Answer("missing", question, "Nothing that these trials show", text, tone)
     sizes = "; ".join(describe(e) for e in finding.effects)
     if finding.verdict == "unknown":
-        text = f"{said('answers', 'unknown')} An empirical law stands in for it: {sizes}."
-        text = text if finding.effects else in_plain_words(finding.sentence, finding)
+        text = (
+            f"No effect of the library explains the disagreement. An empirical law stands in for it: {sizes}."
+            if finding.effects
+            else in_plain_words(finding.sentence, finding)
+        )
         return Answer("missing", question, "Something unknown", text, "bad")
     twins = [
         f"These trials cannot tell {plain(e.id)} from {listed([plain(t) for t in e.twins], 'or')}."
@@ -413,15 +299,16 @@ def gap_pair(finding: Finding) -> tuple[float, float, str]:
 
 def closes_answer(finding: Finding) -> Answer:
     """Say how much of the gap between sensors and model closes with what was found."""
-    question = said("questions", "closes")
+    question = "How much of the gap does it close?"
     before, after, where = gap_pair(finding)
     if not finding.effects:
         verdict = "No gap" if finding.verdict == "none" else "Nothing"
         return Answer("closes", question, verdict, _differ(finding, before))
-    text = said(
-        "answers", "closes", where=capital(where), before=times(before), after=times(after),
-        tolerance=percent(finding.tolerance),
-    )  # fmt: skip
+    text = (
+        f"{capital(where)}, the difference between sensors and model falls from {times(before)} to "
+        f"{times(after)} times what noise and a tolerance of {percent(finding.tolerance)} of each sensor's "
+        "rms explain."
+    )
     closes = 1 - finding.remainder
     verdict = capital(percent(min(max(closes, 0.0), 1.0))) if math.isfinite(closes) else "Not known"
     known = finding.remainder <= MUCH and math.isfinite(finding.gap.held_out[0])
@@ -443,7 +330,7 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
     if failed := sum(not f.excluded for f in result.failures):
         doubts.append(f"{plural(failed, 'trial')} could not be used")
     if finding is None or not finding.provisional:
-        speeds = by_speed(_velocities(result))
+        speeds = by_speed(velocities_of(result))
         doubts += [f"only {plural(len(speeds), 'speed')}"] if 0 < len(speeds) < SPEEDS else []
         doubts += ["no speed was driven twice"] if speeds and max(map(len, speeds.values())) < 2 else []
     if finding is not None:
@@ -457,18 +344,19 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
         if finding.effects and counts:
             grounds.append(f"{listed(counts)} left out of the fit are predicted better.")
         elif finding.effects:
-            doubts.append(said("answers", "no_prediction"))
+            doubts.append("nothing could be left out of the fit, so that no prediction tests it")
     doubt = [f"Doubts: {'; '.join(doubts)}."] if doubts else []
-    text = " ".join([*grounds, *doubt, said("answers", "valid")]) + (said("answers", "radius") if n else "")
+    radius = " Not included: an error of the wheel radius (1 % of it is 1 point of slip)." if n else ""
+    text = " ".join([*grounds, *doubt, f"Valid for these speeds, this robot and this sand.{radius}"])
     verdict, tone = ("With care", "fair") if doubts else ("Well, for trials like these", "good")
-    return Answer("trust", said("questions", "trust"), verdict, text, tone)
+    return Answer("trust", "How far can this be trusted?", verdict, text, tone)
 
 
 def _next(steps: Sequence[str]) -> tuple[Answer, ...]:
     if not steps:
         return ()
     text, command = parted(steps[0])
-    return (Answer("next", said("questions", "next"), "", text, command=command),)
+    return (Answer("next", "What to do next?", "", text, command=command),)
 
 
 def parted(step: str) -> tuple[str, str]:

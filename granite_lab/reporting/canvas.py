@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,6 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Transform, blended_transform_factory
 
 from granite_lab.logs.trial import Array
-from granite_lab.reporting.words import said
 
 # Okabe and Ito's palette, safe for all common kinds of colour blindness. Blue tones are always
 # measured, orange tones simulated, the light tone of each the rear axle or the wheels.
@@ -90,21 +89,6 @@ class Figure:
             figure = self.make()
             mark_virtual(figure, self.virtual)
         return figure
-
-
-def drawing(
-    key: str, title: str, virtual: bool, make: Callable[..., Canvas], *given: object, name: str = "",
-    **parts: object,
-) -> Figure:  # fmt: skip
-    """Return a figure whose caption stands in ``words.toml``.
-
-    Args:
-        key: of the caption; also the name of the figure where none is given.
-        title, virtual, name: as in `Figure`.
-        make: makes it of `given`.
-        **parts: what fills the braces of the caption.
-    """
-    return Figure(name or key, title, said("figures", key, **parts), partial(make, *given), virtual)
 
 
 def mark_virtual(figure: Canvas, virtual: bool) -> None:

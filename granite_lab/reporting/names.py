@@ -5,25 +5,50 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from granite_lab.discovery.empirical import TARGETS, TERMS
-from granite_lab.discovery.finding import Candidate, Finding, FoundEffect, FoundParameter
+from granite_lab.discovery.finding import Candidate, Finding, FoundEffect, FoundParameter, Status
 from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import EffectParameter
-from granite_lab.reporting.rounding import decided, plus_minus, tidy_unit, with_unit
-from granite_lab.reporting.words import SENSORS, said
+from granite_lab.rounding import decided, plus_minus, tidy_unit, with_unit
+
+SENSORS = {
+    "accel_x": "forward acceleration",
+    "accel_z": "vertical acceleration",
+    "pitch_rate": "pitch rate",
+    "wheel": "mean wheel angle",
+    "wheel_split": "front − rear wheel angle",
+    "current_f": "front motor current",
+    "current_r": "rear motor current",
+}
+"""Channels of a search, in the order of the report, as a reader calls them."""
+
+STATUS: Mapping[Status, str] = {
+    "named": "named",
+    "twin": "fits as well as the named one",
+    "small": "small",
+    "less likely": "less likely",
+    "screened": "screened out",
+    "at a bound": "ended at a limit",
+}
+"""What became of a candidate, as a reader calls it."""
 
 PREFIXED = ("s", "m", "rad", "m/N", "rad/(N m)")
 """Units that take a milli or a micro in front."""
 
 MUCH = 0.2
 """Share of the gap that is left from which on something else may be missing."""
+
+
+def sensor(channel: str) -> str:
+    """Return a channel of a search as a reader calls it."""
+    return SENSORS.get(channel, channel)
 
 
 def channels_of(finding: Finding) -> list[str]:
@@ -217,25 +242,40 @@ def law_formulas(finding: Finding) -> tuple[str, ...]:
 def next_steps(finding: Finding, model: Path | str | None, folder: str) -> tuple[str, ...]:
     """Say what to do with a finding, most useful first; a command ends its sentence."""
     plan = f"granite-lab plan-next {_pasted(folder)}"
-    steps = [said("steps", "again")] if finding.provisional else []
+    own = "granite-lab discover TRIALS --effects my_effect.py"
+    again = "Drive two trials or more at each of three speeds, then search again."
+    steps = [again] if finding.provisional else []
     if finding.verdict == "none":
-        return (*steps, said("steps", "none", plan=plan))
-    if finding.verdict == "unknown":
         return (
             *steps,
-            said("steps", "scatter" if finding.scatter else "unknown"),
-            said("steps", "tell", plan=plan),
+            f"Nothing needs to be added. Plan the trial that would show effects still hidden: {plan}",
         )
+    if finding.verdict == "unknown":
+        look = (
+            "Find what changes from trial to trial, such as uneven ground, wind or a motor that warms up, "
+            "and repeat the trials without it."
+            if finding.scatter
+            else "Look where the model disagrees, then test the suspected cause as an effect of your own: "
+            + own
+        )
+        return (*steps, look, f"Plan the trial that would tell more: {plan}")
     faults = [plain(e.id) for e in finding.effects if (known := met(e.id)) and known.fault]
     if faults:
-        steps.append(said("steps", "fault", faults=capital(listed(faults))))
+        steps.append(
+            f"{capital(listed(faults))} is an error of the measurement, not of the model: correct it on the "
+            "robot or in the logs by the number found, and search again."
+        )
     twins = {plain(e.id): listed([plain(t) for t in e.twins], "or") for e in finding.effects if e.twins}
-    steps += [said("steps", "twins", one=one, others=others, plan=plan) for one, others in twins.items()]
+    steps += [f"Plan the trial that tells {one} from {others}: {plan}" for one, others in twins.items()]
     if finding.remainder > MUCH:
-        steps.append(said("steps", "more"))
+        steps.append(f"More is missing than was found. Try an effect of your own: {own}")
     if model and len(faults) < len(finding.effects):
-        steps.append(said("steps", "simulate", model=_pasted(f"{folder}/{Path(model).name}")))
-    return (*steps, *([] if twins else [said("steps", "least", plan=plan)]))
+        steps.append(
+            "Simulate with what was found; at other speeds and on other sand that is a guess until a trial "
+            f"confirms it: granite-lab simulate --model {_pasted(f'{folder}/{Path(model).name}')} --variant "
+            "0.5"
+        )
+    return (*steps, *([] if twins else [f"Plan the trial that lowers the largest std: {plan}"]))
 
 
 def _pasted(path: str) -> str:

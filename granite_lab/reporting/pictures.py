@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -15,8 +16,8 @@ from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import steady_interval
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting import canvas
-from granite_lab.reporting.canvas import Figure, drawing
-from granite_lab.reporting.rounding import percent, significant, tidy_unit, with_unit
+from granite_lab.reporting.canvas import Figure
+from granite_lab.rounding import percent, significant, tidy_unit, with_unit
 
 if TYPE_CHECKING:
     from granite_lab.logs import Inspection
@@ -165,7 +166,11 @@ def effect_drawing(imprint: Imprint) -> Figure:
     effect = imprint.active.effect
     title, name = f"Signature of {effect.id}: {effect.title}", f"effect_{effect.id}"
     share = percent(imprint.share) if imprint.share else "Nothing"
-    return drawing("effect", title, False, _effect, imprint, name=name, share=share)
+    caption = (
+        f"{share} of the change by the effect (orange) remains after sand, start time and offsets of the "
+        "sensors are fitted again (blue)."
+    )
+    return Figure(name, title, caption, partial(_effect, imprint))
 
 
 def _effect(imprint: Imprint) -> Canvas:

@@ -6,6 +6,7 @@ import itertools
 import math
 import re
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -18,11 +19,12 @@ from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting import canvas
-from granite_lab.reporting.answers import Speed, channels_of
-from granite_lab.reporting.canvas import Figure, drawing
+from granite_lab.reporting.canvas import Figure
+from granite_lab.reporting.channels import channels_of
 from granite_lab.reporting.names import speed_stem, together
-from granite_lab.reporting.rounding import significant
+from granite_lab.reporting.speeds import Speed
 from granite_lab.results import gaps, mean_of_known
+from granite_lab.rounding import significant
 
 SLIP_STD_SHOWN = 0.04
 """Measured slip is drawn where its standard deviation is below this; at crawling speed it says nothing."""
@@ -74,14 +76,15 @@ def motion_figure(speed: Speed) -> Figure:
     title = f"{speed.velocity:g} m/s: {_verdict([r.comparison for r in speed.results])}"
     virtual = any(r.comparison.motion.virtual for r in speed.results)
     name = f"motion_{speed_stem(speed.velocity)}"
-    return drawing("motion", title, virtual, _history, c, name=name, trial=c.motion.trial, like=like)
+    return Figure(name, title, f"Trial {c.motion.trial}{like}.", partial(_history, c), virtual)
 
 
 def comparison_figure(c: Comparison, index: int) -> Figure:
     """Draw one trial, measured and simulated on one axis."""
     stem = re.sub(r"[^A-Za-z0-9._-]+", "_", c.motion.trial)[:80]
     title, name = f"{c.motion.trial}: {_verdict([c])}", f"compare_{index:02d}_{stem}"
-    return drawing("compare", title, c.motion.virtual, _history, c, name=name)
+    caption = "Blue: measured, orange: simulated; grey: steady part; bands: ±2σ."
+    return Figure(name, title, caption, partial(_history, c), c.motion.virtual)
 
 
 def _verdict(comparisons: Sequence[Comparison]) -> str:
@@ -229,10 +232,11 @@ def health_figure(motion: Motion, index: int) -> Figure:
     outside = 100 * float(np.mean(np.abs(ratio[np.isfinite(ratio)]) > 2)) if np.isfinite(ratio).any() else 0.0
     squares = ", ".join(f"{kind.replace('_', ' ')} {significant(x, 2)}" for kind, x in h.nis.items())
     title = f"{motion.trial}: the estimate is {'good' if h.good else 'doubtful'}"
-    return drawing(
-        "health", title, motion.virtual, _health, motion, ratio, name=f"health_{index:02d}",
-        outside=significant(outside, 2), squares=squares or "none",
-    )  # fmt: skip
+    caption = (
+        f"{significant(outside, 2)} % of the innovations lie outside ±2σ (band); 5 % are expected. Mean "
+        f"normalised innovation squared, 1 is ideal: {squares or 'none'}. Grey: standstills."
+    )
+    return Figure(f"health_{index:02d}", title, caption, partial(_health, motion, ratio), motion.virtual)
 
 
 def _health(motion: Motion, ratio: Array) -> Canvas:

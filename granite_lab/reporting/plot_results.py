@@ -17,9 +17,10 @@ from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.parameters import Paper, load_paper
 from granite_lab.reporting import canvas
-from granite_lab.reporting.answers import Answers, Speed
-from granite_lab.reporting.canvas import Figure, drawing
-from granite_lab.reporting.rounding import significant
+from granite_lab.reporting.answers import Answers
+from granite_lab.reporting.canvas import Figure
+from granite_lab.reporting.speeds import Speed
+from granite_lab.rounding import significant
 
 VELOCITY, SLIP, RATIO = "desired velocity [m/s]", "robot slip ratio [%]", "contact-angle ratio k₉₂ [–]"
 APART, WIDE = 0.008, 0.05
@@ -64,7 +65,12 @@ def slip_figure(answers: Answers, paper: Paper) -> Figure:
         axis.set_xlim(left=0)
         axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
 
-    return drawing("slip_over_speed", title, bool(answers.virtual), _panel, draw, VELOCITY, SLIP)
+    caption = (
+        "Robot slip ratio λ_R over the steady part of each trial, its mean with the 95 % interval, and the "
+        "experiment of the paper."
+    )
+    make = partial(_panel, draw, VELOCITY, SLIP)
+    return Figure("slip_over_speed", title, caption, make, bool(answers.virtual))
 
 
 def k92_figure(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
@@ -80,7 +86,12 @@ def k92_figure(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
         title = f"a_θ = {number.with_std} s/m; {where}"
     points, law = _over_speed(answers.speeds, lambda c: c.fit.k92), fit if number is not None else None
     draw = partial(_k92_panel, points, [s.velocity for s in answers.speeds], law, paper)
-    return drawing("k92_over_velocity", title, bool(answers.virtual), _panel, draw, VELOCITY, RATIO)
+    caption = (
+        "Ratio of the rear to the front contact angle, fitted to the slip of each trial, with the law "
+        "k_92 = exp(−a_θ v) and its 95 % interval. Dashed: the law of the paper (as in its Fig. 3)."
+    )
+    make = partial(_panel, draw, VELOCITY, RATIO)
+    return Figure("k92_over_velocity", title, caption, make, bool(answers.virtual))
 
 
 def fits_figure(
@@ -89,7 +100,7 @@ def fits_figure(
     """Draw (velocity [m/s], k_92) of each trial beside the paper, with a fitted law where there is one."""
     points = [(Estimate(v, 0.0), k92, 1) for v, k92 in fits]
     draw = partial(_k92_panel, points, [v for v, _ in fits], law, load_paper())
-    return drawing("k92", "k_92 by trial", virtual, _panel, draw, VELOCITY, RATIO)
+    return Figure("k92", "k_92 by trial", "", partial(_panel, draw, VELOCITY, RATIO), virtual)
 
 
 def _k92_panel(
@@ -130,7 +141,9 @@ def k92_over_slip(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figu
         axis.axhline(0, color=canvas.INK, linewidth=0.6)
         axis.set_xlim(0, 100 * x[-1])
 
-    return drawing("k92_over_slip", title, bool(answers.virtual), _panel, draw, SLIP, RATIO)
+    caption = "k_92 of each trial over its slip ratio. Dashed: the line of the paper (as in its Fig. 4)."
+    make = partial(_panel, draw, SLIP, RATIO)
+    return Figure("k92_over_slip", title, caption, make, bool(answers.virtual))
 
 
 def _panel(draw: Callable[[Axes], None], x: str, y: str) -> Canvas:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure as Canvas
@@ -15,20 +16,21 @@ from granite_lab.logs.trial import Array
 from granite_lab.parameters import by_speed
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import gap_pair
-from granite_lab.reporting.canvas import AFTER, BEFORE, Figure, drawing
+from granite_lab.reporting.canvas import AFTER, BEFORE, Figure
 from granite_lab.reporting.names import (
+    STATUS,
     brief,
     capital,
     channels_of,
     listed,
     plain,
+    sensor,
     shown_candidates,
     speed_stem,
     with_found,
 )
-from granite_lab.reporting.rounding import places, shown_as, significant, tidy_unit, times
-from granite_lab.reporting.words import WORDS, sensor
 from granite_lab.results import mean_of_known
+from granite_lab.rounding import places, shown_as, significant, tidy_unit, times
 
 Pair = tuple[float, float]
 """Before and after; NaN where not known."""
@@ -55,7 +57,11 @@ def gap_figure(finding: Finding) -> Figure:
         title = (
             f"{capital(with_found(finding))}, the gap falls from {times(before)} to {times(after)} {where}"
         )
-    return drawing("found_gap", title, finding.virtual, _dumbbells, lines, finding, first)
+    caption = (
+        "Above the line: root mean square of all residuals over what noise and tolerance explain; 1 means "
+        "explained. Below: largest discrepancy of a sensor over the tolerance; 0 means none beyond the noise."
+    )
+    return Figure("found_gap", title, caption, partial(_dumbbells, lines, finding, first), finding.virtual)
 
 
 def _dumbbells(lines: Mapping[str, Pair], finding: Finding, rule: int) -> Canvas:
@@ -100,7 +106,11 @@ def candidates_figure(finding: Finding) -> Figure | None:
         title = f"Of {len(every)} candidates, {listed(named)} {are} in the model"
     more = len(every) - len(shown)
     rest = f" {more} others were screened out or are less likely; the table lists them." if more else ""
-    return drawing("found_candidates", title, finding.virtual, _candidates, shown, rest=rest)
+    caption = (
+        "Posterior probability that the effect is in the model, and share of the gap that it closes alone."
+        + rest
+    )
+    return Figure("found_candidates", title, caption, partial(_candidates, shown), finding.virtual)
 
 
 def _candidates(shown: Sequence[Candidate]) -> Canvas:
@@ -111,7 +121,7 @@ def _candidates(shown: Sequence[Candidate]) -> Canvas:
         for axis, x in ((left, [100 * c.probability for _, c in own]), (right, closes)):
             axis.plot(
                 x, [i for i, _ in own], linestyle="none", marker=MARKERS[status], markersize=5,
-                color=canvas.FITTED if status == "named" else canvas.GREY, label=WORDS["candidate"][status],
+                color=canvas.FITTED if status == "named" else canvas.GREY, label=STATUS[status],
                 clip_on=False,
             )  # fmt: skip
     for label, c in zip(left.get_yticklabels(), shown, strict=True):
@@ -131,7 +141,8 @@ def intervals_figure(finding: Finding) -> Figure | None:
     where = f"from {places(worst.start, 2)} s to {places(worst.end, 2)} s"
     most = f"most in the {sensor(worst.channel)} at {worst.variant:g} m/s {where}"
     title, many = f"The paper's model disagrees {most}", "One interval" if n == 1 else f"{n} intervals"
-    return drawing("found_intervals", title, finding.virtual, _intervals, finding, intervals=many)
+    caption = f"{many} in which a sensor and the model differ by more than the tolerance."
+    return Figure("found_intervals", title, caption, partial(_intervals, finding), finding.virtual)
 
 
 def _intervals(finding: Finding) -> Canvas:
@@ -163,9 +174,11 @@ def history_figures(finding: Finding) -> list[Figure]:
         title = f"{velocity:g} m/s: {_closer(finding, drawn)}"
         name = f"found_history_{speed_stem(velocity)}"
         what = f"Mean of {n} trials" if n > 1 else "One trial"
-        found.append(
-            drawing("found_history", title, finding.virtual, _history, finding, drawn, name=name, mean=what)
+        caption = (
+            f"{what}. Grey: the paper's model disagrees by more than the tolerance. Wheel angles are drawn "
+            "less the paper's model."
         )
+        found.append(Figure(name, title, caption, partial(_history, finding, drawn), finding.virtual))
     return found
 
 

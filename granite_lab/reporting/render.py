@@ -1,4 +1,4 @@
-"""The one renderer: reports as HTML, Markdown and PDF, and tables as LaTeX, all from templates.
+"""The renderer of reports as HTML, Markdown and PDF, all from templates.
 
 Whatever comes from a log is escaped in each of them.
 """
@@ -10,31 +10,18 @@ import re
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from granite_lab.reporting.canvas import typeset
-from granite_lab.reporting.rounding import kept
-from granite_lab.reporting.table import Table
-from granite_lab.reporting.words import WORDS, said
+from granite_lab.reporting.report import MODEL, Report
+from granite_lab.rounding import kept
 from granite_lab.shown import jsonable
 
 if TYPE_CHECKING:
-    from granite_lab.reporting.report import Report
     from granite_lab.results import StudyResult
-
-LONG = 30
-"""A LaTeX table with more rows is a ``longtable``, which may run over pages."""
-
-WRAPPED = 34
-"""A column of words with a longer text gets a fixed width in LaTeX, so that its lines wrap."""
-
-_SYMBOLS: dict[str, str] = WORDS["latex"]
-_SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
-_TOKEN = re.compile("|".join([*map(re.escape, sorted(_SYMBOLS, key=len, reverse=True)), "[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+"]))
-
 
 _SYMBOL = re.compile(r"\b(k_92|k_c|k_φ|a_θ|λ_R|μ_s|b_0|b_1|J_t)\b")
 _MARKDOWN = {c: f"\\{c}" for c in "\\`*_[]|~#$"} | {"&": "&amp;", "<": "&lt;", ">": "&gt;"}
@@ -63,27 +50,6 @@ def plain_markdown(value: object) -> str:
     return "".join(_MARKDOWN.get(c, c) for c in _BREAKS.sub(" ", str(value)))
 
 
-def escaped(text: str) -> str:
-    """Return a text as LaTeX shows it, on one line; letters of other scripts stay as they are."""
-
-    def one(match: re.Match[str]) -> str:
-        return _SYMBOLS.get(match[0]) or f"$^{{{match[0].translate(_SUPERSCRIPTS)}}}$"
-
-    return _TOKEN.sub(one, re.sub(r"[\x00-\x1f\x7f]+", " ", text))
-
-
-def to_latex(table: Table) -> str:
-    """Return a table as LaTeX, to be read by ``\\input``.
-
-    It needs the package booktabs, and longtable where it has more than `LONG` rows. Units stand in the heads.
-    """
-    longest = [max((len(row[k].text) for row in table.rows), default=0) for k in range(len(table.columns))]
-    wraps = [n > WRAPPED and not c.number for n, c in zip(longest, table.columns, strict=True)]
-    wide = f"p{{{0.6 / max(sum(wraps), 1):.2f}\\linewidth}}"
-    kinds = ["r" if c.number else wide if wrap else "l" for c, wrap in zip(table.columns, wraps, strict=True)]
-    return rendered("table.tex", t=table, kinds="".join(kinds), long=len(table.rows) > LONG)
-
-
 def to_pdf(result: StudyResult, report: Report, made: str, figures: Mapping[str, str]) -> bytes:
     """Return the report as four pages of A4, set by Typst; the same study gives the same bytes.
 
@@ -93,7 +59,7 @@ def to_pdf(result: StudyResult, report: Report, made: str, figures: Mapping[str,
     content = {
         "name": report.name, "made": made, "lead": answers.lead, "virtual": answers.virtual,
         "questions": answers.questions, "command": result.source.command, "tables": report.tables,
-        "model": said("page", "model"),
+        "model": MODEL,
         "figures": {f.name: {"title": f.title, "virtual": f.virtual} for f in report.figures},
     }  # fmt: skip
     files = {f"figures/{name}.svg": svg.encode() for name, svg in figures.items()}
@@ -108,15 +74,12 @@ def rendered(template: str, **content: object) -> str:
 
 @lru_cache
 def _environment(kind: str) -> Environment:
-    # Braces are a part of LaTeX.
-    brackets = {"variable_start_string": "<<", "variable_end_string": ">>"} if kind == ".tex" else {}
     environment = Environment(
         loader=PackageLoader("granite_lab.reporting"), autoescape=kind == ".html",
         finalize=plain_markdown if kind == ".md" else None, undefined=StrictUndefined,
-        keep_trailing_newline=True, **cast("dict[str, Any]", brackets),
+        keep_trailing_newline=True,
     )  # fmt: skip
     environment.filters["marked"] = marked
-    environment.filters["latex"] = escaped
     environment.filters["fenced"] = lambda text: Markup(_BREAKS.sub(" ", str(text)).replace("`", " "))
     environment.filters["kind"] = lambda block: type(block).__name__
     return environment

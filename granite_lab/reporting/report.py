@@ -10,24 +10,37 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
+from granite_lab.columns import FilledTable
 from granite_lab.discovery.finding import Finding
 from granite_lab.origin import Source
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import answers as decide
-from granite_lab.reporting import plot_motion, plot_results, plot_search, tables
+from granite_lab.reporting import plot_motion, plot_results, plot_search, search_tables, tables
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.canvas import Figure
+from granite_lab.reporting.channels import CHANNEL_TABLE, MISFITS
 from granite_lab.reporting.names import in_plain_words, latency_in_words, law_formulas, shared
-from granite_lab.reporting.rounding import percent
-from granite_lab.reporting.table import Cells, Table, tabulate
-from granite_lab.reporting.words import said
-from granite_lab.results import StudyResult, gaps, shown_path
+from granite_lab.reporting.speeds import SLIP_BY_SPEED
+from granite_lab.results import StudyResult, gaps
+from granite_lab.rounding import percent
 
 OPEN_SPEEDS = 4
 """So many time histories stand open; of more speeds the slowest and fastest do."""
 
 LONGEST = 1000
 """So many characters of a command are shown: where logs were named one by one, it may have no end."""
+
+MODEL = (
+    "Blue: measured; orange: simulated, with k_92 fitted to the slip of the trial and all else from the "
+    "parameter files. Grey: the steady part of the motion, over which λ_R is taken. Bands: ±2σ of the "
+    "measurement. Triangles: a spike leaves the panel."
+)
+LAW = (
+    "The empirical law describes the disagreement; it is no physics and holds for trials like these only. v: "
+    "speed of the robot; s: slip ratio of the wheel; x and t: distance and time since the start; θ: angle of "
+    "the wheel; z: its sinkage."
+)
+"""How to read the time histories, and the formulas of an empirical law."""
 
 LIBRARIES = ("numpy", "scipy", "casadi", "matplotlib")
 
@@ -54,7 +67,7 @@ class Fold:
     blocks: tuple[Block, ...]
 
 
-Block = str | list[str] | Code | Gallery | Table | Fold
+Block = str | list[str] | Code | Gallery | FilledTable | Fold
 """A part of a page; a text is a paragraph, a list of texts a list of sentences."""
 
 
@@ -83,7 +96,7 @@ class Report:
     name: str
     kind: str
     answers: Answers
-    first: Table | None
+    first: FilledTable | None
     sections: tuple[Section, ...]
     numbers: str = "report.json"
 
@@ -94,10 +107,10 @@ class Report:
         return tuple(f for block in every if isinstance(block, Gallery) for f in block.figures)
 
     @property
-    def tables(self) -> tuple[Table, ...]:
+    def tables(self) -> tuple[FilledTable, ...]:
         """All tables in the order of the report."""
         every = [self.first, *(b for s in self.sections for b in _flat(s.blocks))]
-        return tuple(block for block in every if isinstance(block, Table))
+        return tuple(block for block in every if isinstance(block, FilledTable))
 
 
 def _flat(blocks: Iterable[Block]) -> Iterator[Block]:
@@ -143,7 +156,8 @@ def study_report(result: StudyResult, *, model: Path | str | None = None, folder
         sections.append(Section("trials", "Quality of the trials", _kept(_quality(result, decided))))
     sections.append(_provenance(result.source, decided.steps[1:]))
     if result.trials or result.finding is None:
-        first = tables.slip_table(decided) if decided.speeds else None
+        table = SLIP_BY_SPEED.fill(decided.speeds, virtual=bool(decided.virtual))
+        first = table if decided.speeds else None
         return Report(result.name, f"Report of a study, {today()}", decided, first, tuple(sections))
     kind = f"Report of a search for a missing effect, {today()}"
     return Report(result.name, kind, decided, None, tuple(sections), "finding.json")
@@ -167,21 +181,27 @@ def _model(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
     half = OPEN_SPEEDS // 2
     rest = drawn[half:-half] if len(drawn) > OPEN_SPEEDS else []
     shown: list[Figure | None] = [f for f in drawn if f not in rest]
-    yield said("page", "model")
+    yield MODEL
     yield _gallery(*shown)
-    yield tables.channel_table(decided.channels, virtual)
+    yield CHANNEL_TABLE.fill(decided.channels, virtual=virtual)
     yield _fold(
         "Differences by phase",
-        _gallery(*rest), tables.misfit_table(found, virtual),
+        _gallery(*rest), MISFITS.fill(found.values(), virtual=virtual),
     )  # fmt: skip
 
 
 def _missing(finding: Finding) -> Iterator[Maybe]:
-    yield said("page", "missing", tolerance=percent(finding.tolerance))
+    yield (
+        "The model is fitted to the readings of the sensors, together with the sand of each trial, the time "
+        "offset of the IMU, and offsets and gains of the sensors, so that none of these can pass for a "
+        "missing effect. What all repetitions of a command share and no parameter explains is held against "
+        f"each candidate effect. Differences up to {percent(finding.tolerance)} of a sensor's rms are "
+        "tolerated."
+    )
     yield _gallery(plot_search.gap_figure(finding), plot_search.candidates_figure(finding))
-    yield tables.effects_table(finding, finding.effects)
+    yield search_tables.effects_table(finding, finding.effects)
     formulas = law_formulas(finding)
-    yield said("page", "law") if formulas else None
+    yield LAW if formulas else None
     yield list(formulas)
     latency = latency_in_words(finding.latency)
     yield [
@@ -193,17 +213,17 @@ def _missing(finding: Finding) -> Iterator[Maybe]:
     yield _fold(
         "When the model disagrees, sensor by sensor",
         _gallery(plot_search.intervals_figure(finding), *plot_search.history_figures(finding)),
-        tables.gaps_table(finding),
+        search_tables.gaps_table(finding),
     )
-    yield _fold("Prediction of trials and speeds left out of the fit", tables.left_out_table(finding))
+    yield _fold("Prediction of trials and speeds left out of the fit", search_tables.left_out_table(finding))
     yield _fold(
         "Candidates, and what these trials could have shown of them",
-        tables.candidates_table(finding),
-        tables.effects_table(finding, finding.small, small=True),
-        tables.detectable_table(finding),
-        tables.confusion_table(finding),
+        search_tables.candidates_table(finding),
+        search_tables.effects_table(finding, finding.small, small=True),
+        search_tables.detectable_table(finding),
+        search_tables.confusion_table(finding),
     )
-    yield _fold("Sand and sensors, as fitted", tables.fitted_table(finding))
+    yield _fold("Sand and sensors, as fitted", search_tables.fitted_table(finding))
 
 
 def _failures(result: StudyResult) -> list[str]:
@@ -217,7 +237,10 @@ def _quality(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
     text = f"{which.get(n, f'All {n} estimates of the motion are')} good."
     if doubtful:
         text = f"{n - len(doubtful)} of {n} estimates of the motion are good. Exceptions:"
-    yield f"{text} {said('page', 'good')}"
+    yield (
+        f"{text} Good: at both ends a standstill, or the wheels coming to rest, fixes the velocity, and the "
+        "measurements agree with their noise."
+    )
     yield [f"{r.trial.name}: {r.comparison.motion.health.verdict}" for r in doubtful]
     yield "Trials that were left out:" if result.failures else None
     yield _failures(result)
@@ -239,13 +262,12 @@ def _provenance(source: Source, steps: Sequence[str]) -> Section:
     command = source.command
     if len(command) > LONGEST:
         command = f"{command[: LONGEST // 2]} … {command[-LONGEST // 2 :]} (shortened)"
-    read: Cells = {"shown": shown_path}  # of an absolute path only the name
     blocks = (
         *(Code(p) if p.startswith("granite-lab ") else p for s in steps for p in decide.parted(s)),
         f"Made by {made_by(source)}. This command repeats it:",
         Code(command),
-        _fold("Parameters in force", tabulate("parameters", source.parameters)),
-        _fold("Files that were read", tabulate("inputs", source.inputs, read)),
+        _fold("Parameters in force", tables.PARAMETERS.fill(source.parameters)),
+        _fold("Files that were read", tables.INPUTS.fill(source.inputs)),
     )
     title = "Further steps, and how to repeat this" if steps else "How to repeat this"
     return Section("provenance", title, _kept(blocks))

@@ -4,25 +4,17 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from rich.text import Text
 
 from granite_lab import reporting, results
-from granite_lab.reporting.rounding import significant, tidy_unit
-from granite_lab.reporting.table import (
-    TONES,
-    VIRTUAL,
-    Cell,
-    Cells,
-    clean,
-    say,
-    show_rows,
-    show_table,
-    tabulate,
-    words,
-)
+from granite_lab.columns import Cell, Column, Table, good, words
+from granite_lab.model.effect import EFFECT_PARAMETERS, EFFECTS
+from granite_lab.parameters.catalogue import VARIANTS, provenance_table
+from granite_lab.reporting.table import TONES, VIRTUAL, clean, say, show_table
+from granite_lab.rounding import significant, tidy_unit
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,9 +25,10 @@ if TYPE_CHECKING:
     from granite_lab.discovery.finding import Finding
     from granite_lab.estimation.motion import Judgement, Motion
     from granite_lab.fitting.fit import AThetaFit, K92Fit
-    from granite_lab.logs.inspection import FileReport, Inspection
+    from granite_lab.logs.inspection import FileReport, Inspection, StreamReport
     from granite_lab.logs.quantities import ColumnReport
     from granite_lab.model.effect import Effect
+    from granite_lab.model.run import Run
     from granite_lab.parameters import Variant
     from granite_lab.parameters.catalogue import Provenance
     from granite_lab.reporting.answers import Answer
@@ -53,7 +46,8 @@ def show_study(
     say(console, decided.lead)
     if decided.speeds:
         console.print()
-        show_table(reporting.tables.slip_table(decided), console)
+        table = reporting.speeds.SLIP_BY_SPEED.fill(decided.speeds, virtual=bool(decided.virtual))
+        show_table(table, console)
     _answers(decided.questions, console)
     if result.finding is not None and not result.trials:
         _search(result.finding, console)
@@ -72,7 +66,7 @@ def _search(finding: Finding, console: Console) -> None:
         if effects:
             console.print()
             say(console, f"{title} effect{'s' if len(effects) > 1 else ''}", "bold")
-            table = reporting.tables.effects_table(finding, effects, small=title == "small")
+            table = reporting.search_tables.effects_table(finding, effects, small=title == "small")
             show_table(table, console, only=("effect", "number", "value ± std", "probability"))
     if latency := reporting.names.latency_in_words(finding.latency):
         say(console, f"{latency}.")
@@ -90,10 +84,22 @@ def _answers(questions: Sequence[Answer], console: Console) -> None:
             console.print(clean(f"  {answer.command}"), soft_wrap=True)
 
 
+MOTIONS: Table[Motion] = Table(
+    "motions",
+    "Estimates",
+    Column("trial", lambda m: m.trial),
+    Column("speed", lambda m: m.variant.velocity, "speed_mps", unit="m/s", form=".3g"),
+    Column("distance", lambda m: m.distance, "distance_m distance_std_m", unit="m"),
+    Column("slip λ_R", lambda m: m.slip_ratio, "slip_ratio slip_ratio_std", unit="%", scale=100),
+    Column("wheel stamps late", lambda m: m.stamps_late, "late_s late_std_s", unit="ms", scale=1000),
+    Column("estimate", lambda m: good(m.health.good)),
+)
+
+
 def show_motions(rows: Sequence[tuple[Motion, Path, Sequence[Judgement] | None]], console: Console) -> None:
     """Print what was estimated of each trial, where its table stands, and how it meets a reference."""
     motions = [motion for motion, _, _ in rows]
-    show_table(tabulate("motions", motions, virtual=any(m.virtual for m in motions)), console)
+    show_table(MOTIONS.fill(motions, virtual=any(m.virtual for m in motions)), console)
     for motion, path, judged in rows:
         if not motion.health.good:
             say(console, f"{motion.trial}: {motion.health.verdict}", "yellow")
@@ -135,20 +141,41 @@ def show_a_theta(fit: AThetaFit, console: Console) -> None:
     if fit.laws:
         table = reporting.tables.law_table(fit, False)
         show_table(table, console)
-        say(console, table.caption)
+        say(console, table.note)
     for note in fit.notes:
         say(console, note, "yellow")
 
 
 def show_misfits(comparisons: Sequence[Comparison], console: Console) -> None:
     """Print the difference of simulation and measurement by quantity, over all trials."""
-    judged, virtual = (
-        reporting.answers.channels_of(results.gaps(comparisons)),
-        any(c.motion.virtual for c in comparisons),
-    )
-    table = reporting.tables.channel_table(judged, virtual)
+    judged = reporting.channels.channels_of(results.gaps(comparisons))
+    table = reporting.channels.CHANNEL_TABLE.fill(judged, virtual=any(c.motion.virtual for c in comparisons))
     columns = ("quantity", "verdict", "difference, rms", "noise", "largest value")
     show_table(table, console, only=columns)
+
+
+def show_run(run: Run, console: Console) -> None:
+    """Print means over the steady part of a simulated run."""
+    steady = (run.t >= run.steady[0]) & (run.t <= run.steady[1])
+
+    def mean(axle: str) -> Callable[[tuple[str, str, float, str]], float]:
+        return lambda row: row[2] * float(run[row[1].format(axle)][steady].mean())
+
+    table = Table[tuple[str, str, float, str]](
+        "run",
+        "Means over the steady part",
+        Column("quantity", lambda row: row[0]),
+        Column("front", mean("f"), "front", form=".2f"),
+        Column("rear", mean("r"), "rear", form=".2f"),
+        Column("unit", lambda row: row[3]),
+    )
+    rows = (
+        ("slip ratio", "slip_{}", 100.0, "%"),
+        ("sinkage", "sinkage_{}_m", 1000.0, "mm"),
+        ("driving torque", "torque_{}_Nm", 1.0, "N m"),
+        ("motor current", "current_{}_A", 1.0, "A"),
+    )
+    show_table(table.fill(rows), console)
 
 
 def show_inspection(inspection: Inspection, console: Console) -> None:
@@ -179,19 +206,10 @@ def _file(report: FileReport, console: Console) -> None:
             f"{d.header_line}, first row in line {d.data_line}"
         )
         say(console, text, "dim")
-    show_rows(
-        "log_columns", report.columns, console,
-        {
-            "column": lambda c: c.name or f"(column {c.place + 1})",
-            "becomes": lambda c: ", ".join(c.to) or words(c.why or "not used", "faint"),
-            "unit": lambda c: tidy_unit(c.unit) if c.to else "",
-            "sure": _sure,
-        },
-    )  # fmt: skip
+    show_table(LOG_COLUMNS.fill(report.columns), console)
     if report.streams:
-        gaps = {"gaps": lambda s: f"{s.gaps} (≤ {significant(s.longest_gap, 2)} s)" if s.gaps else "0"}
         console.print()
-        show_rows("clocks", report.streams, console, gaps)
+        show_table(CLOCKS.fill(report.streams), console)
     rests = ", ".join(f"{start:.2f}–{end:.2f} s" for start, end in report.rests)
     say(console, f"standstills: {rests or 'none found'}")
     if report.motion is not None:
@@ -212,35 +230,46 @@ def _sure(column: ColumnReport) -> Cell:
     return words(f"{100 * column.confidence:.0f}" if column.to else "", tone)
 
 
+LOG_COLUMNS: Table[ColumnReport] = Table(
+    "log_columns",
+    "Columns of a log",
+    Column("column", lambda c: c.name or f"(column {c.place + 1})"),
+    Column("becomes", lambda c: ", ".join(c.to) or words(c.why or "not used", "faint")),
+    Column("unit", lambda c: words(tidy_unit(c.unit) if c.to else "")),
+    Column("sure", _sure, "sure", unit="%"),
+    Column("from", lambda c: c.low, "low"),
+    Column("to", lambda c: c.high, "high"),
+)
+
+CLOCKS: Table[StreamReport] = Table(
+    "clocks",
+    "Clocks of a log",
+    Column("clock", lambda s: s.what),
+    Column("samples", lambda s: s.samples, "samples"),
+    Column("from", lambda s: s.start, "start", unit="s", form=".2f"),
+    Column("to", lambda s: s.end, "end", unit="s", form=".2f"),
+    Column("rate", lambda s: s.rate, "rate", unit="Hz"),
+    Column("jitter", lambda s: s.jitter, "jitter", unit="ms", scale=1000, digits=2),
+    Column("gaps", lambda s: f"{s.gaps} (≤ {significant(s.longest_gap, 2)} s)" if s.gaps else "0", "gaps"),
+)
+
+
 def show_parameters(known: Sequence[Provenance], variants: Sequence[Variant], console: Console) -> None:
     """Print every parameter in force with symbol, unit, allowed range and origin."""
     for group in dict.fromkeys(row.group for row in known):
         members = [row for row in known if row.group == group]
         common = Counter(row.origin for row in members).most_common(1)[0][0]
         say(console, Text.assemble((group, "bold"), (f"  from {common}", "dim")))
-        value = {"value": lambda p: f"{p.value:g}" if isinstance(p.value, (int, float)) else str(p.value)}
-        others = [p for p in members if p.origin != common]
-        show_rows("in_force", members, console, {**value, **ENDS}, skip=() if others else ("origin",))
+        others = any(p.origin != common for p in members)
+        show_table(provenance_table(origin=others).fill(members), console)
         console.print()
     say(console, "variants (Table 2)", "bold")
-    show_rows("variants", variants, console)
-
-
-ENDS: Cells = {
-    "allowed": lambda p: f"{p.low:g} … {p.high:g}",
-    "expected": lambda p: f"{p.prior_low:g} … {p.prior_high:g}",
-}
-"""Limits of a parameter."""
+    show_table(VARIANTS.fill(variants), console)
 
 
 def show_effects(effects: Sequence[Effect], console: Console) -> None:
     """Print one line per effect."""
-
-    def named(effect: Effect) -> str:
-        units = {p.name: "" if p.unit in ("", "-") else f" [{tidy_unit(p.unit)}]" for p in effect.parameters}
-        return ", ".join(f"{name}{unit}" for name, unit in units.items())
-
-    show_rows("effects", effects, console, {"parameters": named})
+    show_table(EFFECTS.fill(effects), console)
 
 
 def show_effect(effect: Effect, console: Console) -> None:
@@ -249,4 +278,4 @@ def show_effect(effect: Effect, console: Console) -> None:
     texts = {"equation": effect.equation, "source": effect.source, "signature": effect.signature}
     for label, text in texts.items():
         say(console, Text.assemble(clean(f"{label}: ", "dim"), clean(text)))
-    show_rows("effect", effect.parameters, console, ENDS)
+    show_table(EFFECT_PARAMETERS.fill(effect.parameters), console)

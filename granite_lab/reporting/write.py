@@ -8,20 +8,20 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from granite_lab.columns import FilledTable
 from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.folders import replacing
 from granite_lab.processes import shared_out
 from granite_lab.reporting import canvas
-from granite_lab.reporting.answers import channels_of
 from granite_lab.reporting.canvas import FORMATS, Figure, converted, drawn, on_page
+from granite_lab.reporting.channels import CHANNEL_TABLE, MISFITS, channels_of
 from granite_lab.reporting.json_report import dumps, to_json
+from granite_lab.reporting.latex import to_latex
 from granite_lab.reporting.plot_motion import comparison_figure
-from granite_lab.reporting.render import to_html, to_latex, to_markdown, to_pdf
+from granite_lab.reporting.render import to_html, to_markdown, to_pdf
 from granite_lab.reporting.report import Block, Gallery, made_by, study_report
-from granite_lab.reporting.table import Table
-from granite_lab.reporting.tables import channel_table, misfit_table
 from granite_lab.results import StudyResult, gaps
 
 
@@ -84,8 +84,8 @@ def write_comparison(comparisons: Sequence[Comparison], folder: Path) -> list[Pa
     """
     found, virtual = gaps(comparisons), any(c.motion.virtual for c in comparisons)
     figures = tuple(comparison_figure(c, i) for i, c in enumerate(comparisons, 1))
-    judged = channel_table(channels_of(found), virtual)
-    return write_parts([Gallery(figures), judged, misfit_table(found, virtual)], folder)
+    judged = CHANNEL_TABLE.fill(channels_of(found), virtual=virtual)
+    return write_parts([Gallery(figures), judged, MISFITS.fill(found.values(), virtual=virtual)], folder)
 
 
 def write_parts(blocks: Sequence[Block], folder: Path, page: str = "") -> list[Path]:
@@ -101,7 +101,7 @@ def write_parts(blocks: Sequence[Block], folder: Path, page: str = "") -> list[P
     """
     with replacing(folder, page or "comparison") as new:
         _write_figures([f for b in blocks if isinstance(b, Gallery) for f in b.figures], new)
-        _write_tables([b for b in blocks if isinstance(b, Table)], new)
+        _write_tables([b for b in blocks if isinstance(b, FilledTable)], new)
         if page:
             _write(new / page, to_markdown(page, blocks=blocks))
         return sorted(folder / p.relative_to(new) for p in new.rglob("*") if p.is_file())
@@ -128,7 +128,7 @@ def _drawn(figures: Sequence[Figure], k: int) -> bytes:  # not converted: Typst 
     return drawn(figures[k].draw())
 
 
-def _write_tables(tables: Sequence[Table], folder: Path) -> None:
+def _write_tables(tables: Sequence[FilledTable], folder: Path) -> None:
     (folder / "tables").mkdir()
     for table in tables:
         _write(folder / "tables" / f"{table.name}.csv", table.to_csv())

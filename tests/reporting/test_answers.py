@@ -22,13 +22,15 @@ from granite_lab.estimate import Estimate, mean_over
 from granite_lab.parameters import load_paper, load_variants
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.reporting import terminal
-from granite_lab.reporting.answers import Answers, channels_of, of_study, speeds_of
+from granite_lab.reporting.answers import Answers, of_study
+from granite_lab.reporting.channels import channels_of
 from granite_lab.reporting.report import Fold, Gallery, study_report
-from granite_lab.reporting.rounding import decided, interval, percent, plus_minus, significant
+from granite_lab.reporting.speeds import SLIP_BY_SPEED, speeds_of
 from granite_lab.reporting.table import say, show_table
-from granite_lab.reporting.tables import slip_table, trial_table
+from granite_lab.reporting.tables import trial_table
 from granite_lab.reporting.terminal import show_study
 from granite_lab.results import Gap, StudyResult, gaps
+from granite_lab.rounding import decided, interval, percent, plus_minus, significant
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import SPEEDS, made_up_study, rename
 from tests.reporting.made_up_finding import made_up_finding
@@ -111,7 +113,7 @@ def test_a_paper_value_is_compared_with_the_interval_as_it_is_printed() -> None:
         (speed,) = answers.speeds
         low, top = (float(x.replace("−", "-")) for x in speed.slip.interval.split(" to "))
         assert speed.agrees is (low <= 22.9 <= top)
-        assert (slip_table(answers).rows[0][4].text == "yes") is speed.agrees
+        assert (SLIP_BY_SPEED.fill(answers.speeds).rows[0][4].text == "yes") is speed.agrees
 
 
 def test_a_law_is_not_tested_by_fewer_than_three_speeds() -> None:
@@ -329,7 +331,7 @@ def test_wide_tables_wrap_their_headings_and_lose_nothing() -> None:
     slip, k92 = decided(22.435, 0.123, 22.087, 22.788, unit="%"), decided(0.0825, 0.0026)
     speeds = tuple(replace(s, slip=slip, k92=k92) for s in answers.speeds)
     console = Console(file=out, width=80, highlight=False)
-    show_table(slip_table(replace(answers, speeds=speeds)), console)
+    show_table(SLIP_BY_SPEED.fill(speeds, virtual=bool(answers.virtual)), console)
     lines = [line.split() for line in out.getvalue().splitlines()]
     assert sum(line[-1:] == ["3"] for line in lines) == len(SPEEDS)
     assert any(line[-1:] == ["trials"] for line in lines)

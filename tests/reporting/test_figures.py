@@ -17,12 +17,12 @@ from matplotlib.transforms import Bbox
 from granite_lab.logs import inspect_logs
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import write_report
-from granite_lab.reporting.answers import speeds_of
 from granite_lab.reporting.canvas import Figure, envelope, saved, styled
 from granite_lab.reporting.pictures import log_figure
 from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.plot_results import spread
 from granite_lab.reporting.report import study_report
+from granite_lab.reporting.speeds import speeds_of
 from granite_lab.results import Source, StudyResult
 from tests.corpus import cli
 from tests.logs import make

@@ -1,11 +1,10 @@
-"""For the paper: four pages as PDF, budgets that add up to the stated std, LaTeX, and hashes of all files."""
+"""For the paper: four pages as PDF, budgets that add up to the stated std, and hashes of all files."""
 
 import csv
 import hashlib
 import io
 import json
 import math
-import re
 import shutil
 from collections import defaultdict
 from dataclasses import replace
@@ -21,16 +20,13 @@ from granite_lab.fitting import fit_a_theta
 from granite_lab.folders import LIST
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import write_report
-from granite_lab.reporting.answers import speeds_of
 from granite_lab.reporting.json_report import changed_files
-from granite_lab.reporting.render import LONG, escaped, to_latex
 from granite_lab.reporting.report import study_report
-from granite_lab.reporting.table import Cell, Column, Table, words
+from granite_lab.reporting.speeds import speeds_of
 from granite_lab.reporting.tables import COMBINED, budget_tables
 from granite_lab.results import StudyResult, TrialResult
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study, rename
-from tests.reporting.made_up_finding import made_up_finding
 
 
 @pytest.fixture(scope="module")
@@ -116,51 +112,6 @@ def test_the_budgets_stand_in_one_closed_part_of_the_report(budgeted: StudyResul
     assert all(t.virtual for t in report.tables if t.name.startswith("budget"))
     made = made_up_study(speeds=(0.2, 0.3, 0.5), repetitions=2)  # without components
     assert budget_tables(made, speeds_of(made, load_paper())) == []
-
-
-def table(rows: int, text: str = "a_b & c") -> Table:
-    columns = (Column("trial", "", ("trial",), False), Column("slip λ_R", "%", ("slip",)))
-    return Table(
-        "mine", "Title 5 %", "", columns, ((words(text), Cell("−1.5 ± 0.2", (-1.5,))),) * rows, virtual=True
-    )
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("50 % & more_of #1", r"50 \% \& more\_of \#1"),
-        ("k_92 = exp(−a_θ v)", r"$k_{92}$ = exp($-$$a_\theta$ v)"),
-        ("3.8·10⁻⁵ m/s²", r"3.8$\cdot$10$^{-5}$ m/s$^{2}$"),
-        ("{x}^~\\", r"\{x\}\textasciicircum{}\textasciitilde{}\textbackslash{}"),
-    ],
-)
-def test_characters_are_escaped(text: str, expected: str) -> None:
-    assert escaped(text) == expected
-
-
-def test_a_table_has_the_lines_of_booktabs_and_units_in_its_head() -> None:
-    lines = to_latex(table(2)).splitlines()
-    assert [line for line in lines if line.endswith("rule")] == [r"\toprule", r"\midrule", r"\bottomrule"]
-    assert r"trial & slip $\lambda_R$ {[}\%{]} \\" in lines
-    assert lines.count(r"a\_b \& c & $-$1.5 $\pm$ 0.2 \\") == 2
-    assert any("(virtual data)" in line for line in lines)
-    long = to_latex(table(LONG + 1))  # it may run over pages
-    assert r"\begin{longtable}" in long
-    assert r"\begin{table}" not in long
-
-
-def test_every_table_of_a_report_is_valid_latex_whatever_its_texts_hold() -> None:
-    result = replace(made_up_study(speeds=(0.3, 0.7), repetitions=2), finding=made_up_finding())
-    for one in (*study_report(result).tables, table(3, HOSTILE)):
-        content = to_latex(one).split("\n", 1)[1]  # the first line is a comment
-        assert content.count("{") - content.count(r"\{") == content.count("}") - content.count(r"\}")
-        # without commands and escaped characters nothing special is left; "~" is a space
-        plain = re.sub(r"\$[^$]*\$|\\[A-Za-z]+|\\[&%$#_{}\\]", "", content)
-        assert not set(plain) & set("%#_^\\$"), one.name
-        for row in content.splitlines():
-            if row.endswith(r" \\") and not row.startswith("\\"):
-                assert len(re.findall(r"(?<!\\)&", row)) == len(one.columns) - 1
-        assert content.isascii(), (one.name, {c for c in content if not c.isascii()})
 
 
 def test_report_json_holds_the_hash_of_every_other_file(folder: Path) -> None:

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from granite_lab.columns import FilledTable
 from granite_lab.discovery.finding import Finding, FoundEffect, FoundParameter, Verdict
 from granite_lab.effects import library
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import activate
-from granite_lab.reporting import names, tables
+from granite_lab.reporting import names, search_tables
 from granite_lab.reporting.answers import missing_answer
 from granite_lab.reporting.plot_search import candidates_figure, history_figures, intervals_figure, mean_of
 from granite_lab.reporting.report import Report, study_report
-from granite_lab.reporting.table import Table
 from granite_lab.results import Source, StudyResult
 from tests.reporting.made_up_finding import BUMP, LEFT, SIZE, STRENGTH, made_up_finding
 from tests.reporting.test_figures import texts
@@ -42,7 +42,7 @@ def report_of(finding: Finding) -> Report:
     return study_report(alone, model="model.toml", folder="reports/mine")
 
 
-def rows_of(table: Table | None) -> list[dict[str, str]]:
+def rows_of(table: FilledTable | None) -> list[dict[str, str]]:
     """Return the rows of a table, each by the titles of its columns."""
     titles = [c.title for c in table.columns]
     return [dict(zip(titles, (spaced(cell.text) for cell in row), strict=True)) for row in table.rows]
@@ -75,7 +75,7 @@ def test_a_part_without_content_is_left_out() -> None:
     )
     report = report_of(alone)
     assert not {"found_fitted", "found_confusion", "found_left_out"} & {t.name for t in report.tables}
-    assert not [c.title for c in tables.gaps_table(alone).columns if "left out" in c.title]
+    assert not [c.title for c in search_tables.gaps_table(alone).columns if "left out" in c.title]
     few = made_up_finding(speeds=(0.2,), repetitions=2, channels=("wheel", "wheel_split"))
     drawn = {d.name for d in report_of(few).figures}
     assert drawn >= {"found_gap", "found_history_0p20"}
@@ -133,30 +133,30 @@ def test_a_discrepancy_is_a_share_of_the_rms_in_motion(findings: dict[str, Findi
     finding = findings["unknown"]
     lengths = [float((r.std > 0).sum() * 0.02) for r in finding.residuals if r.channel == "pitch_rate"]
     expected = STRENGTH / SIZE * math.sqrt(0.2 * math.sqrt(math.pi / 2) / float(np.mean(lengths)))
-    shares = tables.discrepancies(finding)
+    shares = search_tables.discrepancies(finding)
     assert shares["pitch_rate"] == pytest.approx((expected, LEFT * expected), rel=0.01)
     assert shares["wheel"] == (0.0, 0.0)
-    row = next(r for r in tables.gaps_table(finding).rows if r[0].text == "pitch rate")
+    row = next(r for r in search_tables.gaps_table(finding).rows if r[0].text == "pitch rate")
     assert row[-2].raw == (shares["pitch_rate"][0],)
 
 
 def test_tables_hold_size_twins_probability_share_and_fate(findings: dict[str, Finding]) -> None:
     finding = findings["named"]
     for table, *expected in (
-        (tables.effects_table(finding, finding.effects),
+        (search_tables.effects_table(finding, finding.effects),
          {"effect": "multi-pass compaction", "value ± std": "0.300 ± 0.004",
           "cannot be told from": "slip sinkage",
           "probability": "97 %", "share of the gap": "93.0 ± 2.0 %"}),
-        (tables.effects_table(finding, finding.small, small=True),
+        (search_tables.effects_table(finding, finding.small, small=True),
          {"effect": "clock offset", "share of the gap": "2.0 ± 1.0 %"}),
-        (tables.detectable_table(finding),
+        (search_tables.detectable_table(finding),
          {"candidate": "payload mass", "limited by": "tolerance"},
          {"candidate": "bulldozing", "limited by": "noise"},
          {"candidate": "IMU tilt", "smallest size": "not visible"}),
-        (tables.confusion_table(finding),
+        (search_tables.confusion_table(finding),
          {"candidate": "multi-pass compaction", "named first": "85 %", "nothing named": "5 %",
           "taken for": "centre-of-mass offset (10 %)"}),
-        (tables.candidates_table(finding),
+        (search_tables.candidates_table(finding),
          {"candidate": "multi-pass compaction", "probability": "97 %", "closes alone": "93 %",
           "ln Bayes factor, alone [–]": "300", "result": "named"},
          {"candidate": "gear backlash", "result": "ended at a limit (backlash)"},
@@ -165,7 +165,7 @@ def test_tables_hold_size_twins_probability_share_and_fate(findings: dict[str, F
         for row in expected:
             assert any(row.items() <= found.items() for found in rows_of(table)), row
     # these trials cannot show it
-    assert "clock offset" not in {row["candidate"] for row in rows_of(tables.confusion_table(finding))}
+    assert "clock offset" not in {row["candidate"] for row in rows_of(search_tables.confusion_table(finding))}
     figure = candidates_figure(finding)
     assert re.fullmatch(r"Of \d+ candidates, multi-pass compaction is in the model", figure.title)
 
@@ -173,7 +173,7 @@ def test_tables_hold_size_twins_probability_share_and_fate(findings: dict[str, F
 def test_sand_and_scales_stand_in_units_of_a_reader(findings: dict[str, Finding]) -> None:
     # a logarithm of 0.010 ± 0.005 is 1.005 ± 0.505 %; a_θ has one value in a report, and it is not this one
     sand = {"a_theta": Estimate(0.02, 0.01), "cohesion": Estimate(0.01, 0.005)}
-    table = tables.fitted_table(dataclasses.replace(findings["named"], sand=sand))
+    table = search_tables.fitted_table(dataclasses.replace(findings["named"], sand=sand))
     assert {row["number"]: row["size"] for row in rows_of(table)} == {
         "c": "1.0 ± 0.5 %",
         "a_θ, from raking to raking": "5.0 %",
@@ -233,7 +233,7 @@ def test_cosine_and_sine_of_each_trial_are_said_as_the_amplitude_they_share() ->
 
 def test_the_table_keeps_sign_and_si_unit_and_says_which_way_it_goes() -> None:
     finding = naming(found("clock_offset", offset=(-0.0035, 0.0001)))
-    table = tables.effects_table(finding, finding.effects)
+    table = search_tables.effects_table(finding, finding.effects)
     assert spaced(table.rows[0][3].text) == "−3.50 ± 0.10 ms"
     assert table.rows[0][3].raw == (-0.0035, 0.0001, "s")
     assert "below zero: stamps of encoders and currents early" in table.rows[0][2].text

@@ -20,11 +20,10 @@ from granite_lab.discovery.finding import Finding, Residual
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting.answers import missing_answer
-from granite_lab.reporting.names import latency_in_words
+from granite_lab.reporting.names import latency_in_words, sensor
 from granite_lab.reporting.recording.stream import Writer, drawable
-from granite_lab.reporting.rounding import plus_minus, significant
-from granite_lab.reporting.words import WORDS, sensor
 from granite_lab.results import mean_of_known
+from granite_lab.rounding import plus_minus, significant
 
 Rgb = tuple[int, int, int]
 
@@ -48,7 +47,15 @@ SHOWN = {
 }  # fmt: skip
 """Unit of a record to the unit that is shown, and its factor; other units are shown as they are."""
 
-CHANNELS: dict[str, dict[str, str]] = WORDS["recorded"]
+CHANNELS = {
+    "velocity": {"velocity": ""},
+    "slip": {"slip_f": "front", "slip_r": "rear"},
+    "torque": {"torque_f": "front", "torque_r": "rear"},
+    "pitch": {"pitch": ""},
+    "wheel_velocity": {f"wheel_{w}": w for w in WHEELS},
+    "specific_force": {"accel": ""},
+    "pitch_rate": {"pitch_rate": ""},
+}
 """Plot to the channels of the comparison that it shows, and what tells them apart."""
 
 

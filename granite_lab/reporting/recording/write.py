@@ -19,7 +19,7 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.folders import distinct
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import by_speed
-from granite_lab.reporting.names import capital
+from granite_lab.reporting.names import SENSORS, capital
 from granite_lab.reporting.recording.lines import (
     CHANNELS,
     DIFFERS,
@@ -35,15 +35,28 @@ from granite_lab.reporting.recording.lines import (
 from granite_lab.reporting.recording.scene import VIEWPOINT, write_scene
 from granite_lab.reporting.recording.stream import TIMELINE, Writer, drawable, recording, root_of
 from granite_lab.reporting.render import to_markdown
-from granite_lab.reporting.words import SENSORS, WORDS
 from granite_lab.results import StudyResult
 
-TITLES: dict[str, str] = dict(WORDS["plots"])
+TITLES = {
+    "velocity": "Velocity",
+    "slip": "Slip of the axles",
+    "torque": "Drive torque per wheel",
+    "pitch": "Pitch, positive nose down, equal before the start",
+    "wheel_velocity": "Circumferential wheel velocity",
+    "wheel_slip": "Slip of each wheel, measured",
+    "current": "Motor current, measured",
+    "specific_force": "IMU specific force, forward, equal before the start",
+    "pitch_rate": "IMU pitch rate, equal before the start",
+    "innovation": "Innovations of the filter over their predicted std",
+}
 FOUND = {k: capital(name) for k, name in SENSORS.items()}
 TITLES |= {f"residual_{k}": f"{TITLES[k].split(',')[0]}: simulated − measured" for k in CHANNELS}
 TITLES |= {f"found_{k}": v + (": measured − simulated" if "wheel" in k else "") for k, v in FOUND.items()}
 """Plot to its title, without unit."""
-TABS: dict[str, list[str]] = WORDS["tabs"] | {
+TABS = {
+    "Motion": ["velocity", "slip", "torque", "pitch"],
+    "Wheels": ["wheel_velocity", "wheel_slip", "current"],
+    "Sensors": ["specific_force", "pitch_rate", "innovation"],
     "Residuals": [f"residual_{k}" for k in CHANNELS],
     "Missing effect": [f"found_{k}" for k in FOUND],
 }

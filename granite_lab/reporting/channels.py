@@ -1,0 +1,112 @@
+"""How well the model explains each quantity: the verdict by channel, and the tables of the differences."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from granite_lab.columns import Cell, Column, Table, number, words
+from granite_lab.results import PHASES, Gap
+from granite_lab.rounding import NONE, shown_as, significant, tidy_unit, with_unit
+
+NOISE, CLEAR = 1.5, 3.0
+"""Difference over noise up to which a channel agrees, and above which it differs clearly."""
+
+SMALL, UNSEEN = 0.01, 0.2
+"""Shares of a channel's largest value: a difference below the first is small; noise above the second is
+too large for a judgement."""
+
+
+@dataclass(frozen=True)
+class ChannelAnswer:
+    """How well the model explains one quantity over whole trials.
+
+    Attributes:
+        channel, name: as in `Gap`, and as a reader calls it.
+        unit: of `rms`, `noise` (std of the measurement) and `largest` (simulated magnitude), as printed.
+        verdict, tone: in words.
+        worst: phase in which the difference is largest against the noise.
+    """
+
+    channel: str
+    name: str
+    unit: str
+    rms: float
+    noise: float
+    largest: float
+    verdict: str
+    tone: str
+    worst: str
+
+    @property
+    def differs(self) -> bool:
+        """Whether simulation and measurement differ by more than the noise."""
+        return self.tone in ("fair", "bad")
+
+    def size(self, value: float) -> Cell:
+        """Return one of its numbers with the unit."""
+        return Cell(
+            f"{significant(value, 2)} {self.unit}" if math.isfinite(value) else NONE, (value, self.unit)
+        )
+
+
+CHANNEL_TABLE = Table[ChannelAnswer](
+    "channels",
+    "Simulated minus measured, by quantity",
+    Column("quantity", lambda c: c.name),
+    Column("verdict", lambda c: words(c.verdict, c.tone)),
+    Column("difference, rms", lambda c: c.size(c.rms), "rms rms_unit"),
+    Column("noise", lambda c: c.size(c.noise), "noise noise_unit"),
+    Column("largest value", lambda c: c.size(c.largest), "largest largest_unit"),
+    Column("largest difference", lambda c: c.worst),
+    note="Root mean square of the difference over whole trials, beside the noise of the measurement (its "
+    "standard deviation) and the largest simulated value. Points: percentage points of slip.",
+)
+
+
+def channels_of(found: dict[tuple[str, str], Gap]) -> tuple[ChannelAnswer, ...]:
+    """Judge each channel over whole trials."""
+    judged = []
+    for gap in (g for g in found.values() if g.phase == "all"):
+        unit, scale = shown_as(gap.unit)
+        noise = gap.rms / gap.normalised if gap.normalised > 0 else math.nan
+        phases = [found[gap.channel, p] for p in PHASES if p != "all" and (gap.channel, p) in found]
+        known = [g for g in phases if math.isfinite(g.normalised)]
+        worst = PHASES[max(known, key=lambda g: g.normalised).phase] if known else ""
+        sizes = (gap.rms * scale, noise * scale, gap.size * scale)
+        judged.append(
+            ChannelAnswer(gap.channel, gap.name, tidy_unit(unit), *sizes, *_judge(gap, noise), worst)
+        )
+    return tuple(judged)
+
+
+def _judge(gap: Gap, noise: float) -> tuple[str, str]:
+    if not math.isfinite(gap.normalised):
+        return "not judged, noise not known", ""
+    if gap.normalised <= NOISE:
+        if gap.size > 0 and noise > UNSEEN * gap.size:
+            return "not judged, too noisy", ""
+        return "agrees", "good"
+    if gap.size > 0 and gap.rms < SMALL * gap.size:
+        return f"differs by under {with_unit(significant(100 * SMALL, 1), '%')}", "good"
+    return ("differs", "fair") if gap.normalised <= CLEAR else ("differs clearly", "bad")
+
+
+def _small(value: float, gap: Gap) -> Cell:
+    return number(value, 2, scale=shown_as(gap.unit)[1])
+
+
+MISFITS = Table[Gap](
+    "misfits",
+    "Simulated minus measured, by quantity and phase",
+    Column("quantity", lambda g: g.name),
+    Column("phase", lambda g: PHASES[g.phase]),
+    Column("unit", lambda g: tidy_unit(shown_as(g.unit)[0])),
+    Column("rms", lambda g: _small(g.rms, g), "rms_si"),
+    Column("mean", lambda g: _small(g.bias, g), "bias_si"),
+    Column("largest", lambda g: _small(g.peak, g), "peak_si"),
+    Column("rms over noise", lambda g: g.normalised, "rms_over_noise", unit="–", digits=2),
+    Column("trials", lambda g: g.trials, "trials"),
+    note="Over all trials. The CSV file holds SI units, slip ratios as fractions.",
+)
+"""The difference in each quantity and phase."""

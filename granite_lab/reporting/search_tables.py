@@ -1,0 +1,294 @@
+"""The tables of a search for a missing effect: effects, sensors, candidates, what the trials could show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from granite_lab.columns import Cell, Column, FilledTable, Table, number, probable, share, words
+from granite_lab.discovery.finding import (
+    Candidate,
+    Detectable,
+    Finding,
+    FoundEffect,
+    FoundParameter,
+    Gap,
+    LeftOut,
+)
+from granite_lab.effects.library import met
+from granite_lab.estimate import Estimate
+from granite_lab.inference.constants import FORMULA_ERROR
+from granite_lab.reporting.answers import gap_pair
+from granite_lab.reporting.names import (
+    SENSORS,
+    STATUS,
+    amount,
+    channels_of,
+    declared,
+    meaning,
+    plain,
+    scale_of,
+    shown_candidates,
+)
+from granite_lab.rounding import NONE, interval, percent, percent_of
+
+SAND = {
+    "a_theta": "a_θ",
+    "frictional_modulus": "k_φ",
+    "cohesion": "c",
+    "shear_modulus": "K",
+    "friction_angle": "φ",
+    "exponent": "n",
+    "tyre_friction": "μ_s",
+}
+"""Symbols of the numbers of the sand."""
+
+SCALES = {
+    "a_theta": ("a_θ, from raking to raking", "%", 100.0),
+    "frictional_modulus": ("k_φ, from raking to raking", "%", 100.0),
+    "cohesion": ("c, from raking to raking", "%", 100.0),
+    "start": ("start of the command", "ms", 1000.0),
+    "tilt": ("tilt of the IMU", "°", 180 / math.pi),
+    "accel_x gain": ("gain of the accelerometer", "%", 100.0),
+    "wheel gain": ("wheel radius, mean of all", "%", 100.0),
+    "wheel_split gain": ("wheel radius, front against rear", "%", 100.0),
+    "current_f gain": ("gain of the front motor currents", "%", 100.0),
+    "current_r gain": ("gain of the rear motor currents", "%", 100.0),
+}
+"""Numbers that differ from trial to trial: words, unit, and factor to it."""
+
+SURE = 0.95
+"""Share of sets from which on a candidate is told from all others."""
+
+TERM = "term of an empirical law"
+
+NO_NUMBER = FoundParameter(NONE, "", Estimate(math.nan))
+
+
+def _spaced(name: str) -> str:
+    return name.replace("_", " ")
+
+
+class Size(NamedTuple):
+    """A number of an effect; what holds for the effect as a whole stands beside the first one."""
+
+    effect: FoundEffect
+    parameter: FoundParameter
+    first: bool
+
+    def once(self, cell: Cell) -> Cell:
+        """Return a cell about the effect as a whole, blank beside its other numbers."""
+        return cell if self.first else Cell("", cell.raw)
+
+
+def effects_table(finding: Finding, effects: Sequence[FoundEffect], *, small: bool = False) -> FilledTable:
+    """List named effects, or `small` ones, and their numbers; what holds for an effect stands once."""
+    name, title = "found_effects", "What is missing, with sizes"
+    note = (
+        f"Fitted together with the sand and the errors of the sensors. The std of a strength includes "
+        f"{percent(FORMULA_ERROR[0])} for the error of its formula. Last column: share of the closed gap "
+        f"that opens again without the effect, {gap_pair(finding)[2]}."
+    )
+    if small:
+        name, title = "found_small", "Small effects"
+        note = "Possibly present; they close little of the gap or stay below the tolerance."
+
+    def what(r: Size) -> str:
+        return TERM if r.effect.empirical else meaning(r.effect.id, r.parameter.name)
+
+    def size(r: Size) -> Cell:
+        value = r.parameter.estimate
+        return Cell(amount(r.effect, r.parameter), (value.value, value.std, r.parameter.unit))
+
+    def ends(r: Size) -> Cell:
+        p, both = r.parameter, r.parameter.estimate.interval()
+        return Cell(interval(*both, *scale_of(r.effect.id, p.name, p.unit, p.estimate.value)), both)
+
+    def closes(r: Size) -> Cell:
+        return r.once(Cell(percent_of(r.effect.closes), (r.effect.closes.value, r.effect.closes.std)))
+
+    rows = [Size(e, p, k == 0) for e in effects for k, p in enumerate(e.parameters or (NO_NUMBER,))]
+    return Table[Size](
+        name,
+        title,
+        Column("effect", lambda r: r.once(words(plain(r.effect.id)))),
+        Column("number", lambda r: "amount" if r.effect.empirical else _spaced(r.parameter.name)),
+        Column("what it is", what),
+        Column("value ± std", size, "value std unit"),
+        Column("95 % interval", ends, "low high"),
+        Column(
+            "cannot be told from", lambda r: ", ".join(map(plain, r.effect.twins)) or "none",
+            shown=any(e.twins for e in effects),
+        ),
+        Column("probability", lambda r: r.once(probable(r.effect.probability)), "probability"),
+        Column("share of the gap", closes, "closes closes_std"),
+        note=note,
+    ).fill(rows, virtual=finding.virtual)  # fmt: skip
+
+
+def discrepancies(finding: Finding) -> dict[str, tuple[float, float]]:
+    """Return per channel the rms of its discrepancy in motion over its rms, without and with the effects."""
+
+    def part(channel: str, name: str) -> float:
+        own = [r for r in finding.residuals if r.channel == channel and r.size > 0]
+        # A discrepancy has a std in the bins of the motion.
+        values = np.concatenate([getattr(r, name)[r.std > 0] / r.size for r in own] or [np.zeros(0)])
+        return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
+
+    return {c: (part(c, "discrepancy_before"), part(c, "discrepancy_after")) for c in channels_of(finding)}
+
+
+def gaps_table(finding: Finding) -> FilledTable:
+    """List per sensor the gap, in the fit and on trials left out, and the discrepancy."""
+    shares, unknown = discrepancies(finding), (math.nan, math.nan)
+    every = (finding.gap, *finding.gaps)
+    out = any(math.isfinite(v) for g in every for v in g.held_out)
+    names = {"all": "all channels"} | SENSORS
+
+    def discrepancy(g: Gap, k: int) -> Cell:
+        return number(shares.get(g.channel, unknown)[k], 2, "%", 100)
+
+    return Table[Gap](
+        "found_gaps",
+        "Gap between sensors and model, without and with the effects found",
+        Column("sensor", lambda g: names.get(g.channel, g.channel)),
+        Column("in the fit: without", lambda g: g.train[0], "train_before", unit="–"),
+        Column("with", lambda g: g.train[1], "train_after", unit="–"),
+        Column("left out: without", lambda g: g.held_out[0], "held_out_before", unit="–", shown=out),
+        Column("with", lambda g: g.held_out[1], "held_out_after", unit="–", shown=out),
+        Column("discrepancy: without", lambda g: discrepancy(g, 0), "discrepancy_before"),
+        Column("with", lambda g: discrepancy(g, 1), "discrepancy_after"),
+        note="All channels: root mean square of the residuals over what noise and tolerance explain; 1 means "
+        "explained. A sensor: its largest discrepancy over the tolerance; 0 means none beyond the noise. "
+        "Discrepancy: what all repetitions share and the model does not explain, over the rms of the sensor "
+        "in motion.",
+    ).fill(every, virtual=finding.virtual)
+
+
+LEFT_OUT = Table[tuple[str, LeftOut]](
+    "found_left_out",
+    "Prediction of trials and speeds left out of the fit",
+    Column("left out", lambda r: r[0]),
+    Column("without", lambda r: r[1].before, "before", unit="–"),
+    Column("with", lambda r: r[1].after, "after", unit="–"),
+    note="Gap of each, predicted by a fit to the others, without and with the effects found.",
+)
+
+
+def left_out_table(finding: Finding) -> FilledTable:
+    """List how well each trial and each speed is predicted by a fit that did not see it."""
+    rows = [(x.name, x) for x in finding.trials_left_out]
+    rows += [(f"all at {x.name} m/s", x) for x in finding.speeds_left_out]
+    return LEFT_OUT.fill(rows, virtual=finding.virtual)
+
+
+def _became(c: Candidate) -> str:
+    bounds = ", ".join(map(_spaced, c.bounds))
+    return STATUS[c.status] + (f" ({bounds})" if bounds else "")
+
+
+CANDIDATES = Table[Candidate](
+    "found_candidates",
+    "Every candidate",
+    Column("candidate", lambda c: plain(c.id)),
+    Column("what it is", lambda c: getattr(met(c.id), "title", TERM)),
+    Column(
+        "probability", lambda c: words(NONE) if c.status == "screened" else probable(c.probability),
+        "probability",
+    ),
+    # a fit to the noise closes no more than all of the gap
+    Column("closes alone", lambda c: Cell(percent(min(c.closes, 1.0)), (c.closes,)), "closes"),
+    Column("ln Bayes factor, alone", lambda c: c.gain, "log_bayes_factor", unit="–"),
+    Column("result", _became),
+    note="Probability that the effect is in the model; share of the gap that it closes alone, all trials in "
+    "the fit; logarithm of the Bayes factor of the effect alone against the paper's model. A screened "
+    "candidate was not fitted in full.",
+)  # fmt: skip
+
+
+def candidates_table(finding: Finding) -> FilledTable:
+    """List every candidate with its probability, the share of the gap it closes, and what became of it."""
+    return CANDIDATES.fill(shown_candidates(finding), virtual=finding.virtual)
+
+
+def detectable_table(finding: Finding) -> FilledTable:
+    """List the smallest size of every candidate that these trials show, and what limits it."""
+
+    def ends_of(d: Detectable) -> tuple[float, float] | None:
+        known = declared(d.effect, d.parameter)
+        return (known.prior_low, known.prior_high) if known else None
+
+    def scale(d: Detectable) -> tuple[str, float]:
+        return scale_of(d.effect, d.parameter, d.unit, max(map(abs, ends_of(d) or (d.size,))))
+
+    def expected(d: Detectable) -> Cell:
+        ends = ends_of(d)
+        text = " to ".join(f"{v * scale(d)[1]:.4g}".replace("-", "−") for v in ends) if ends else NONE
+        return Cell(text, ends or (None, None))
+
+    def size(d: Detectable) -> Cell:
+        seen = math.isfinite(d.size)
+        return number(d.size, 2, scale=scale(d)[1]) if seen else Cell("not visible", (None,))
+
+    def alike(d: Detectable) -> str:
+        first, more = ", ".join(plain(i) for i in d.confused_with[:3]), len(d.confused_with) - 3
+        return f"{first} and {more} more" if more > 0 else first or "none"
+
+    return Table[Detectable](
+        "found_detectable",
+        "Smallest sizes that these trials show",
+        Column("candidate", lambda d: plain(d.effect)),
+        Column("number", lambda d: _spaced(d.parameter)),
+        Column("smallest size", size, "smallest"),
+        Column("expected", expected, "expected_low expected_high"),
+        Column("unit", lambda d: Cell(scale(d)[0] or NONE, (d.unit or NONE,)), "unit"),
+        Column("limited by", lambda d: d.limit if math.isfinite(d.size) else NONE),
+        Column("looks like", alike),
+        note="An effect of this size is named with a probability of 80 %. Expected: range of the literature.",
+    ).fill(finding.detectable, virtual=finding.virtual)
+
+
+def confusion_table(finding: Finding) -> FilledTable | None:
+    """List the candidates that would often be taken for another; None where nothing was checked."""
+    check = finding.confusion
+    if check is None:
+        return None
+    first = {i: float(check.matrix[k, k]) for k, i in enumerate(check.ids) if math.isfinite(check.missed[k])}
+    unsure = [i for i, often in first.items() if often < SURE]
+    others = {i: ", ".join(f"{plain(o)} ({percent(x)})" for o, x in check.taken_for(i)) for i in unsure}
+    return Table[str](
+        "found_confusion",
+        "Candidates that these trials could take for another",
+        Column("candidate", plain),
+        Column("named first", lambda i: share(first[i]), "first"),
+        Column("nothing named", lambda i: share(float(check.missed[check.ids.index(i)])), "missed"),
+        Column("taken for", lambda i: others[i] or "none"),
+        note=f"Each candidate in turn at {check.factor:g} times its smallest visible size, {check.draws} "
+        f"times with other noise. All others are named first in at least {percent(SURE)} of these sets.",
+    ).fill(unsure, virtual=finding.virtual)
+
+
+def fitted_table(finding: Finding) -> FilledTable:
+    """List the sand common to all trials, and what differs from trial to trial.
+
+    a_θ has an answer of its own.
+    """
+    rows = []
+    for name, log in finding.sand.items():
+        if name != "a_theta":
+            ratio = Estimate(float(np.expm1(log.value)), float(np.exp(log.value) * log.std))
+            rows.append((SAND.get(name, name), "from the file", Cell(percent_of(ratio), (ratio.value,))))
+    for name, std in finding.scales.items():
+        text, unit, scale = SCALES.get(name, (name, "", 1.0))
+        rows.append((text, "from trial to trial, std", number(std, 2, unit, scale)))
+    return Table[tuple[str, str, Cell]](
+        "found_fitted",
+        f"Sand and sensors as fitted, compared with {finding.soil.title}",
+        Column("number", lambda r: r[0]),
+        Column("difference", lambda r: r[1]),
+        Column("size", lambda r: r[2], "size"),
+        note="Fitted together with everything else.",
+    ).fill(rows, virtual=finding.virtual)

@@ -1,0 +1,109 @@
+"""Slip and k_92 by speed, beside the paper: each number rounded here, and printed from here everywhere."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from granite_lab.columns import Cell, Column, Table, number
+from granite_lab.estimate import mean_over
+from granite_lab.parameters import Paper, by_speed
+from granite_lab.results import StudyResult, TrialResult
+from granite_lab.rounding import NONE, Number, decided
+
+
+@dataclass(frozen=True, eq=False)
+class Speed:
+    """All trials at one desired velocity.
+
+    Attributes:
+        velocity: desired velocity [m/s].
+        results: the trials.
+        trials: how many have a slip ratio.
+        slip: mean λ_R over the trials [%], with its standard error and 95 % interval.
+        k92: mean of k_92 fitted to the steady slip [–], likewise.
+        k92_note: stands in place of k_92 where no trial has an inner optimum.
+        paper_slip: λ_R of the paper's experiment [%] as printed there; NaN where it has none.
+        paper_k92: k_92 of the paper; NaN likewise.
+    """
+
+    velocity: float
+    results: tuple[TrialResult, ...]
+    trials: int
+    slip: Number
+    k92: Number
+    k92_note: str
+    paper_slip: float
+    paper_k92: float
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether the paper's slip lies in the interval as printed; None where that cannot be said."""
+        return self.slip.holds(self.paper_slip)
+
+    @property
+    def typical(self) -> TrialResult:
+        """The trial whose λ_R is in the middle; the one that is drawn."""
+        slips = np.array([r.comparison.motion.slip_ratio.value for r in self.results])
+        ranked = np.argsort(slips)  # NaN last
+        return self.results[int(ranked[max(int(np.isfinite(slips).sum()) - 1, 0) // 2])]
+
+
+AGREES = {True: Cell("yes", (True,), "good"), False: Cell("no", (False,), "fair"), None: Cell(NONE, (None,))}
+
+SLIP_BY_SPEED = Table[Speed](
+    "slip_by_speed",
+    "Slip ratio λ_R and contact-angle ratio k_92 by speed",
+    Column("speed", lambda s: s.velocity, "speed_mps", unit="m/s", form="g"),
+    Column("slip", lambda s: Cell(s.slip.text, (s.slip.value / 100,)), "slip_ratio", unit="%"),
+    Column(
+        "95 % interval", lambda s: Cell(s.slip.interval, (s.slip.low / 100, s.slip.high / 100)),
+        "slip_ratio_low95 slip_ratio_high95", unit="%",
+    ),
+    Column(
+        "paper", lambda s: number(s.paper_slip / 100, scale=100), "slip_ratio_paper_experiment", unit="%"
+    ),
+    Column("paper in interval", lambda s: AGREES[s.agrees]),
+    Column(
+        "k_92", lambda s: Cell(s.k92_note or s.k92.with_std, (s.k92.value, s.k92.std)),
+        "k92 k92_std", unit="–",
+    ),
+    Column("paper's k_92", lambda s: s.paper_k92, "k92_paper", unit="–", form="g"),
+    Column("trials", lambda s: s.trials, "trials"),
+    note="Means over the trials; the interval covers their scatter and their standard deviations. k_92 ± "
+    "standard error is fitted to the slip.",
+)  # fmt: skip
+"""The table of the first screen."""
+
+
+def speeds_of(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
+    """Group the trials by desired velocity (`parameters.by_speed`)."""
+    from granite_lab.fitting.atheta import k92_interval  # noqa: PLC0415, heavy
+
+    rows = []
+    for velocity, positions in by_speed(velocities_of(result)).items():
+        trials = [result.trials[i] for i in positions]
+        fits = [t.comparison.fit for t in trials]
+        inner = [f for f in fits if f.status == "ok"]
+        *slip, count = mean_over(t.comparison.motion.slip_ratio for t in trials)
+        k92 = mean_over(f.k92 for f in inner)
+        # The interval is by the likelihood where the covariance is not enough.
+        ends = k92_interval(inner, (k92.low, k92.high))
+        own = next((p for p in paper.table3 if abs(p.velocity - velocity) < 0.005), None)
+        rows.append(
+            Speed(
+                velocity, tuple(trials), count, decided(*slip, unit="%", scale=100),
+                decided(k92.value, k92.std, *ends),
+                "at its limit" if all(f.status.endswith("bound") for f in fits) else "",
+                # The paper prints three digits; the tail of 100 times a fraction is none of them.
+                round(100 * own.slip_measured, 6) if own else math.nan, own.k92 if own else math.nan,
+            )
+        )  # fmt: skip
+    return tuple(rows)
+
+
+def velocities_of(result: StudyResult) -> list[float]:
+    """Return the desired velocity of each trial [m/s]."""
+    return [trial.comparison.motion.variant.velocity for trial in result.trials]
