@@ -4,6 +4,7 @@ import ast
 import subprocess
 import sys
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -43,17 +44,25 @@ def stage_of(module: str) -> str:
     return parts[1] if len(parts) > 1 else "__init__"
 
 
+NAMES = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in MODULES
+}
+"""Module to file."""
+
+
 @cache
 def imports_of(path: Path) -> set[str]:
-    """Return the modules a file imports, wherever in the file it does so."""
+    """Return the modules a file imports, wherever in the file it does so, and those that it names in a text."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and node.module == "granite_lab":
-            found |= {f"granite_lab.{alias.name}" for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            found.add(node.module or "")
+        if isinstance(node, ast.ImportFrom):
+            module = node.module or ""
+            within = {f"{module}.{alias.name}" for alias in node.names}
+            found |= {name if name in NAMES or module == "granite_lab" else module for name in within}
         elif isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.Constant) and node.value in NAMES.keys() - {"granite_lab"}:
+            found.add(node.value)
     return found
 
 
@@ -69,6 +78,13 @@ def test_a_stage_imports_nothing_of_a_later_one() -> None:
             if module.startswith("granite_lab"):
                 other = stage_of(module)
                 assert RANK[other] <= RANK[own(path)], f"{path} imports {module}"
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    graph = {name: imports_of(path) & NAMES.keys() - {name} for name, path in NAMES.items()}
+    assert sum(map(len, graph.values())) > len(graph)
+    order = list(TopologicalSorter(graph).static_order())  # raises CycleError and names the circle
+    assert order.index("granite_lab.errors") < order.index("granite_lab.cli")
 
 
 def test_what_hides_and_what_finds_know_nothing_of_each_other() -> None:

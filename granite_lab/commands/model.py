@@ -236,9 +236,8 @@ def reveal(call: Call[hidden.Revealed]) -> None:
 
 
 def _show_answer(answer: Mapping[str, Any], call: Call[Any]) -> None:
-    trials = "virtual trials" if answer.get("virtual", True) else "trials"
     if answer["effects"]:
-        call.say(f"Hidden in these {trials}", "bold")
+        call.say("Hidden in these trials", "bold")
         rows = []
         for effect in answer["effects"]:
             named = effect["id"] + ("" if effect["library"] else " (not in the library)")
@@ -246,12 +245,12 @@ def _show_answer(answer: Mapping[str, Any], call: Call[Any]) -> None:
             rows += [("" if k else named, *cells) for k, cells in enumerate(values or [("", None, "")])]
         call.rows("hidden", rows, {"0": lambda row: row[0], "3": lambda row: row[3]})
         for effect in answer["effects"]:
-            told = ". ".join(part for part in (effect["title"], effect["account"]) if part)
-            call.say(f"{effect['id']}: {told}.")
+            account = ". ".join(part for part in (effect["title"], effect["account"]) if part)
+            if account:
+                call.say(f"{effect['id']}: {account}.")
     else:
-        call.say(f"Nothing is hidden in these {trials}.")
-    if "made_by" in answer:
-        call.say(f"made by {answer['made_by']}")
+        call.say("Nothing is hidden in these trials.")
+    if "seed" not in answer:
         return
     if answer["sand_off"]:
         off = ", ".join(f"{name} {100 * (x - 1):+.1f} %" for name, x in answer["sand_off"].items())
@@ -279,13 +278,3 @@ def _show_score(judged: Score, call: Call[Any]) -> None:
 def _unit(unit: str) -> str:
     """Return a unit as it is printed: nothing for a number without one."""
     return "" if unit == "-" else reporting.rounding.tidy_unit(unit)
-
-
-@command(hidden.kit, out=Flag(metavar="OUT", help="New folder of the kit."))
-def kit(call: Call[hidden.Kit]) -> None:
-    """`granite-lab reveal` judges `discover` by the kit that comes back."""
-    made = call()
-    call.json("kit/1", vars(made))
-    for path in made.files:
-        call.line(path)
-    call.line(f"read {made.folder / 'README.md'}; python {made.folder / 'check.py'} checks and seals it")
