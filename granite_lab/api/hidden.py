@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,28 +107,25 @@ def hide(
         )
     if truth is not None and (there := sorted(Path(truth).glob(f"{label}_v*_r*.csv"))):
         raise UsageError(f"{there[0]}: is there already", "choose another folder for the truth")
-    true: dict[str, pd.DataFrame] = {}
-    wish = Wish(effect, seed, strength, noise, sand_off, lab, dict(sizes or {}))
+    wish = Wish(
+        effect, seed, strength, noise, sand_off, lab, dict(sizes or {}), repetitions=repetitions, label=label
+    )
     the_robot, the_soil = load_robot(robot or "granite"), load_soil(soil or "dry_sand")
     own = lab_of(lab, seed, the_robot, the_soil).files()
     if there := [folder / name for name in own if (folder / name).exists()]:
         raise UsageError(f"{there[0]}: is there already", "choose another folder")
-    trials, answer = make_set(
-        wish, the_robot, the_soil,
-        repetitions=repetitions, label=label, jobs=jobs or os.cpu_count() or 1, done=done,
-        keep=true.__setitem__,
-    )  # fmt: skip
+    made, answer = make_set(wish, the_robot, the_soil, jobs=jobs, done=done)
     for name, text in own.items():
         write_text(folder / name, text)
     files = []
-    for trial in trials:
+    for trial, _ in made:
         path = folder / f"{trial.name}.csv"
         write_canonical(path, trial)
         answer["trials"][trial.name]["sha256"] = sha256(path)
         files.append(path)
     write_bytes(folder / NAME, seal(answer))
-    for name, motion in true.items() if truth else ():
-        write_truth(Path(truth or "") / f"{name}.csv", motion)
+    for trial, motion in made if truth else ():
+        write_truth(Path(truth or "") / f"{trial.name}.csv", motion)
     return HiddenSet(tuple(sorted(files)), folder / NAME)
 
 
