@@ -104,12 +104,27 @@ def test_a_module_stays_short() -> None:
     assert [path for path, count in lines.items() if count > 500] == []
 
 
+@pytest.mark.parametrize("package", ["hidden", "model", "running"])
+def test_functions_stay_short_and_take_few_arguments(package: str) -> None:
+    functions = [
+        (path.name, node)
+        for path in (PACKAGE / package).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef)
+    ]
+    assert len(functions) > 20
+    for file, node in functions:
+        assert (node.end_lineno or 0) - node.lineno < 60, (file, node.name)
+        assert len(node.args.posonlyargs + node.args.args + node.args.kwonlyargs) <= 7, (file, node.name)
+
+
 @pytest.mark.parametrize(
     ("library", "home"),
     [
         ("rerun", "reporting/recording"),
         ("tomllib", "parameters/quantity.py"),
         ("filterpy", "estimation"),
+        ("llvmlite", "model/native"),
         ("distributed", "running/each.py"),
     ],
 )
