@@ -12,11 +12,11 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import mounting
 from granite_lab.estimation.clean import clean_trial
-from granite_lab.estimation.clock import GIVEN, agreed, find_offset, slow_offset
+from granite_lab.estimation.clock import GIVEN, agreed, find_offset, ramps, slow_offset
 from granite_lab.estimation.error_model import FAR, LOST_PITCH, UNKNOWN, SlipModel
-from granite_lab.estimation.faults import find_faults, find_restarts, without_steps
+from granite_lab.estimation.faults import Faults, find_faults, find_restarts, without_steps
 from granite_lab.estimation.gross_clock import together
-from granite_lab.estimation.guard import guard
+from granite_lab.estimation.guard import Doubt, common_gaps, guard
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.nodes import Problem
@@ -28,8 +28,8 @@ from granite_lab.estimation.smoother import Solution, settle, smooth, with_stead
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
 from granite_lab.logs.imu_checks import despike, mounted
 from granite_lab.logs.standstill import Interval, coasting
-from granite_lab.logs.trial import ImuStream, Trial, WheelStream, part
-from granite_lab.parameters import Robot, Soil, Variant, load_soil, load_variants
+from granite_lab.logs.trial import Array, ImuStream, Trial, WheelStream, part
+from granite_lab.parameters import ImuGrade, Robot, Soil, Variant, load_soil, load_variants
 
 LONGEST_GAP = 0.5
 """IMU samples missing for longer than this in motion end the estimate [s]."""
@@ -40,6 +40,9 @@ a trial of half a minute [1/sqrt(s)]."""
 
 ALONE = "without encoders, noise that only motion makes cannot be told from the motion"
 """Why an estimate by the IMU alone is fair at best."""
+
+UNMATCHED = "the ramps of the wheels are not found in the IMU: their clocks may be apart by any time"
+"""Why an estimate near standstills is poor where its clock offset does not show."""
 
 LONG = 60.0
 """Motion longer than this [s] without a standstill leans on the wheels."""
@@ -105,7 +108,8 @@ def correct(
     apart = moved != 0.0 and trial.info.clock_offset is None
     solved = solve(trial, robot, rests=rests, distance_measured=distance_measured, soil=soil, apart=apart)
     clean, motion = finish(trial, robot, solved, known)
-    motion = guard(motion, load_soil() if soil is None else soil, solved.limits)
+    gaps = common_gaps(motion, solved.problem.faults.gaps, solved.wheels)
+    motion = guard(motion, load_soil() if soil is None else soil, (*solved.limits, *gaps))
     offset = replace(motion.clock_offset, value=motion.clock_offset.value + moved)
     return clean, replace(motion, clock_offset=offset, clock_applied=motion.clock_applied + moved)
 
@@ -118,14 +122,68 @@ class Solved:
         problem, solution: what the filter was given, and what the smoother found.
         wheels: the encoders as corrected.
         warnings: what limits the estimate, one line each.
-        limits: those of them that keep its grade from "good".
+        limits: what keeps its grade from "good".
     """
 
     problem: Problem
     solution: Solution
     wheels: WheelStream | None
     warnings: tuple[str, ...]
-    limits: tuple[str, ...] = ()
+    limits: tuple[Doubt, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Ready:
+    """The sensors of a trial put right, each on its own clock, and where the robot stands.
+
+    Attributes:
+        stream, imu: samples of the IMU without spikes, in its own axes and in those of the robot.
+        wheels, rolling: the encoders as corrected and what the wheels roll; None without encoders.
+        robot: its parameters, with what the standstills say of the mounting.
+        grade: of the IMU.
+        faults: of the IMU's samples.
+        still, unseen: standstills [s], and (N,) std of the velocity that may be left where each begins [m/s].
+        signs, doubts: what was corrected in the encoders, and in the mounting, one line each.
+    """
+
+    stream: ImuStream
+    imu: mounting.BodyImu
+    wheels: WheelStream | None
+    rolling: Rolling | None
+    robot: Robot
+    grade: ImuGrade
+    faults: Faults
+    still: tuple[Interval, ...]
+    unseen: Array
+    signs: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+
+def stand(trial: Trial, robot: Robot, rests: Sequence[Interval] = ()) -> Ready:
+    """Put the sensors of a trial with an IMU right and find its standstills; errors as `correct`."""
+    grade = robot.imu_grade
+    assert grade is not None
+    assert trial.imu is not None
+    logged = _complete(trial.imu)
+    stream, spikes = despike(logged)
+    imu = mounting.to_body(stream, mounted(robot))
+    wheels, rolling, signs = _roll(trial, imu, robot)
+    thrown = np.linalg.norm(np.nan_to_num(logged.specific_force - stream.specific_force), axis=1)
+    faults = find_faults(imu, stream, grade, spikes, thrown)
+    refuse_moved(imu, rests)
+    still, unseen = find_rests(stream, rolling, grade, by_hand=rests)
+    if robot.imu.forward == "find" and not stream.robot_axes and rolling is not None and still:
+        imu = _orient(stream, imu, rolling, still)
+    level = mounting.by_gravity(stream, imu, inside(imu.t, still), robot)
+    if rolling is None and not still:
+        raise EstimateError(
+            f"{trial.name}: neither wheels nor a standstill: nothing anchors the velocity",
+            "let the robot stand for 0.5 s at start or end, or name a standstill by hand (--rest start:end)",
+        )
+    return Ready(
+        level.stream, level.imu, wheels, rolling, level.robot, grade, faults, still, unseen, signs,
+        level.doubts,
+    )  # fmt: skip
 
 
 def solve(
@@ -143,26 +201,11 @@ def solve(
     """
     soil = load_soil() if soil is None else soil
     any_slip = soil.slip_std >= UNKNOWN
-    grade = robot.imu_grade
-    assert grade is not None
-    assert trial.imu is not None
-    logged = _complete(trial.imu)
-    stream, spikes = despike(logged)
-    imu = mounting.to_body(stream, mounted(robot))
-    wheels, rolling, signs = _roll(trial, imu, robot)
-    thrown = np.linalg.norm(np.nan_to_num(logged.specific_force - stream.specific_force), axis=1)
-    faults = find_faults(imu, stream, grade, spikes, thrown)
-    refuse_moved(imu, rests)
-    still, unseen = find_rests(stream, rolling, grade, by_hand=rests)
-    if robot.imu.forward == "find" and not stream.robot_axes and rolling is not None and still:
-        imu = _orient(stream, imu, rolling, still)
-    level = mounting.by_gravity(stream, imu, inside(imu.t, still), robot)
-    stream, imu, robot = level.stream, level.imu, level.robot
-    if rolling is None and not still:
-        raise EstimateError(
-            f"{trial.name}: neither wheels nor a standstill: nothing anchors the velocity",
-            "let the robot stand for 0.5 s at start or end, or name a standstill by hand (--rest start:end)",
-        )
+    ready = stand(trial, robot, rests)
+    stream, imu, rolling, still, faults, robot = (
+        ready.stream, ready.imu, ready.rolling, ready.still, ready.faults, ready.robot,
+    )  # fmt: skip
+    grade, unseen = ready.grade, ready.unseen
     far = rolling is not None and _far_from_rest(still, imu)
     noise = identify(imu, rolling, robot, still)
     problem = Problem(imu, rolling, robot, still, faults, noise, SlipModel(), unseen=unseen)
@@ -182,7 +225,7 @@ def solve(
         stepless = mounting.to_body(without_steps(stream, restarts), imu.rotation, levelled=imu.levelled)
         imu = replace(stepless, scale=imu.scale, scale_std=imu.scale_std)
     problem = replace(problem, imu=imu, faults=faults, slip=SlipModel(fades=True))
-    warnings = [*signs, *level.doubts, *_complain(problem, offset)]
+    warnings = [*ready.signs, *ready.doubts, *_complain(problem, offset)]
     if far:
         slip = replace(FAR, steady=soil.slip, limit=FAR.limit if any_slip else soil.slip_std)
         noise = replace(with_motion_noise(problem, offset.value), gyro=LOST_PITCH)
@@ -206,7 +249,17 @@ def solve(
     solution = replace(solution, offset=seen, applied=0.0 if far else offset.value)
     if far and any_slip:
         solution = replace(solution, smoothed=with_steady_slip(solution.nodes, solution.smoothed))
-    return Solved(problem, solution, wheels, tuple(warnings), (*level.doubts, *[ALONE] * (rolling is None)))
+    limits = [Doubt(line, "fair") for line in ready.doubts]
+    return Solved(problem, solution, ready.wheels, tuple(warnings), (*limits, *_limits(rolling, offset, far)))
+
+
+def _limits(rolling: Rolling | None, offset: Estimate, far: bool) -> tuple[Doubt, ...]:
+    """Return what the estimate lacks for want of wheels, or of their clock."""
+    if rolling is None:
+        return (Doubt(ALONE, "fair"),)
+    if not far and not np.isfinite(offset.std) and ramps(rolling):
+        return (Doubt(UNMATCHED, "poor"),)
+    return ()
 
 
 def finish(trial: Trial, robot: Robot, solved: Solved, known: Sequence[Variant]) -> tuple[Trial, Motion]:

@@ -90,6 +90,18 @@ def correlate(force: Array, wheel: Array, reach: int) -> tuple[Array, int, float
     return values, best, float(values[best]) / max(whole, 1e-300) if inner else 0.0
 
 
+def ramps(rolling: Rolling) -> bool:
+    """Whether the wheels' speed changes as fast as the clock offset needs it."""
+    speed = rolling.speed_at(np.arange(rolling.t[0], rolling.t[-1], STEP))
+    return speed.size > 1 and float(np.max(np.abs(changing(np.gradient(speed, STEP))))) >= LEAST_RAMP
+
+
+def changing(acceleration: Array) -> Array:
+    """(K,) acceleration on the grid without vibration, and without what is slower than a ramp."""
+    smooth = uniform_filter1d(acceleration, max(round(0.08 / STEP), 1))
+    return np.asarray(smooth - uniform_filter1d(smooth, round(3.0 / STEP), mode="nearest"))
+
+
 def coarse_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
     """Correlate the wheels' acceleration with the specific force along x over the ramps.
 
@@ -102,12 +114,10 @@ def coarse_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
     if end - begin < 4 * LARGEST or rolling.t.size < 8:
         return Estimate(0.0)
     grid = np.arange(begin, end, STEP)
-    smooth = max(round(0.08 / STEP), 1)
-    wheel = uniform_filter1d(np.gradient(rolling.speed_at(grid), STEP), smooth)
-    force = uniform_filter1d(joined(grid, imu.t, imu.forward), smooth)
-    # a slow drift of pitch must not outweigh the ramps
-    force -= uniform_filter1d(force, round(3.0 / STEP), mode="nearest")
-    wheel -= uniform_filter1d(wheel, round(3.0 / STEP), mode="nearest")
+    wheel, force = (
+        changing(np.gradient(rolling.speed_at(grid), STEP)),
+        changing(joined(grid, imu.t, imu.forward)),
+    )
     if float(np.max(np.abs(wheel))) < LEAST_RAMP:
         return Estimate(0.0)
     reach = round(LARGEST / STEP)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import mounting
@@ -17,6 +16,7 @@ from granite_lab.estimation.clock import (
     RIVAL,
     SEEN,
     STEP,
+    changing,
     correlate,
 )
 from granite_lab.estimation.mounting import BodyImu
@@ -83,9 +83,9 @@ def gross_offset(imu: BodyImu, wheels: WheelStream, radius: float, *, forward_kn
         `LARGEST` explains the ramps as well, which `find_offset` refines; std NaN where none is found.
     """
     own = [np.arange(t[0], t[-1], STEP) for t in (imu.t, wheels.t)]  # the clocks may be years apart
-    wheel = _ramps(np.gradient(radius * _common_rate(own[1], wheels), STEP))
+    wheel = changing(np.gradient(radius * _common_rate(own[1], wheels), STEP))
     axes = [imu.forward] if forward_known else [imu.forward, imu.left]
-    force = [_ramps(joined(own[0], imu.t, x)) for x in axes if np.isfinite(x).any()]
+    force = [changing(joined(own[0], imu.t, x)) for x in axes if np.isfinite(x).any()]
     if not force or float(np.max(np.abs(wheel), initial=0.0)) < LEAST_RAMP:
         return Estimate(0.0)
     half = min(len(grid) for grid in own) // 2
@@ -112,9 +112,3 @@ def _common_rate(grid: Array, wheels: WheelStream) -> Array:
     rates = np.gradient(np.stack(turned), STEP, axis=1)
     weights = np.linalg.eigh(rates @ rates.T)[1][:, -1]
     return np.asarray(weights @ rates / np.abs(weights).sum())
-
-
-def _ramps(acceleration: Array) -> Array:
-    """(K,) acceleration on the grid without vibration, and without what is slower than a ramp."""
-    smooth = uniform_filter1d(acceleration, max(round(0.08 / STEP), 1))
-    return np.asarray(smooth - uniform_filter1d(smooth, round(3.0 / STEP), mode="nearest"))

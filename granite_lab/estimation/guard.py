@@ -13,6 +13,8 @@ from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.health import sentence
 from granite_lab.estimation.motion import SHORTEST, Grade, Motion, mean_known
 from granite_lab.logs.counters import integral
+from granite_lab.logs.standstill import Interval
+from granite_lab.logs.trial import WheelStream
 from granite_lab.parameters import GRAVITY, Soil
 
 FAR = 3.0
@@ -38,22 +40,25 @@ class Doubt:
         reason: in plain words.
         grade: the best that the estimate can still be.
         std: of slip ratios that covers what is seen [-]; 0 where the std need not grow.
+        way: std of the distance after the instant `after` [s], beside its own [m].
     """
 
     reason: str
     grade: Grade
     std: float = 0.0
+    way: float = 0.0
+    after: float = math.inf
 
 
-def guard(motion: Motion, soil: Soil, limits: Sequence[str] = ()) -> Motion:
+def guard(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) -> Motion:
     """Return the motion with the grade, and the std, that everything known beside the filter allows.
 
     Args:
         motion: as estimated.
         soil: what the robot drives on; its slip ratio counts where the soil states one.
-        limits: what was put right or could not be judged and keeps the grade from "good", one line each.
+        limits: what was put right or could not be judged while the motion was estimated.
     """
-    doubts = [*(Doubt(line, "fair") for line in limits), *_doubts(motion, soil)]
+    doubts = [*limits, *_doubts(motion, soil)]
     if not doubts:
         return motion
     order: tuple[Grade, ...] = ("poor", "fair", "good")
@@ -62,8 +67,30 @@ def guard(motion: Motion, soil: Soil, limits: Sequence[str] = ()) -> Motion:
     health = replace(
         motion.health, grade=grade, good=grade == "good", reasons=reasons, verdict=sentence(grade, reasons)
     )
-    std = max(doubt.std for doubt in doubts)
-    return replace(_widened(motion, std), health=health)
+    motion = _widened(motion, max(doubt.std for doubt in doubts))
+    for doubt in doubts:
+        motion = _farther(motion, doubt.way, doubt.after)
+    return replace(motion, health=health)
+
+
+def common_gaps(motion: Motion, gaps: Sequence[Interval], wheels: WheelStream | None) -> Iterator[Doubt]:
+    """Yield the gaps [s] in the samples of all sensors that may be no time at all.
+
+    Where samples are missing while the robot moves, or where the clock was set forward, the stamps look the
+    same. Counters of the wheels go on in the first case only; without them both are equally probable.
+    """
+    if wheels is not None and wheels.rate is None:
+        return
+    stamps = np.empty(0) if wheels is None else wheels.t + motion.clock_offset.value
+    for begin, end in gaps:
+        between = np.count_nonzero((stamps > begin) & (stamps < end))
+        way = float(np.interp(0.5 * (begin + end), motion.t, np.abs(motion.v))) * (end - begin)
+        if way > motion.distance.std and between <= 1:
+            yield Doubt(
+                f"all sensors stop for {end - begin:.3g} s at {begin:.2f} s: samples are missing, or the "
+                "clock was set forward",
+                "fair", way=math.sqrt(0.5) * way, after=end,
+            )  # fmt: skip
 
 
 def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
@@ -113,6 +140,17 @@ def _downhill(motion: Motion) -> float:
         return 0.0
     ahead = math.copysign(1.0, motion.distance_wheels.value)
     return float(np.mean(ahead * motion.pitch[moving] + 2.0 * motion.pitch_std[moving]))
+
+
+def _farther(motion: Motion, way: float, after: float) -> Motion:
+    """Return the motion whose distance has an error of the std `way` [m] more `after` an instant."""
+    if way == 0.0:
+        return motion
+    x_std = np.where(motion.t >= after, np.hypot(motion.x_std, way), motion.x_std)
+    distance, rolled = (
+        replace(one, std=math.hypot(one.std, way)) for one in (motion.distance, motion.distance_wheels)
+    )
+    return replace(motion, x_std=x_std, distance=distance, distance_wheels=rolled)
 
 
 def _widened(motion: Motion, std: float) -> Motion:

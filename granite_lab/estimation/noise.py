@@ -46,6 +46,13 @@ LUG = 0.15
 FASTEST = 0.35
 """Up to this share of the sampling rate nothing is filtered or folded much."""
 
+FOLDED_OVER = 1.0
+"""Length of the segments in which folding is judged [s]."""
+
+LAST, FALLEN = 0.4, 0.25
+"""Beyond this share of the sampling rate the density has fallen to this share of its maximum (6 dB) where a
+filter or the resonance itself ends the spectrum."""
+
 LOBE = 4.0
 """Half the width of the window's main lobe, in reciprocals of its length."""
 
@@ -201,20 +208,40 @@ def level_error(signal: Array, rest: np.ndarray, step: float, bias: float) -> fl
 def with_motion_noise(problem: Problem, offset: float) -> Noise:
     """Return the noise with the white noise in motion, and with what vibration is left beside it."""
     noise, nominal = problem.noise, nominal_of(problem, offset)
-    frequency, force, rate = spectrum(problem, nominal, offset)
+    parts = steady_parts(problem, nominal, offset)
+    frequency, force, rate = spectrum(problem, nominal, parts)
     if problem.imu.has_pitch_rate:
         noise = replace(noise, gyro_motion=white_in_motion(frequency, rate, noise.gyro, turns=True))
         lost = lost_pitch(replace(problem, noise=noise), nominal)
         noise = replace(noise, gyro_motion=float(np.hypot(noise.gyro_motion, lost)))
-    resolved = 0.5 / problem.imu.period >= 2.0 * HIGH  # a slower sensor folds vibration to any frequency
-    if resolved and evident_resonance(frequency, force):
+    moving = ~inside(nominal.t, problem.rests)
+    if folds(problem.imu, moving):
+        added = white_in_motion(frequency, force, noise.accel)
+        added = max(added, folded_to_motion(nominal, parts, problem.imu.period, noise.accel))
+    elif evident_resonance(frequency, force):
         added = white_below_resonance(frequency, force, noise.accel, noise.vibration_frequency)
     else:
         added = white_in_motion(frequency, force, noise.accel)
     noise = replace(noise, accel_motion=added)
-    moving, white = ~inside(nominal.t, problem.rests), float(np.hypot(noise.accel, noise.accel_motion))
+    white = float(np.hypot(noise.accel, noise.accel_motion))
     rms, frequent, damping = vibration(problem.imu, moving, white, problem.robot.imu.vibration_frequency)
     return replace(noise, vibration=rms, vibration_frequency=frequent, vibration_damping=damping)
+
+
+def folds(imu: BodyImu, moving: np.ndarray) -> bool:
+    """Whether the sampling may fold vibration to low frequencies.
+
+    It does where a sensor is too slow to show a resonance at all, and where the density does not fall from
+    its maximum towards half the sampling rate: then no filter ends the spectrum there.
+    """
+    rate = 1.0 / imu.period
+    part = imu.forward[moving & np.isfinite(imu.forward)]
+    if rate < 4.0 * HIGH or part.size < FOLDED_OVER * rate:
+        return rate < 4.0 * HIGH
+    frequency, density = spectral_density(part, rate, hann(int(FOLDED_OVER * rate)))
+    beyond = density[frequency > MOTION]
+    greatest = float(np.max(np.convolve(beyond, np.full(3, 1.0 / 3.0), "valid")))
+    return float(np.mean(density[frequency > LAST * rate])) > FALLEN * greatest
 
 
 def lost_pitch(problem: Problem, nominal: Nominal) -> float:
@@ -259,14 +286,10 @@ def level(force: Array, variance: float) -> tuple[float, float]:
     return angle, max(variance / force.size, float(np.var(means, ddof=1)) / BLOCKS)
 
 
-def spectrum(problem: Problem, nominal: Nominal, offset: float) -> tuple[Array, Array, Array]:
-    """Periodograms of the nominal acceleration and pitch rate over all motion with steady wheels.
+def steady_parts(problem: Problem, nominal: Nominal, offset: float) -> list[tuple[int, int, float]]:
+    """Find the motion with steady wheels, as [begin, end) of the samples and its mean speed [m/s].
 
-    Motion without wheels, or without a steady part, counts as a whole. Frequencies to which the window
-    spreads the motion, and those near the lugs' own, are left out.
-
-    Returns:
-        (F,) frequencies [Hz]; (F,) densities of acceleration [m^2/s^3] and of pitch rate [rad^2/s].
+    Motion without wheels, or without a steady part, counts as a whole.
     """
     dt = problem.imu.period
     on, speed = ~nominal.rest, np.zeros(nominal.t.size)
@@ -278,16 +301,28 @@ def spectrum(problem: Problem, nominal: Nominal, offset: float) -> tuple[Array, 
         speed = pace.speed
         steady = on & pace.steady
         on = steady if max((b - a for a, b in runs(steady)), default=0) * dt >= SHORTEST else on
+    return [(a, b, abs(float(np.mean(speed[a:b])))) for a, b in runs(on) if (b - a) * dt >= SHORTEST]
+
+
+def spectrum(
+    problem: Problem, nominal: Nominal, parts: Sequence[tuple[int, int, float]]
+) -> tuple[Array, Array, Array]:
+    """Periodograms of the nominal acceleration and pitch rate over the steady `parts`.
+
+    Frequencies to which the window spreads the motion, and those near the lugs' own, are left out.
+
+    Returns:
+        (F,) frequencies [Hz]; (F,) densities of acceleration [m^2/s^3] and of pitch rate [rad^2/s].
+    """
+    dt = problem.imu.period
     turning = problem.robot.wheels.lugs / (2.0 * np.pi * problem.robot.wheels.radius)
     found = [np.empty((3, 0))]
-    for a, b in runs(on):
+    for a, b, speed in parts:
         length = (b - a) * dt
-        if length < SHORTEST:
-            continue
         window = blackman_harris(b - a - 1)
         frequency, force = spectral_density(np.diff(nominal.v[a:b]) / dt, 1.0 / dt, window)
         _, rate = spectral_density(np.diff(nominal.pitch[a:b]) / dt, 1.0 / dt, window)
-        lug = turning * abs(float(np.mean(speed[a:b])))
+        lug = turning * speed
         use = (frequency > LOBE / length) & (frequency < FASTEST / dt)
         use &= (frequency < MOTION) | (frequency > MOTION + LOBE / length)
         use &= np.abs(frequency - lug) > LUG * lug
@@ -296,6 +331,26 @@ def spectrum(problem: Problem, nominal: Nominal, offset: float) -> tuple[Array, 
         found.append(np.array([frequency, force / gain, rate / gain])[:, use])
     frequency, force, rate = np.concatenate(found, axis=1)
     return frequency, force, rate
+
+
+def folded_to_motion(
+    nominal: Nominal, parts: Sequence[tuple[int, int, float]], dt: float, rest: float
+) -> float:
+    """White noise density beyond that at `rest` of all that the steady `parts` hold below `MOTION`.
+
+    Folded vibration has any spectrum, also one that is loudest there, and nothing tells it from the body's
+    motion. The density is the posterior's mean.
+    """
+    low = []
+    for a, b, _ in parts:
+        frequency, density = spectral_density(np.diff(nominal.v[a:b]) / dt, 1.0 / dt, hann(b - a - 1))
+        low.append(density[(frequency >= 2.0 / ((b - a) * dt)) & (frequency < MOTION)])
+    ordinates = np.concatenate([np.empty(0), *low])
+    independent = ordinates.size / 1.5  # noise bandwidth of the window of Hann
+    if independent <= 1.0:
+        return 0.0
+    level = float(np.mean(ordinates)) * independent / (independent - 1.0)
+    return float(np.sqrt(max(0.5 * level - rest**2, 0.0)))
 
 
 def periodograms(values: Array, rate: float, window: Array) -> tuple[Array, Array]:

@@ -7,6 +7,7 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
+from filterpy.kalman import KalmanFilter
 from scipy.linalg import blas
 from scipy.special import gammaincinv
 
@@ -20,8 +21,8 @@ _blas: Any = blas  # its types want keywords, with which a call takes up to thre
 daxpy, ddot, dgemm, dgemv = _blas.daxpy, _blas.ddot, _blas.dgemm, _blas.dgemv
 dsymm, dsymv, dsyr = _blas.dsymm, _blas.dsymv, _blas.dsyr
 
-BLOCK = 200
-"""Nodes whose matrices are inverted at once: so many stay in the cache."""
+BLOCK = 2000
+"""Nodes that are smoothed at once: their predicted covariances take 3 MB."""
 
 SETTLED = 0.02
 """Pitch corrections below this need no other pass: its sine is linear to 2e-6 of g [rad]."""
@@ -132,7 +133,7 @@ class Solution(Settled):
 
 
 def forward(nodes: Nodes) -> Filtered:
-    """Filter over all nodes.
+    """Filter over all nodes, eight times as fast as `filtered`: for likelihoods, offsets and passes.
 
     Measurements are scalar, so no matrix is inverted. BLAS works on one triangle of each covariance, in
     place; the other is filled in at the end, so that rounding cannot make a covariance unsymmetric.
@@ -209,26 +210,50 @@ def smoothed_states(nodes: Nodes, found: Filtered) -> Array:
     return np.asarray(found.x - (found.P @ weights[:, :, None])[:, :, 0])
 
 
+def filtered(nodes: Nodes, innovations: Innovations) -> Filtered:
+    """Filter over all nodes by filterpy: what is published, with the `innovations` that `forward` found.
+
+    Measurements are scalar: the inverse of their variance is its reciprocal.
+    """
+    n, updates = nodes.t.size, nodes.updates
+    kalman = KalmanFilter(dim_x=SIZE, dim_z=1)
+    kalman.x, kalman.P, kalman.inv = nodes.x0.copy(), nodes.P0.copy(), np.reciprocal
+    xs, Ps = np.empty((n, SIZE)), np.empty((n, SIZE, SIZE))
+    H, z, R = updates.H[:, None], updates.z[:, None, None], updates.R[:, None, None]
+    measured = zip(z, R, H, strict=True)
+    for k, count in enumerate(updates.counts(n)):
+        if k:
+            kalman.predict(F=nodes.F[k], Q=nodes.Q[k])
+        for measurement in islice(measured, count):
+            kalman.update(*measurement)
+        xs[k], Ps[k] = kalman.x[:, 0], kalman.P
+    return Filtered(xs, Ps, innovations)
+
+
 def backward(nodes: Nodes, found: Filtered) -> Smoothed:
-    """Smooth backwards (Rauch, Tung & Striebel 1965); F and Q lead *into* each node."""
+    """Smooth backwards by filterpy (Rauch, Tung & Striebel 1965); F and Q lead *into* each node.
+
+    Blocks of nodes share their first and last one, so that predicted covariances need no memory.
+    """
+    kalman = KalmanFilter(dim_x=SIZE, dim_z=1)
     x, P = found.x.copy(), found.P.copy()
     n = x.shape[0]
     gains = np.zeros_like(P)
-    for end in range(n - 1, 0, -BLOCK):
-        begin = max(end - BLOCK, 0)
-        F = nodes.F[begin + 1 : end + 1]
-        lifted = P[begin:end] @ F.transpose(0, 2, 1)
-        ahead = F @ lifted + nodes.Q[begin + 1 : end + 1]
-        # variances differ by many powers of ten
-        scale = 1.0 / np.sqrt(np.diagonal(ahead, axis1=1, axis2=2))
-        weight = scale[:, :, None] * scale[:, None, :]
-        gains[begin:end] = lifted @ (np.linalg.inv(ahead * weight) * weight)
-        x[begin:end] -= (gains[begin:end] @ (F @ x[begin:end, :, None]))[:, :, 0]
-        for k in range(end - 1, begin - 1, -1):
-            gain, more = gains[k].T, P[k + 1] - ahead[k - begin]
-            x[k] += gains[k].dot(x[k + 1])
-            dgemm(1.0, gain, more.dot(gain), 1.0, P[k].T, 1, 0, 1)
+    for end in range(n, 1, -BLOCK):
+        part = slice(max(end - BLOCK - 1, 0), end)
+        x[part], P[part], gain, _ = kalman.rts_smoother(
+            x[part], P[part], nodes.F[part], nodes.Q[part], _inverse
+        )
+        gains[part][:-1] = gain[:-1]
+    P = 0.5 * (P + P.transpose(0, 2, 1))
     return Smoothed(x, P, found.innovations, gains, common=np.zeros_like(x))
+
+
+def _inverse(covariance: Array) -> Array:
+    """(14, 14) inverse of a covariance whose variances differ by many powers of ten."""
+    scale = 1.0 / np.sqrt(np.diagonal(covariance))
+    weight = scale[:, None] * scale
+    return np.asarray(np.linalg.inv(covariance * weight) * weight)
 
 
 def with_steady_slip(nodes: Nodes, found: Smoothed) -> Smoothed:
@@ -304,7 +329,7 @@ def settle(
 
 def smooth(last: Settled) -> Solution:
     """Smooth the last pass; what is too large in it too widens the std of everything."""
-    found = backward(last.nodes, last.found)
+    found = backward(last.nodes, filtered(last.nodes, last.found.innovations))
     found = replace(found, P=found.P * widening(found.innovations))
     offset = Estimate(last.near + float(found.x[-1, TAU]), float(np.sqrt(found.P[-1, TAU, TAU])))
     return Solution(**vars(last), smoothed=found, offset=offset)

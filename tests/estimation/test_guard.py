@@ -2,14 +2,16 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import Motion, correct
-from granite_lab.estimation.guard import guard
+from granite_lab.estimation.guard import Doubt, guard
 from granite_lab.logs import read_trial
 from granite_lab.parameters import load_robot, load_soil
 from tests.truth import field
@@ -89,6 +91,47 @@ def test_a_slip_ratio_known_to_several_points_is_not_called_good() -> None:
 
 
 def test_what_was_put_right_keeps_the_grade_from_good() -> None:
-    seen = guard(good(), SAND, ("the IMU is 8.0 deg off level",))
+    seen = guard(good(), SAND, (Doubt("the IMU is 8.0 deg off level", "fair"),))
     assert seen.health.grade == "fair"
     assert "8.0 deg" in seen.health.verdict
+
+
+def logged_as_rates(folder: Path, *, missing: bool) -> tuple[Motion, float]:
+    """A sample whose encoders give rates: 0.3 s of it are missing, or its clock is set forward by them."""
+    source = field.of_sample(field.SAMPLES[6])
+    imu = pd.DataFrame(np.hstack([source.force, source.rate]), columns=[*field.FORCE, *field.TURN])
+    rate = np.gradient(source.angle, source.t_wheels, axis=0)
+    wheels = pd.DataFrame(rate, columns=[f"enc_{wheel}_radps" for wheel in field.WHEELS])
+    log = pd.concat([imu.assign(t_s=source.t_imu), wheels.assign(t_s=source.t_wheels)])
+    log = log.sort_values("t_s").set_index("t_s")
+    middle = 0.5 * source.t_imu[-1]
+    if missing:
+        log = log[(log.index < middle) | (log.index > middle + 0.3)]
+    else:
+        log.index = log.index.where(log.index < middle, log.index + 0.3)
+    log.to_csv(folder / "rates.csv")
+    motion = correct(read_trial(folder / "rates.csv", robot="granite"), load_robot("granite"))[1]
+    return motion, source.distance
+
+
+@pytest.mark.parametrize("missing", [True, False])
+def test_a_hole_in_all_sensors_that_may_be_a_step_of_the_clock_is_in_the_distance(
+    tmp_path: Path, missing: bool
+) -> None:
+    motion, distance = logged_as_rates(tmp_path, missing=missing)
+    assert motion.health.grade == "fair"
+    assert any("the clock was set forward" in reason for reason in motion.health.reasons)
+    assert abs(motion.distance.value - distance) < 2.0 * motion.distance.std < 0.4
+
+
+def test_clocks_that_the_ramps_do_not_bring_together_are_poor() -> None:
+    trial = read_trial(field.SAMPLES[3])
+    assert trial.imu is not None
+    assert trial.wheels is not None
+    moving = (trial.imu.t > 2.0) & (trial.imu.t < trial.imu.t[-1] - 2.0)
+    noise = np.random.default_rng(0).normal(0.0, 5.0, trial.imu.specific_force.shape) * moving[:, None]
+    loud = replace(trial.imu, specific_force=trial.imu.specific_force + noise)
+    late = replace(trial.wheels, t=trial.wheels.t - 3.0)
+    motion = correct(replace(trial, imu=loud, wheels=late), load_robot("granite"))[1]
+    assert motion.health.grade == "poor"
+    assert any("their clocks may be apart" in reason for reason in motion.health.reasons)

@@ -15,6 +15,7 @@ from granite_lab.logs.pitch_rate import contradicted
 from granite_lab.logs.trial import ImuStream
 from granite_lab.parameters import GRAVITY, load_robot
 from tests.soak import SOAK
+from tests.truth import field
 
 Rests = Sequence[tuple[float, float]]
 SEEDS = range(20 if SOAK else 2)
@@ -93,6 +94,21 @@ def test_white_noise_in_motion_widens_the_std_as_far_as_it_drifts(tmp_path: Path
         slips.append((motion.slip_ratio.value - SLIP) / motion.slip_ratio.std)
     for errors in (distances, slips):
         agree(errors)
+
+
+def test_vibration_that_an_unfiltered_sensor_folds_is_in_the_std(tmp_path: Path) -> None:
+    """25 of 200 samples a second: the frame rings near 25 Hz, which folds to frequencies of the motion."""
+    robot, errors = load_robot("granite"), []
+    for path in field.SAMPLES:
+        source = field.of_sample(path)
+        imu = pd.DataFrame(np.hstack([source.force, source.rate]), columns=[*field.FORCE, *field.TURN])
+        wheels = pd.DataFrame(source.angle, columns=[f"enc_{wheel}_rad" for wheel in field.WHEELS])
+        slow = imu.assign(t_s=source.t_imu)[4::8]
+        log = pd.concat([slow, wheels.assign(t_s=source.t_wheels)]).sort_values("t_s")
+        log[["t_s", *log.columns.drop("t_s")]].to_csv(tmp_path / "slow.csv", index=False)
+        slip = estimate(read_trial(tmp_path / "slow.csv", robot="granite"), robot).slip_ratio
+        errors.append((slip.value - source.slip) / slip.std)
+    agree(errors)
 
 
 def test_a_gyro_that_drifts_in_motion_costs_precision_and_no_axis_is_refused(tmp_path: Path) -> None:
