@@ -385,7 +385,9 @@ def test_it_is_small_shows_every_figure_and_is_of_the_samples_that_are_there(rep
     shown = set(re.findall(r"\]\(figures/([^)]+)\)", page))
     assert shown == {path.name for path in (SHOWN_REPORT / "figures").iterdir()}
     text = json.dumps(report["provenance"])
-    for log in sorted(SAMPLES.glob("*.csv")):
+    logs = sorted(SAMPLES.glob("*.csv"))
+    assert len(logs) == 12
+    for log in logs:
         assert sha256(log) in text, f"{log.name} has changed: run reports/make_example.py"
 
 

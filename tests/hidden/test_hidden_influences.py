@@ -362,9 +362,8 @@ def test_a_gear_that_locks_holds_the_robot_where_it_stops() -> None:
 
 
 def test_wheels_of_another_radius_roll_further_by_it() -> None:
-    truth = Truth(
-        load_robot(), load_soil(), Trapezoid(V, A, DISTANCE), exponential_k92(A_THETA), radii=(1.01, 1.01)
-    )
+    setup = Setup(load_robot(), load_soil(), exponential_k92(A_THETA), radii=(1.01, 1.01))
+    truth = Truth(setup, Trapezoid(V, A, DISTANCE))
     r = run_of(truth)
     assert mean(r, "omega") == pytest.approx(mean(plain(), "omega"), rel=1e-3)
     assert mean(r, "v") == pytest.approx(1.01 * mean(plain(), "v"), rel=2e-3)

@@ -353,7 +353,9 @@ def wild_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_robot_and_sand_lie_beside_the_trials_and_are_found_from_anywhere(wild_folder: Path) -> None:
     answer = open_answer(wild_folder)
     lab = wild(answer["seed"], load_robot(), load_soil())
-    for log in sorted(wild_folder.glob("*.csv")):
+    logs = sorted(wild_folder.glob("*.csv"))
+    assert len(logs) == 4
+    for log in logs:
         trial = read_trial(log)
         assert not trial.warnings
         assert load_robot(trial.info.robot or "") == lab.robot.filed
