@@ -34,7 +34,7 @@ class Judged:
         seed: of the draw.
         grade: "good", "fair", "poor", or "refused".
         slip, slip_std, slip_true: slip ratios [-]; NaN where there is none.
-        distance, distance_std, distance_true: [m].
+        distance, distance_std, distance_true: [m]; NaN where the log was cut.
         fast: made from a sample, with its IMU at 50 Hz or more.
         drawn: what was drawn.
         message: verdict or refusal.
@@ -87,9 +87,12 @@ def judge(seed: int) -> Judged:
             return made(
                 grade="refused", slip=nan, slip_std=nan, distance=nan, distance_std=nan, message=str(refusal)
             )
+    # of a log that was cut, as a warning says, the distance is that of one stretch, whose truth is not known
+    cut = any("the log is cut there" in line for line in motion.warnings)
     return made(
         grade=motion.health.grade, slip=motion.slip_ratio.value, slip_std=motion.slip_ratio.std,
-        distance=motion.distance.value, distance_std=motion.distance.std, message=motion.health.verdict,
+        distance=math.nan if cut else motion.distance.value, distance_std=motion.distance.std,
+        message=motion.health.verdict,
     )  # fmt: skip
 
 

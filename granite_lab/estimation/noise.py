@@ -46,12 +46,11 @@ LUG = 0.15
 FASTEST = 0.35
 """Up to this share of the sampling rate nothing is filtered or folded much."""
 
-FOLDED_OVER = 1.0
-"""Length of the segments in which folding is judged [s]."""
+LAST = 0.4
+"""Beyond this share of the sampling rate the end of a spectrum is judged."""
 
-LAST, FALLEN = 0.4, 0.25
-"""Beyond this share of the sampling rate the density has fallen to this share of its maximum (6 dB) where a
-filter or the resonance itself ends the spectrum."""
+ENDED = 0.01
+"""A spectrum has ended where it is below this share of its maximum (20 dB): nothing beyond is folded."""
 
 LOBE = 4.0
 """Half the width of the window's main lobe, in reciprocals of its length."""
@@ -215,33 +214,43 @@ def with_motion_noise(problem: Problem, offset: float) -> Noise:
         lost = lost_pitch(replace(problem, noise=noise), nominal)
         noise = replace(noise, gyro_motion=float(np.hypot(noise.gyro_motion, lost)))
     moving = ~inside(nominal.t, problem.rests)
-    if folds(problem.imu, moving):
-        added = white_in_motion(frequency, force, noise.accel)
-        added = max(added, folded_to_motion(nominal, parts, problem.imu.period, noise.accel))
-    elif evident_resonance(frequency, force):
+    most = most_folded(problem.imu, moving)
+    if np.isfinite(most) and evident_resonance(frequency, force):
         added = white_below_resonance(frequency, force, noise.accel, noise.vibration_frequency)
     else:
         added = white_in_motion(frequency, force, noise.accel)
+    folded = min(most, below_motion(nominal, parts, problem.imu.period, noise.accel))
+    added = max(added, folded)
     noise = replace(noise, accel_motion=added)
     white = float(np.hypot(noise.accel, noise.accel_motion))
     rms, frequent, damping = vibration(problem.imu, moving, white, problem.robot.imu.vibration_frequency)
     return replace(noise, vibration=rms, vibration_frequency=frequent, vibration_damping=damping)
 
 
-def folds(imu: BodyImu, moving: np.ndarray) -> bool:
-    """Whether the sampling may fold vibration to low frequencies.
+def most_folded(imu: BodyImu, moving: np.ndarray) -> float:
+    """White noise density [m/s^2 sqrt(s)] of the vibration that sampling can fold to low frequencies.
 
-    It does where a sensor is too slow to show a resonance at all, and where the density does not fall from
-    its maximum towards half the sampling rate: then no filter ends the spectrum there.
+    It is that at the sampling rate: the tail of the spectrum, which falls from its maximum towards half the
+    rate, goes on by the same power of the frequency. Infinite where the sensor is too slow to show a
+    resonance, or no tail.
     """
     rate = 1.0 / imu.period
     part = imu.forward[moving & np.isfinite(imu.forward)]
-    if rate < 4.0 * HIGH or part.size < FOLDED_OVER * rate:
-        return rate < 4.0 * HIGH
-    frequency, density = spectral_density(part, rate, hann(int(FOLDED_OVER * rate)))
-    beyond = density[frequency > MOTION]
-    greatest = float(np.max(np.convolve(beyond, np.full(3, 1.0 / 3.0), "valid")))
-    return float(np.mean(density[frequency > LAST * rate])) > FALLEN * greatest
+    if rate < 4.0 * HIGH:
+        return np.inf
+    if part.size < rate:
+        return 0.0
+    frequency, density = spectral_density(part, rate, hann(int(rate)))
+    beyond, last = frequency > MOTION, frequency > LAST * rate
+    smooth = np.convolve(density[beyond], np.full(3, 1.0 / 3.0), "same")
+    top, peak = float(np.mean(density[last])), float(frequency[beyond][np.argmax(smooth)])
+    if peak > FASTEST * rate:
+        return np.inf
+    if top < ENDED * smooth.max():
+        return 0.0
+    middle = float(np.mean(frequency[last]))
+    octaves = np.log(rate / middle) / np.log(middle / peak)
+    return float(np.sqrt(0.5 * top * min(top / smooth.max(), 1.0) ** octaves))  # one-sided
 
 
 def lost_pitch(problem: Problem, nominal: Nominal) -> float:
@@ -333,13 +342,11 @@ def spectrum(
     return frequency, force, rate
 
 
-def folded_to_motion(
-    nominal: Nominal, parts: Sequence[tuple[int, int, float]], dt: float, rest: float
-) -> float:
+def below_motion(nominal: Nominal, parts: Sequence[tuple[int, int, float]], dt: float, rest: float) -> float:
     """White noise density beyond that at `rest` of all that the steady `parts` hold below `MOTION`.
 
-    Folded vibration has any spectrum, also one that is loudest there, and nothing tells it from the body's
-    motion. The density is the posterior's mean.
+    Folded vibration may be loudest there, and nothing tells it from the body's motion. The density is the
+    posterior's mean.
     """
     low = []
     for a, b, _ in parts:
