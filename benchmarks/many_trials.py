@@ -25,12 +25,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import cast
 
+from granite_lab.chain import analyse, over_trials
+from granite_lab.options import Options
 from granite_lab.reporting import write_report
 from granite_lab.results import TrialResult
-from granite_lab.running import Cache, Execution, Options
+from granite_lab.running import Cache, Execution
 from granite_lab.running.cache import trial_key
 from granite_lab.running.codec import encode
-from granite_lab.study import analyse, study
 
 FIRST = "_000"
 """End of the name of the first copy of a sample."""
@@ -94,7 +95,7 @@ def renamed(result: TrialResult, name: str) -> TrialResult:
 def remember(logs: Sequence[Path], cache: Cache, jobs: int) -> None:
     """Analyse one log of each sample, and remember the results of its copies, which differ in their names."""
     firsts = [log for log in logs if log.stem.endswith(FIRST)]
-    study(firsts, "firsts", execution=Execution(jobs, cache=cache))
+    over_trials(firsts, Options(), execution=Execution(jobs, cache=cache))
     for first in firsts:
         result = cast(TrialResult, cache.get(trial_key(analyse.__qualname__, first, Options())))
         for log in (log for log in logs if log.stem[: -len(FIRST)] == first.stem[: -len(FIRST)]):
@@ -111,15 +112,15 @@ def measure(folder: Path, jobs: int, *, remembered: bool) -> Cost:
     if remembered:
         remember(logs, Cache(folder / "cache"), jobs)
     else:
-        study(logs[:jobs], "few", execution=few)
+        over_trials(logs[:jobs], Options(), execution=few)
     marks.append(processor())
-    result = study(logs, "many", execution=all_)
+    result = over_trials(logs, Options(), execution=all_)
     marks.append(processor())
     write_report(result, folder / "report")
     marks.append(processor())
     worker, main = megabytes(resource.RUSAGE_CHILDREN), megabytes(resource.RUSAGE_SELF)
     before = processor()
-    again = study(logs, "many", execution=all_)
+    again = over_trials(logs, Options(), execution=all_)
     last = processor() - before
     assert len(again.trials) == len(result.trials) == len(logs)
     first, whole, report = (b - a for a, b in pairwise(marks))

@@ -6,28 +6,8 @@ see docs/api.md. Each is imported when it is first asked for, so that the packag
 
 from __future__ import annotations
 
-import sys
-import types
-from typing import Any
-
 import lazy_loader
 
 __version__ = "0.1.0"
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-
-
-class _Package(types.ModuleType):
-    """This package, in which `study` stays the function once the module of that name is imported."""
-
-    @property
-    def study(self) -> Any:
-        """The function `granite_lab.api.trials.study`."""
-        return __getattr__("study")
-
-    @study.setter
-    def study(self, module: types.ModuleType) -> None:
-        """Let the import system bind the module; importing from it works all the same."""
-
-
-sys.modules[__name__].__class__ = _Package

@@ -15,22 +15,22 @@ from granite_lab import __version__
 from granite_lab.errors import LabError
 
 COMMANDS = {
-    "check": ("trials", "Check whether a log is usable."),
-    "inspect": ("trials", "Show what is recognised in a log."),
-    "ingest": ("trials", "Estimate velocity and slip with their uncertainty."),
+    "check": ("logs", "Check whether a log is usable."),
+    "inspect": ("logs", "Show what is recognised in a log."),
+    "ingest": ("logs", "Estimate velocity and slip with their uncertainty."),
     "simulate": ("model", "Simulate one run."),
     "wheel": ("model", "Compute one wheel on the soil."),
     "fit-k92": ("trials", "Fit k_92 of each trial."),
     "fit-atheta": ("trials", "Estimate a_θ of k_92 = exp(-a_θ v)."),
     "compare": ("trials", "Compare measured and simulated motion."),
     "study": ("trials", "Analyse trials and write a report."),
-    "view": ("trials", "Open a recording in the viewer."),
+    "view": ("logs", "Open a recording in the viewer."),
     "compare-studies": ("trials", "Compare two studies."),
     "discover": ("trials", "Find the effect that the model lacks."),
     "plan-next": ("trials", "Propose the most useful next trial."),
     "params": ("model", "Print the parameters in force."),
-    "hide": ("model", "Write virtual trials with a hidden effect."),
-    "reveal": ("model", "Open a sealed answer and judge a discovery."),
+    "hide": ("hidden", "Write virtual trials with a hidden effect."),
+    "reveal": ("hidden", "Open a sealed answer and judge a discovery."),
     "effects": ("model", "List, describe and check effects."),
 }
 """Module and one line of help of each command, so that help need not import them."""
@@ -77,6 +77,14 @@ class _Group(TyperGroup):
             formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
 
 
+def _warn_of_machine_code(*_: Any, **__: Any) -> None:
+    """Warn where machine code could not be kept for the next command, if this one needed any."""
+    if (kept := sys.modules.get("granite_lab.model.kept")) is not None:
+        from granite_lab.commands.printer import warn
+
+        warn(kept.doubts())
+
+
 app = typer.Typer(
     name="granite-lab",
     cls=_Group,
@@ -86,6 +94,7 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # which would swallow units in brackets
+    result_callback=_warn_of_machine_code,
 )
 
 
@@ -104,10 +113,6 @@ def _options(
     """From raw logs of a robot on sand to slip, fitted models and reports, with uncertainty."""
 
 
-def _interrupted() -> None:
-    print("interrupted", file=sys.stderr)
-
-
 def main() -> None:
     """Run the command line; known errors become one line, one hint and an exit code."""
     try:
@@ -117,13 +122,11 @@ def main() -> None:
         if error.hint:
             print(f"hint: {error.hint}", file=sys.stderr)
         sys.exit(error.exit_code)
-    except KeyboardInterrupt:
-        _interrupted()
+    except (KeyboardInterrupt, SystemExit) as end:
+        if isinstance(end, SystemExit) and end.code != 130:  # 130 is Ctrl-C that the parser has seen
+            raise
+        print("interrupted", file=sys.stderr)
         sys.exit(130)
-    except SystemExit as end:
-        if end.code == 130:  # Ctrl-C that the parser has seen
-            _interrupted()
-        raise
     except BrokenPipeError:  # the reader of our output has gone, as in `… | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)

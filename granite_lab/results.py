@@ -18,7 +18,8 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.errors import InputError, LabError
 from granite_lab.files import readable
 from granite_lab.fitting.fit import AThetaFit
-from granite_lab.logs.trial import Array, InputFile, Trial, trial_files
+from granite_lab.logs.trial import Array, Trial, trial_files
+from granite_lab.origin import NOTHING, Failure, Origin, Source, Written
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,50 +39,6 @@ class TrialResult:
 
     trial: Trial
     comparison: Comparison
-
-
-EXCLUDED = "excluded: "
-"""How the message of a trial begins that the user's `granite-lab.toml` excludes."""
-
-
-@dataclass(frozen=True)
-class Failure:
-    """A trial that was left out, and why: it could not be used, or `granite-lab.toml` excludes it."""
-
-    trial: str
-    message: str
-    hint: str = ""
-
-    @property
-    def excluded(self) -> bool:
-        """Whether the user excluded it."""
-        return self.message.startswith(EXCLUDED)
-
-    @property
-    def reason(self) -> str:
-        """Why it was left out."""
-        return self.message.removeprefix(EXCLUDED)
-
-
-@dataclass(frozen=True)
-class Source:
-    """Where a result comes from: enough to make it again.
-
-    Attributes:
-        version: of granite-lab.
-        command: the options that matter, as text.
-        inputs: the files that were read, with their hashes.
-        parameters: rows (key with group, value, unit, origin).
-        options: (name, value) of what was asked for beyond the inputs.
-        code: SHA-256 over the sources and the library versions that made it.
-    """
-
-    version: str
-    command: str
-    inputs: tuple[InputFile, ...]
-    parameters: tuple[tuple[str, str, str, str], ...]
-    options: tuple[tuple[str, str], ...] = ()
-    code: str = ""
 
 
 def shown_path(path: Path) -> str:
@@ -110,6 +67,8 @@ class StudyResult:
         source: provenance.
         finding: what a search for a missing effect found; None where none was run.
         unsearched: why none was run, one sentence; empty where one was.
+        warnings: what a reader should know, one line each.
+        written: the files of it.
     """
 
     name: str
@@ -119,6 +78,13 @@ class StudyResult:
     source: Source
     finding: Finding | None = None
     unsearched: str = ""
+    warnings: tuple[str, ...] = ()
+    written: Written = NOTHING
+
+    @property
+    def origin(self) -> Origin:
+        """Where it comes from, as of every result."""
+        return Origin(self.source, self.failures, self.warnings, self.written)
 
     @property
     def virtual(self) -> bool:
@@ -141,6 +107,13 @@ class StudyResult:
                 }
             )
         return pd.DataFrame(rows)
+
+
+def of_search(finding: Finding, folder: Path) -> StudyResult:
+    """Return a search alone as the report in that folder shows it: a study without trials."""
+    source = finding.origin.source
+    assert source is not None
+    return StudyResult(folder.resolve().name, (), (), None, source, finding)
 
 
 def mean_of_known(values: Array, axis: int) -> Array:

@@ -12,16 +12,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from granite_lab.api.arguments import options_of
 from granite_lab.api.project import FILE, named_logs, project_in
 from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.files import readable, write_text
 from granite_lab.logs.trial import name_of, trial_files
-from granite_lab.running import Options
+from granite_lab.options import Options
 
 LIST, SCHEMA = "ingest.json", "granite-lab/ingested/1"
 """Name and schema of the list beside the tables of motion."""
 
 SAMPLES = Path("data") / "samples"
+
+ABOUT = ("robot", "soil", "column_map", "topics", "window")
+"""Parameters that say something of the logs, as `options_of` has them."""
 
 ALONE = ("imu", "encoders", "currents", "reference", "rows", "variant", "rests", "distance_measured")
 """Parameters of `ingest` that no other command has."""
@@ -101,10 +105,7 @@ def _said_of(found: Sequence[Listed]) -> dict[str, Any]:
                 f"{one.log} and {found[0].log}: ingested with different options", "name the logs to take"
             )
     options = Options.from_given(found[0].options)
-    said: dict[str, Any] = {
-        "robot": options.robot, "soil": options.soil, "column_map": options.column_map,
-        "topics": dict(options.topics), "window": options.window,
-    }  # fmt: skip
+    said = {name: getattr(options, name) for name in ABOUT} | {"topics": dict(options.topics)}
     return {name: value for name, value in said.items() if value}
 
 
@@ -172,10 +173,7 @@ def remember(folder: Path, tables: Mapping[Path, Path], said: Mapping[str, Any])
         LabError: the list cannot be written.
     """
     path = folder / LIST
-    options = Options(
-        robot=said.get("robot"), soil=said.get("soil"), column_map=said.get("column_map"),
-        topics=tuple((said.get("topics") or {}).items()), window=said.get("window"),
-    ).given()  # fmt: skip
+    options = options_of(**{name: said.get(name) for name in ABOUT}).given()
     alone = tuple(name.replace("_", "-").replace("rests", "rest") for name in ALONE if said.get(name))
     known = {one.table: one for one in (_read(path) if path.exists() else ())}
     known |= {table: Listed(log, table, options, alone) for log, table in tables.items()}

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from granite_lab.api import calls
-from granite_lab.api.calls import Arg, checked
+from granite_lab.api.arguments import File, refuse_outside
 from granite_lab.errors import UsageError
 from granite_lab.files import sha256, write_bytes, write_text
 from granite_lab.hidden.lab import lab_of
@@ -54,23 +53,22 @@ class Revealed:
         return frame(rows, columns=["effect", "parameter", "value", "unit"])
 
 
-@checked
 def hide(
     effect: str,
     out: str | Path,
     *,
-    seed: Annotated[int, Arg(low=0)] = 0,
-    strength: Annotated[float, Arg(low=0.001, high=1000)] = 1.0,
+    seed: int = 0,
+    strength: float = 1.0,
     sizes: Mapping[str, float] | None = None,
-    noise: Annotated[float, Arg(low=0, high=100)] = 1.0,
+    noise: float = 1.0,
     sand_off: bool = False,
-    repetitions: Annotated[int | None, Arg(low=1, high=99)] = None,
+    repetitions: int | None = None,
     lab: str = "bench",
-    robot: calls.RobotFile = None,
-    soil: calls.SoilFile = None,
+    robot: File = None,
+    soil: File = None,
     label: str = "hidden",
-    truth: calls.File = None,
-    jobs: calls.Jobs = 1,
+    truth: File = None,
+    jobs: int = 1,
     done: Callable[[str], None] = lambda _: None,
 ) -> HiddenSet:
     """Write virtual trials with a hidden effect, by an independent simulator; seal the answer.
@@ -80,15 +78,17 @@ def hide(
             it lacks; ``none``.
         out: folder of the trials and the sealed answer.
         seed: seed of all random numbers.
-        strength: factor on the effect's size.
+        strength: factor on the effect's size, 0.001 to 1000.
         sizes: parameters of the effect.
-        noise: factor on the sensors' noise.
+        noise: factor on the sensors' noise, 0 to 100.
         sand_off: change φ, K, n and μ_s of the soil by 5 to 20 %.
-        repetitions: trials of each variant; by default 3 (``bench``) or 2 to 4 (``wild``).
+        repetitions: trials of each variant, 1 to 99; by default 3 (``bench``) or 2 to 4 (``wild``).
         lab: ``bench``: sensors, robot and sand as in the files; ``wild``: drawn by the seed, with files of
             robot and sand beside the trials.
+        robot, soil: names of the catalogue or .toml files; granite and dry_sand by default.
         label: first word of the trials' names.
         truth: folder for the true motion of each trial (CSV).
+        jobs: number of processes; 0 means one per core.
         done: called with the name of each finished trial.
 
     Raises:
@@ -96,6 +96,11 @@ def hide(
         EstimateError: the robot would dig itself in under this effect.
         LabError: a file cannot be written.
     """
+    refuse_outside("seed", seed, 0)
+    refuse_outside("strength", strength, 0.001, 1000)
+    refuse_outside("noise", noise, 0, 100)
+    refuse_outside("repetitions", repetitions, 1, 99)
+    refuse_outside("jobs", jobs, 0)
     folder = Path(out)
     from granite_lab.hidden.making import make_set  # noqa: PLC0415, heavy
 
@@ -129,8 +134,7 @@ def hide(
     return HiddenSet(tuple(sorted(files)), folder / NAME)
 
 
-@checked
-def reveal(folder: str | Path, finding: calls.File = None) -> Revealed:
+def reveal(folder: str | Path, finding: File = None) -> Revealed:
     """Open the answer of a set of trials, and judge a discovery by it.
 
     Args:

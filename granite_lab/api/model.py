@@ -7,12 +7,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granite_lab.api import calls
-from granite_lab.api.calls import Arg, checked
+from granite_lab.api.arguments import File, path, refuse_outside
 from granite_lab.api.project import FILE, project_in
 from granite_lab.api.records import Records
 from granite_lab.effects import get, library
@@ -43,23 +42,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-class Said(TypedDict, total=False):
-    """What may be said of the model that is computed."""
-
-    k92: Annotated[
-        float | None, Arg("constant k_92; by default the law (5), k_92 = exp(-a_θ v)", low=0, high=1)
-    ]
-    a_theta: Annotated[
-        float | None, Arg("exponent a_θ of the law (5) [s/m]; the paper's by default", low=0, high=100)
-    ]
-    robot: Annotated[calls.File | Robot, Arg(f"the robot: {calls.NAMED}; granite by default")]
-    soil: Annotated[calls.File | Soil, Arg(f"the soil: {calls.NAMED}; dry_sand by default")]
-    model: calls.ModelFile
-    effects: calls.EffectFile
-    active: Annotated[
-        Mapping[str, Mapping[str, float]] | None,
-        Arg('effects to switch on, id to its parameters, as ``{"drive_reaction": {"share": 1.0}}``'),
-    ]
+Switched = Mapping[str, Mapping[str, float]] | None
+"""Effects that are switched on: id to its parameters."""
 
 
 class _Model(NamedTuple):
@@ -72,16 +56,24 @@ class _Model(NamedTuple):
     a_theta: float | None
 
 
-def _model(said: Said) -> _Model:
+def _model(
+    robot: File | Robot,
+    soil: File | Soil,
+    k92: float | None,
+    a_theta: float | None,
+    model: File,
+    effects: File,
+    active: Switched,
+) -> _Model:
     """Return the model that was asked for; what is given wins over the model file."""
-    k92, a_theta, own, file = said["k92"], said["a_theta"], said["effects"], said["model"]
     if k92 is not None and a_theta is not None:
         raise UsageError("--k92 and --a-theta exclude each other", "give one of the two")
+    refuse_outside("k92", k92, 0, 1)
+    refuse_outside("a-theta", a_theta, 0, 100)
     forget()
-    base = load_model(Path(file), Path(own) if own else None) if file else None
-    known = library(None if file else own)
-    switched = tuple(activate(get(name, known), values) for name, values in (said["active"] or {}).items())
-    robot, soil = said["robot"], said["soil"]
+    base = load_model(Path(model), path(effects)) if model else None
+    known = library(None if model else effects)
+    switched = tuple(activate(get(name, known), values) for name, values in (active or {}).items())
     if not isinstance(robot, Robot):
         robot = load_robot(robot or (base.robot if base else "granite"))
     if not isinstance(soil, Soil):
@@ -91,18 +83,15 @@ def _model(said: Said) -> _Model:
     return _Model(robot, soil, (base.effects if base else ()) + switched, k92, a_theta)
 
 
-@checked
 def simulate(
     variant: float | Variant | None = None,
     *,
-    v: float | None = None,
-    a: float | None = None,
-    distance: float | None = None,
-    log: calls.File = None,
-    seed: Annotated[int, Arg(low=0)] = 0,
-    scatter: bool = False,
-    **said: Unpack[Said],
-) -> Run:
+    v: float | None = None, a: float | None = None, distance: float | None = None,
+    log: File = None, seed: int = 0, scatter: bool = False,
+    k92: float | None = None, a_theta: float | None = None, robot: File | Robot = None,
+    soil: File | Soil = None,
+    model: File = None, effects: File = None, active: Switched = None,
+) -> Run:  # fmt: skip
     """Simulate one run by equations (1)-(26), with k_92 = exp(-a_θ v) or a constant `k92`.
 
     Args:
@@ -113,6 +102,12 @@ def simulate(
         log: file for the log of virtual sensors (CSV).
         seed: seed of the random numbers of sensors and sand.
         scatter: vary the sand at random, as raking does.
+        k92: constant k_92, 0 to 1; by default the law (5), k_92 = exp(-a_θ v).
+        a_theta: exponent a_θ of the law (5) [s/m], 0 to 100; the paper's by default.
+        robot, soil: names of the catalogue, .toml files or records; granite and dry_sand by default.
+        model: file (model.toml) of the paper's model with effects switched on.
+        effects: your own effect file (.py). It is executed: use only code you trust.
+        active: effects to switch on, id to its parameters, as ``{"drive_reaction": {"share": 1.0}}``.
 
     Returns:
         the run; its table has a row for each instant.
@@ -122,7 +117,8 @@ def simulate(
         InputError: a number out of its bounds, or a file that cannot be used.
         EstimateError: the robot finds no rest on this soil, or the simulation does not converge.
     """
-    it = _model(said)
+    refuse_outside("seed", seed, 0)
+    it = _model(robot, soil, k92, a_theta, model, effects, active)
     ground, a_theta = it.soil, it.a_theta
     if scatter:
         from granite_lab.model.virtual import Scatter, rake  # noqa: PLC0415, heavy
@@ -200,16 +196,15 @@ class WheelRun:
         ).reset_index(drop=True)  # fmt: skip
 
 
-@checked
 def wheel(
     slip: float | Sequence[float] = 0.2,
     *,
-    load: Annotated[float | None, Arg(low=0.001, high=100_000)] = None,
-    sinkage: float | None = None,
-    v: float | None = None,
+    load: float | None = None, sinkage: float | None = None, v: float | None = None,
     soil_values: Mapping[str, float] | None = None,
-    **said: Unpack[Said],
-) -> WheelRun:
+    k92: float | None = None, a_theta: float | None = None, robot: File | Robot = None,
+    soil: File | Soil = None,
+    model: File = None, effects: File = None, active: Switched = None,
+) -> WheelRun:  # fmt: skip
     """Compute one wheel on the soil, at a load or a sinkage, by the contact model (4), (6)-(17).
 
     Without `v`, the larger of ω r and v is 0.1 m/s. Above 0.02 m/s only effects depend on it. The law (5) is
@@ -217,19 +212,21 @@ def wheel(
 
     Args:
         slip: slip ratio λ of (1), one or several; negative where the wheel brakes.
-        load: vertical load [N]; a quarter of the robot's weight by default.
+        load: vertical load [N], 0.001 to 100000; a quarter of the robot's weight by default.
         sinkage: z_0 [m] instead of a load.
         v: velocity of the wheel's centre [m/s].
         soil_values: values instead of the soil's, by the keys of its file, as ``{"cohesion_Pa": 500}``.
+        k92, a_theta, robot, soil, model, effects, active: as in `simulate`.
 
     Raises:
         UsageError: unknown name, or arguments that do not fit together.
         InputError: a number out of its bounds, or a file that cannot be used.
         EstimateError: the wheel sinks to its axle.
     """
+    refuse_outside("load", load, 0.001, 100_000)
     if load is not None and sinkage is not None:
         raise UsageError("--load and --sinkage exclude each other", "give one of the two")
-    it = _model(said)
+    it = _model(robot, soil, k92, a_theta, model, effects, active)
     rim, ground = it.robot.wheels, it.soil
     if soil_values:
         table = {key_of(f): getattr(ground, f.name) for f in dataclasses.fields(ground)}
@@ -251,9 +248,11 @@ def wheel(
     return WheelRun(tuple(points), rim, ground, one_wheel.effects, left_out)
 
 
-@checked
-def params(robot: calls.RobotFile = None, soil: calls.SoilFile = None) -> Records[Provenance]:
+def params(robot: File = None, soil: File = None) -> Records[Provenance]:
     """List every number in force with its unit, allowed range and origin.
+
+    Args:
+        robot, soil: names of the catalogue or .toml files; granite and dry_sand by default.
 
     Raises:
         UsageError: unknown robot or soil.
@@ -265,7 +264,7 @@ def params(robot: calls.RobotFile = None, soil: calls.SoilFile = None) -> Record
 
 def chosen_in(
     folder: Path, robot: str | Path | None = None, soil: str | Path | None = None
-) -> dict[str, dict[str, str]]:
+) -> dict[str, dict[str, str]]:  # fmt: skip
     """Return which robot and soil hold for the logs of a folder, and who says so: what is given wins over its
     `granite-lab.toml`.
 
@@ -283,9 +282,11 @@ def chosen_in(
     return chosen
 
 
-@checked
-def list_effects(effects: calls.EffectFile = None) -> Records[Effect]:
+def list_effects(effects: File = None) -> Records[Effect]:
     """List every effect that can be added to the paper's model.
+
+    Args:
+        effects: your own effect file (.py). It is executed: use only code you trust.
 
     Raises:
         InputError: the file cannot be used.
@@ -293,12 +294,12 @@ def list_effects(effects: calls.EffectFile = None) -> Records[Effect]:
     return Records(list(library(effects).values()))
 
 
-@checked
-def show_effect(effect_id: str, effects: calls.EffectFile = None) -> Effect:
+def show_effect(effect_id: str, effects: File = None) -> Effect:
     """Describe one effect: equation, source and parameters.
 
     Args:
         effect_id: its id.
+        effects: as in `list_effects`.
 
     Raises:
         UsageError: no such effect.

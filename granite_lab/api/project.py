@@ -1,90 +1,25 @@
-"""Which trials are meant and what is said about them: keywords, and `granite-lab.toml` beside the logs."""
+"""Which trials are meant and what is said about them: options, and `granite-lab.toml` beside the logs."""
 
 from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, TypedDict
 
-from granite_lab.api import calls
-from granite_lab.api.calls import Arg
+from granite_lab.api.arguments import Logs
 from granite_lab.effects import library
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import refuse_special
-from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.logs.trial import is_log, name_of, trial_files
+from granite_lab.options import Options
+from granite_lab.origin import EXCLUDED, Failure
 from granite_lab.parameters.catalogue import find, forget, load_robot, load_soil
 from granite_lab.parameters.quantity import build, read_toml
-from granite_lab.results import EXCLUDED, Failure
-from granite_lab.running import Cache, Execution, Options
 
 FILE = "granite-lab.toml"
-
-Logs = str | Path | Sequence[str | Path]
-
-
-class About(TypedDict, total=False):
-    """What may be said about logs."""
-
-    robot: calls.RobotFile
-    soil: calls.SoilFile
-    column_map: calls.MapFile
-    topics: calls.Topics
-    window: Annotated[
-        tuple[float, float] | None,
-        Arg("begin and end of the part to use of every log [s of the log], infinite where open"),
-    ]
-
-
-class Work(About, total=False):
-    """What may be said of work over many trials."""
-
-    effects: calls.EffectFile
-    strict: calls.Strict
-    jobs: calls.Jobs
-    scheduler: Annotated[str | None, Arg("address of a Dask scheduler that does the work")]
-    cache: Annotated[bool, Arg("store results and reuse those with the same inputs", True)]
-
-
-class Fit(Work, total=False):
-    """What may be said of fits."""
-
-    model: calls.ModelFile
-    done: calls.Done
-
-
-class Search(Work, total=False):
-    """What may be said of a search for a missing effect."""
-
-    tolerance: Annotated[
-        float, Arg("accepted discrepancy, as a share of a channel's rms in motion", TOLERANCE)
-    ]
-    latency: Annotated[
-        float,
-        Arg("largest delay between the stamps of two sensors that counts as latency [s]", LATENCY_LIMIT),
-    ]
-    progress: Annotated[
-        Callable[[str, int], None],
-        Arg("told what is being done and how many steps of it are done", lambda *_: None),
-    ]
-
-
-class Chain(Fit, Search, total=False):
-    """What may be said of a study."""
-
-    out: Annotated[
-        calls.File,
-        Arg(
-            "folder for the report; without it nothing is written. A report that is there already, of the "
-            "same logs by the same code, is kept"
-        ),
-    ]
-    discover: Annotated[bool, Arg("search for an effect that the model lacks", True)]
-    recordings: Annotated[bool, Arg("also write a Rerun recording of each trial into `out`", True)]
 
 
 @dataclass(frozen=True)
@@ -118,13 +53,11 @@ class Project:
 
 @dataclass(frozen=True)
 class Chosen:
-    """Logs that are taken, what is said of all, the folder for results, and how the work is done."""
+    """Logs that are taken, what is said of all, and the trials that are left out."""
 
     files: tuple[Path, ...]
     options: Options
-    out: Path
     excluded: tuple[Failure, ...]
-    execution: Execution
 
 
 def project_in(folder: Path) -> Project:
@@ -201,14 +134,13 @@ def _projects_of(files: Sequence[Path]) -> dict[Path, tuple[Path, Project]]:
     }
 
 
-def choose(logs: Logs, said: Mapping[str, Any], *, everything: bool = False, **more: Any) -> Chosen:
+def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
     """Return which trials are taken and what is said about them; what is given wins over the file.
 
     Args:
         logs: paths of logs, or of folders with logs.
-        said: keywords of `Chain`.
+        options: as given.
         everything: take trials that are excluded, too.
-        **more: further fields of the options.
 
     Raises:
         UsageError: no log, all of them excluded, files of several folders that disagree, or an unknown name.
@@ -220,16 +152,12 @@ def choose(logs: Logs, said: Mapping[str, Any], *, everything: bool = False, **m
         refuse_special(files[0])  # which says what is wrong with it
     project_of = _projects_of(files)
     projects = dict(project_of.values())
-    names: dict[str, str | None] = {}
-    for key in ("robot", "soil", "map", "out"):
-        given = said.get("column_map" if key == "map" else key)
-        values = {getattr(project, key): folder for folder, project in projects.items()}
-        if given is None and len(values) > 1:
-            raise UsageError(
-                f"{' and '.join(str(folder / FILE) for folder in values.values())}: not the same {key}",
-                f"give --{key}, or logs of one folder",
-            )
-        names[key] = str(given) if given is not None else next(iter(values)) or None
+    options = replace(
+        options,
+        robot=_agreed(projects, "robot", options.robot),
+        soil=_agreed(projects, "soil", options.soil),
+        column_map=_agreed(projects, "map", options.column_map),
+    )
     reasons = {
         path: item
         for path, (_, project) in project_of.items()
@@ -244,22 +172,35 @@ def choose(logs: Logs, said: Mapping[str, Any], *, everything: bool = False, **m
             f"reason given: {excluded[0].reason}",
         )
     # All files that are named are read once, so that a wrong one is told before any work.
-    load_robot(names["robot"] or "granite")
-    load_soil(names["soil"] or "dry_sand")
-    if names["map"]:
+    load_robot(options.robot or "granite")
+    load_soil(options.soil or "dry_sand")
+    if options.column_map:
         from granite_lab.logs.layouts import given_maps  # noqa: PLC0415, heavy
 
-        given_maps(names["map"])
-    paths: dict[str, Any] = {
-        key: Path(said[key]) for key in ("model", "effects") if said.get(key) is not None
-    }
-    if "effects" in paths:
-        library(paths["effects"])
-    if "model" in paths:
-        load_model(paths["model"], paths.get("effects"))
-    plain = {key: said[key] for key in ("tolerance", "latency", "window") if key in said}
-    topics = tuple((said.get("topics") or {}).items())
-    options = Options(names["robot"], names["soil"], names["map"], topics=topics, **paths, **plain, **more)
-    cache = Cache() if said.get("cache", True) else None
-    execution = Execution(said.get("jobs", 0), said.get("scheduler"), cache)
-    return Chosen(taken, options, Path(names["out"] or "reports"), excluded, execution)
+        given_maps(options.column_map)
+    if options.effects:
+        library(options.effects)
+    if options.model:
+        load_model(options.model, options.effects)
+    return Chosen(taken, options, excluded)
+
+
+def results_folder(logs: Logs, name: str) -> Path:
+    """Return the folder of that name in which a command writes: in the project's folder of results.
+
+    Raises:
+        UsageError, InputError: as of `choose`.
+    """
+    projects = dict(_projects_of(trial_files(logs)).values())
+    return Path(_agreed(projects, "out", None) or "reports") / name
+
+
+def _agreed(projects: Mapping[Path, Project], key: str, given: str | None) -> str | None:
+    """Return what is given, else what all projects say; raise a UsageError where they differ."""
+    values = {getattr(project, key): folder for folder, project in projects.items()}
+    if given is None and len(values) > 1:
+        raise UsageError(
+            f"{' and '.join(str(folder / FILE) for folder in values.values())}: not the same {key}",
+            f"give --{key}, or logs of one folder",
+        )
+    return given if given is not None else next(iter(values)) or None

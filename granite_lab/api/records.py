@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, overload
 
-from granite_lab.results import Failure, Source
+from granite_lab.origin import NOWHERE, Origin
 from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
@@ -28,23 +26,6 @@ SHOWN = 3
 """Records that are shown in a line each."""
 
 
-@dataclass(frozen=True)
-class Origin:
-    """Where records come from.
-
-    Attributes:
-        source: command, inputs, parameters and code; None where nobody asked.
-        left_out: trials that `granite-lab.toml` excludes, and those that could not be used.
-        warnings: what a reader of the records should know, one line each.
-        written: files that were written.
-    """
-
-    source: Source | None = None
-    left_out: tuple[Failure, ...] = ()
-    warnings: tuple[str, ...] = ()
-    written: tuple[Path, ...] = ()
-
-
 class Records(Shown, Sequence[T], Generic[T]):
     """Records in the order of the logs; `to_frame()` puts their tables below each other.
 
@@ -54,7 +35,7 @@ class Records(Shown, Sequence[T], Generic[T]):
         origin: where they come from.
     """
 
-    def __init__(self, items: Sequence[T], names: Sequence[str] = (), origin: Origin = Origin()) -> None:
+    def __init__(self, items: Sequence[T], names: Sequence[str] = (), origin: Origin = NOWHERE) -> None:
         self._items, self._names, self.origin = tuple(items), tuple(names), origin
 
     @property

@@ -1,54 +1,82 @@
-"""Commands on the model: its runs, numbers and effects, and virtual trials in which an effect is hidden."""
+"""Commands on the model: its runs, one wheel, its numbers and its effects."""
 
 from __future__ import annotations
 
 import os
-import shlex
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
+import granite_lab as gl
 from granite_lab import reporting
-from granite_lab.api import hidden
-from granite_lab.api import model as api
-from granite_lab.api.records import Records
-from granite_lab.commands.command import Call, command, warn, write_picture
-from granite_lab.commands.options import Flag, Format
-from granite_lab.commands.options import picture as picture_file
+from granite_lab.commands.options import (
+    EffectFile,
+    Format,
+    Json,
+    ModelFile,
+    Robot,
+    Soil,
+    effects_of,
+    number_of,
+    picture,
+    read_all,
+    read_pairs,
+    slips_of,
+)
+from granite_lab.commands.printer import Printer, warn, write_picture
 from granite_lab.effects import get
 from granite_lab.errors import UsageError
 from granite_lab.files import ending_of, write_table
-from granite_lab.hidden.scoring import MEANING, Score
 from granite_lab.parameters import load_paper, load_robot, load_soil, load_variants, names
 from granite_lab.shown import picked
 
 if TYPE_CHECKING:
-    from granite_lab.effects.contract import Check
     from granite_lab.model.effect import Effect
-    from granite_lab.model.run import Run
-    from granite_lab.parameters.catalogue import Provenance
 
-PARTS = {"train": "trials in the fit", "held_out": "trials left out of the fit"}
-"""Parts of the trials that a discovery tells of, as they are printed."""
+K92 = Annotated[float | None, Option(
+    help="Constant k_92; by default the law (5), k_92 = exp(-a_θ v) (0 to 1).")]  # fmt: skip
+ATheta = Annotated[float | None, Option(
+    help="Exponent a_θ of the law (5) [s/m]; the paper's by default (0 to 100).")]  # fmt: skip
+ModelRobot = Annotated[str | None, Option(
+    help="The robot: a name of the catalogue or a .toml file; granite by default.")]  # fmt: skip
+ModelSoil = Annotated[str | None, Option(
+    help="The soil: a name of the catalogue or a .toml file; dry_sand by default.")]  # fmt: skip
+Active = Annotated[list[str] | None, Option(
+    "--effect", help="Switch an effect on, as bulldozing.strength=0.5; may be repeated.")]  # fmt: skip
 
 
-@command(api.simulate)
 def simulate(
-    call: Call[Run],
-    out: Annotated[Path | None, typer.Option(help="File for the run (CSV or Parquet).")] = None,
-    table_format: Format = None,
-) -> None:
-    """All signals are written into a table; means of the steady part are printed."""
-    ending, log = ending_of(out, table_format), call.said.get("log")
-    run = call()
+    variant: Annotated[float | None, Option(help="Variant of Table 2, named by its velocity [m/s].")] = None,
+    v: Annotated[float | None, Option(
+        help="Desired velocity [m/s] instead of a variant; needs --a and --distance.")] = None,
+    a: Annotated[float | None, Option(help="Largest acceleration [m/s²] (with --v).")] = None,
+    distance: Annotated[float | None, Option(help="Total distance [m] (with --v).")] = None,
+    log: Annotated[Path | None, Option(help="File for the log of virtual sensors (CSV).")] = None,
+    seed: Annotated[int, Option(help="Seed of the random numbers of sensors and sand.")] = 0,
+    scatter: Annotated[bool, Option("--scatter", help="Vary the sand at random, as raking does.")] = False,
+    k92: K92 = None, a_theta: ATheta = None, robot: ModelRobot = None, soil: ModelSoil = None,
+    model: ModelFile = None, effects: EffectFile = None, active: Active = None,
+    out: Annotated[Path | None, Option(help="File for the run (CSV or Parquet).")] = None,
+    table_format: Format = None, as_json: Json = False,
+) -> None:  # fmt: skip
+    """Simulate one run by equations (1)-(26), with k_92 = exp(-a_θ v) or a constant --k92.
+
+    All signals are written into a table; means of the steady part are printed.
+    """
+    ending = ending_of(out, table_format)
+    run = gl.simulate(
+        variant, v=v, a=a, distance=distance, log=log, seed=seed, scatter=scatter, k92=k92, a_theta=a_theta,
+        robot=robot, soil=soil, model=model, effects=effects, active=effects_of(active),
+    )  # fmt: skip
     path = out or Path("reports") / "simulate" / f"v{run.variant.velocity:g}{ending}"
     write_table(path, run.to_frame(), ending)
     document = picked(run, "slip_ratio", "k92_law", "k92_value", "effects")
     document |= {"variant_mps": run.variant.velocity, "steady_s": run.steady, "wall_s": run.wall}
-    call.json("simulate/1", document | {"run": path, "log": log})
-    call.say(f"Simulated run, {run.variant.velocity:g} m/s", "bold")
+    printer = Printer(as_json)
+    printer.json("simulate/1", document | {"run": path, "log": log})
+    printer.say(f"Simulated run, {run.variant.velocity:g} m/s", "bold")
     steady = (run.t >= run.steady[0]) & (run.t <= run.steady[1])
     rows = [
         (label, *(factor * run[name.format(axle)][steady].mean() for axle in "fr"), unit)
@@ -59,29 +87,47 @@ def simulate(
             ("motor current", "current_{}_A", 1, "A"),
         )
     ]
-    call.rows("run", rows)
+    printer.rows("run", rows)
     law = f"k_92 = {run.k92_value:g}" if run.k92_law == "constant" else f"a_θ = {run.k92_value:g} s/m"
-    call.line(f"slip ratio of the robot λ_R = {100 * run.slip_ratio:.2f} % over the steady part, {law}")
+    printer.line(f"slip ratio of the robot λ_R = {100 * run.slip_ratio:.2f} % over the steady part, {law}")
     for name, values_of in run.effects.items():
-        call.line(f"with {name}: " + ", ".join(f"{k} = {x:g}" for k, x in values_of.items()))
-    call.line(f"integrated in {run.wall * 1000:.0f} ms; all signals: {path}")
+        printer.line(f"with {name}: " + ", ".join(f"{k} = {x:g}" for k, x in values_of.items()))
+    printer.line(f"integrated in {run.wall * 1000:.0f} ms; all signals: {path}")
     if log:
-        call.line(f"virtual sensor log: {log}")
+        printer.line(f"virtual sensor log: {log}")
 
 
-@command(api.wheel)
 def wheel(
-    call: Call[api.WheelRun],
-    out: Annotated[Path | None, typer.Option(help="File for the table, a row for each slip.")] = None,
-    arc: Annotated[Path | None, typer.Option(help="File for the stresses over the contact arc.")] = None,
-    plot: Annotated[
-        Path | None, picture_file("Draw the sweep over slip, or the stresses at one slip")
-    ] = None,
-    table_format: Format = None,
-) -> None:
-    """The table has a row for each slip."""
+    slip: Annotated[str, Option(
+        help="Slip ratio λ of (1), as 0.2, or a sweep start:end:step, as -0.5:0.9:0.1.")] = "0.2",
+    load: Annotated[float | None, Option(
+        help="Vertical load [N]; a quarter of the robot's weight by default (0.001 to 100000).")] = None,
+    sinkage: Annotated[float | None, Option(help="Sinkage [mm] instead of a load.")] = None,
+    v: Annotated[float | None, Option(help="Velocity of the wheel's centre [m/s].")] = None,
+    soil_values: Annotated[list[str] | None, Option(
+        "--soil-value", help="A value instead of the soil's, as cohesion_Pa=500; may be repeated.")] = None,
+    k92: K92 = None, a_theta: ATheta = None, robot: ModelRobot = None, soil: ModelSoil = None,
+    model: ModelFile = None, effects: EffectFile = None, active: Active = None,
+    out: Annotated[Path | None, Option(help="File for the table, a row for each slip.")] = None,
+    arc: Annotated[Path | None, Option(help="File for the stresses over the contact arc.")] = None,
+    plot: Annotated[Path | None, picture("Draw the sweep over slip, or the stresses at one slip")] = None,
+    table_format: Format = None, as_json: Json = False,
+) -> None:  # fmt: skip
+    """Compute one wheel on the soil, at a load or a sinkage, by the contact model (4), (6)-(17).
+
+    Without --v, the larger of ω r and v is 0.1 m/s. Above 0.02 m/s only effects depend on it. The law (5) is
+    evaluated at this velocity.
+
+    The table has a row for each slip.
+    """
+    (slips,) = read_all("--slip", [slip], slips_of, "write 0.2, or start:end:step, as 0:0.9:0.1")
     endings = [ending_of(path, table_format) for path in (out, arc)]
-    run = call()
+    run = gl.wheel(
+        slips, load=load, sinkage=None if sinkage is None else sinkage / 1000, v=v,
+        soil_values=read_pairs("--soil-value", soil_values, number_of, "write key=number"),
+        k92=k92, a_theta=a_theta, robot=robot, soil=soil, model=model, effects=effects,
+        active=effects_of(active),
+    )  # fmt: skip
     for path, frame, ending in zip((out, arc), (run.to_frame, run.arcs), endings, strict=True):
         if path:
             write_table(path, frame(), ending)
@@ -92,23 +138,31 @@ def wheel(
         warn(["slower than 0.02 m/s: there the model reduces slip and shear towards standstill"])
     warn([f"{name}: does not act on a single wheel" for name in run.left_out])
     document = {"wheel": run.wheels, "soil": run.soil, "points": run.to_frame().to_dict("records")}
-    call.json("wheel/1", document | {"effects": {e.id: e.as_dict() for e in run.effects}})
-    call.say(f"wheel of radius {run.wheels.radius:g} m and width {run.wheels.width:g} m on {run.soil.name}")
+    printer = Printer(as_json)
+    printer.json("wheel/1", document | {"effects": {e.id: e.as_dict() for e in run.effects}})
+    printer.say(
+        f"wheel of radius {run.wheels.radius:g} m and width {run.wheels.width:g} m on {run.soil.name}"
+    )
     for e in run.effects:
-        call.say(f"with {e.id}: " + ", ".join(f"{k} = {x:g}" for k, x in e.as_dict().items()))
-    call.rows("wheel", run.points, {"stress": lambda p: f"{p.normal_stress.max() / 1000:.1f}"})
+        printer.say(f"with {e.id}: " + ", ".join(f"{k} = {x:g}" for k, x in e.as_dict().items()))
+    printer.rows("wheel", run.points, {"stress": lambda p: f"{p.normal_stress.max() / 1000:.1f}"})
 
 
-@command(api.params)
 def params(
-    call: Call[Records[Provenance]],
-    folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="Folder whose granite-lab.toml applies.")
-    ] = Path(),
-) -> None:
-    """Robot and soil are taken from the options, else from granite-lab.toml in the folder."""
-    chosen = api.chosen_in(folder, call.said.get("robot"), call.said.get("soil"))
-    rows = list(call(robot=chosen["robot"]["value"], soil=chosen["soil"]["value"]))
+    folder: Annotated[Path, Argument(
+        metavar="FOLDER", help="Folder whose granite-lab.toml applies.")] = Path(),
+    robot: Robot = None,
+    soil: Soil = None,
+    as_json: Json = False,
+) -> None:  # fmt: skip
+    """List every number in force with its unit, allowed range and origin.
+
+    Robot and soil are taken from the options, else from granite-lab.toml in the folder.
+    """
+    from granite_lab.api.model import chosen_in
+
+    chosen = chosen_in(folder, robot, soil)
+    rows = list(gl.params(robot=chosen["robot"]["value"], soil=chosen["soil"]["value"]))
     document = {
         "chosen": chosen,
         "parameters": rows,
@@ -116,10 +170,11 @@ def params(
         "paper": load_paper(),
         "catalogue": {kind: names(kind) for kind in ("robots", "soils", "loggers")},
     }
-    call.json("params/1", document)
+    printer = Printer(as_json)
+    printer.json("params/1", document)
     for key, value in chosen.items():
-        call.line(f"{key}: {value['value']} ({value['origin']})")
-    reporting.terminal.show_parameters(rows, load_variants(), call.shown)
+        printer.line(f"{key}: {value['value']} ({value['origin']})")
+    reporting.terminal.show_parameters(rows, load_variants(), printer.shown)
 
 
 effects = typer.Typer(
@@ -129,71 +184,71 @@ effects = typer.Typer(
 
 
 @effects.callback(invoke_without_command=True)
-@command(api.list_effects)
-def listing(call: Call[Records[Effect]], context: typer.Context) -> None:
-    """The subcommand `show` describes one, `check` checks an effect file."""
+def list_effects(context: typer.Context, effects: EffectFile = None, as_json: Json = False) -> None:
+    """List every effect that can be added to the paper's model.
+
+    The subcommand show describes one, check checks an effect file.
+    """
     if context.invoked_subcommand is None:
-        known = call()
-        call.json("effects/1", {"effects": [_described(e) for e in known]})
-        reporting.terminal.show_effects(known, call.shown)
+        known, printer = gl.list_effects(effects), Printer(as_json)
+        printer.json("effects/1", {"effects": [_described(effect) for effect in known]})
+        reporting.terminal.show_effects(known, printer.shown)
 
 
 @effects.command("show")
-@command(api.show_effect)
 def show_effect(
-    call: Call[Effect],
+    effect_id: Annotated[str, Argument(metavar="ID", help="Its id.")],
+    effects: EffectFile = None,
     picture: Annotated[
         Path | None,
-        picture_file(
+        picture(
             "Draw how the effect changes the sensor readings over the four variants",
             show_default="reports/effects/ID.png",
         ),
     ] = None,
-    no_picture: Annotated[bool, typer.Option("--no-picture", help="Text only; simulates nothing.")] = False,
-) -> None:
-    """A picture shows how sensor readings change."""
+    no_picture: Annotated[bool, Option("--no-picture", help="Text only; simulates nothing.")] = False,
+    as_json: Json = False,
+) -> None:  # fmt: skip
+    """Describe one effect: equation, source and parameters.
+
+    A picture shows how sensor readings change.
+    """
     if picture and no_picture:
         raise UsageError("--picture and --no-picture exclude each other", "give one of the two")
-    effect = call()
-    if not (call.as_json or no_picture):
+    effect, printer = gl.show_effect(effect_id, effects), Printer(as_json)
+    if not (as_json or no_picture):
         picture = picture or Path("reports") / "effects" / f"{effect.id}.png"
     sentence = _draw(effect, picture) if picture else ""
     drawn = {"picture": picture, "picture_shows": sentence} if picture else {}
-    call.json("effect/1", _described(effect) | drawn)
-    reporting.terminal.show_effect(effect, call.shown)
+    printer.json("effect/1", _described(effect) | drawn)
+    reporting.terminal.show_effect(effect, printer.shown)
     if picture:
-        call.line(f"picture: {picture}")
-        call.say(sentence)
+        printer.line(f"picture: {picture}")
+        printer.say(sentence)
 
 
-def _contracts(effect: str) -> dict[str, tuple[Effect, list[Check]]]:
+@effects.command("check")
+def check_effect(
+    effect: Annotated[str, Argument(metavar="FILE", help="Effect file (.py), which is executed, or an id.")],
+    as_json: Json = False,
+) -> None:
     """Check an effect file.
 
-    Args:
-        effect: effect file (.py), which is executed, or an id.
+    The exit code is 3 if a check fails.
     """
-    from granite_lab.effects.contract import contract
+    from granite_lab.effects.contract import contract, refuse_failed
     from granite_lab.effects.library import read_effects
 
     own = effect.endswith(".py") or "/" in effect
     known = read_effects(effect) if own else {effect: get(effect)}
-    return {name: (one, contract(one)) for name, one in known.items()}
-
-
-@effects.command("check")
-@command(_contracts, effect=Flag(metavar="FILE"))
-def check_effect(call: Call[dict[str, tuple[Effect, list[Check]]]]) -> None:
-    """The exit code is 3 if a check fails."""
-    from granite_lab.effects.contract import refuse_failed
-
-    found = call()
-    checks = {name: own for name, (_, own) in found.items()}
-    call.json("effect-check/1", {"effects": checks})
+    checks = {name: contract(one) for name, one in known.items()}
+    printer = Printer(as_json)
+    printer.json("effect-check/1", {"effects": checks})
     mark = {"mark": lambda check: {True: "ok", False: "FAILED", None: "-"}[check.passed]}
-    for name, (effect, own) in found.items():
-        call.say(f"{name}: {effect.title}", "bold")
-        call.rows("checks", own, mark | {"found": lambda check: check.detail})
-    refuse_failed(checks, call.said["effect"])
+    for name, one in known.items():
+        printer.say(f"{name}: {one.title}", "bold")
+        printer.rows("checks", checks[name], mark | {"found": lambda check: check.detail})
+    refuse_failed(checks, effect)
 
 
 def _draw(effect: Effect, path: Path) -> str:
@@ -211,70 +266,3 @@ def _draw(effect: Effect, path: Path) -> str:
 def _described(effect: Effect) -> dict[str, Any]:
     """Return an effect as it stands in JSON."""
     return picked(effect, "id", "title", "equation", "source", "signature", "parameters")
-
-
-@command(hidden.hide, busy="trials", effect=Flag(("--effect",)))
-def hide(call: Call[hidden.HiddenSet]) -> None:
-    """The trials and the sealed answer are written into the folder --out."""
-    made, out = call(), call.said["out"]
-    call.json("hide/1", vars(made))
-    folder, finding = shlex.quote(str(out)), shlex.quote(str(out / "finding.json"))
-    call.line(f"{len(made.trials)} virtual trials in {out}, the answer sealed in {made.sealed}")
-    call.line(f"find it: granite-lab discover {folder} --json > {finding}")
-    call.line(f"then:    granite-lab reveal {folder} --finding {finding}")
-
-
-@command(hidden.reveal)
-def reveal(call: Call[hidden.Revealed]) -> None:
-    """Without a discovery, only the answer is printed."""
-    opened = call()
-    warn(opened.warnings)
-    call.json("reveal/1", {"answer": opened.answer, "score": opened.score})
-    _show_answer(opened.answer, call)
-    if opened.score:
-        _show_score(opened.score, call)
-
-
-def _show_answer(answer: Mapping[str, Any], call: Call[Any]) -> None:
-    if answer["effects"]:
-        call.say("Hidden in these trials", "bold")
-        rows = []
-        for effect in answer["effects"]:
-            named = effect["id"] + ("" if effect["library"] else " (not in the library)")
-            values = [(k, p["value"], _unit(p["unit"])) for k, p in effect["parameters"].items()]
-            rows += [("" if k else named, *cells) for k, cells in enumerate(values or [("", None, "")])]
-        call.rows("hidden", rows, {"0": lambda row: row[0], "3": lambda row: row[3]})
-        for effect in answer["effects"]:
-            account = ". ".join(part for part in (effect["title"], effect["account"]) if part)
-            if account:
-                call.say(f"{effect['id']}: {account}.")
-    else:
-        call.say("Nothing is hidden in these trials.")
-    if "seed" not in answer:
-        return
-    if answer["sand_off"]:
-        off = ", ".join(f"{name} {100 * (x - 1):+.1f} %" for name, x in answer["sand_off"].items())
-        call.say(f"sand off its file: {off}")
-    lab = answer.get("lab", {})
-    for part, drawn in lab.items() if lab.get("name") == "wild" else ():
-        each = drawn.items() if isinstance(drawn, Mapping) else [("", drawn)]
-        told = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in each)
-        call.line(f"{part}: {told.strip()}")
-    call.say(f"seed {answer['seed']}, strength {answer['strength']:g}, noise {answer['noise']:g}")
-
-
-def _show_score(judged: Score, call: Call[Any]) -> None:
-    mark = "right" if judged.right else "wrong"
-    named = ", ".join(judged.named) or judged.verdict
-    call.say(f"judgement: {mark}; {MEANING[judged.outcome]} (found: {named})")
-    if judged.parameters:
-        cells = {"parameter": lambda p: f"{p.name} [{_unit(p.unit)}]".removesuffix(" []")}
-        call.rows("scored", judged.parameters, cells)
-    for part, share in judged.gap_closed.items():
-        if share is not None:
-            call.say(f"gap closed, {PARTS[part]}: {100 * share:.1f} %")
-
-
-def _unit(unit: str) -> str:
-    """Return a unit as it is printed: nothing for a number without one."""
-    return "" if unit == "-" else reporting.rounding.tidy_unit(unit)

@@ -10,6 +10,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import PhaseName
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active
+from granite_lab.origin import NOWHERE, Origin
 from granite_lab.parameters import Robot, Soil
 from granite_lab.shown import Shown
 
@@ -253,6 +254,7 @@ class Finding(Shown):
         virtual: all trials were written by a simulator.
         runs: simulations that were needed.
         failures: parts of the analysis that failed after the search, one line each, with their `tracebacks`.
+        origin: where the finding comes from.
     """
 
     verdict: Verdict
@@ -288,6 +290,7 @@ class Finding(Shown):
     runs: int
     failures: tuple[str, ...] = field(default=())
     tracebacks: tuple[str, ...] = field(default=())
+    origin: Origin = NOWHERE
 
     def __repr__(self) -> str:
         found = ", ".join(effect.id for effect in self.effects)

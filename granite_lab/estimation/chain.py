@@ -211,7 +211,7 @@ def solve(
     problem = Problem(imu, rolling, robot, still, faults, noise, SlipModel(), unseen=unseen)
     problem = replace(problem, stamp_std=_stamp_std(trial))
     if rolling is not None:
-        problem = replace(problem, noise=with_motion_noise(problem, 0.0))
+        problem = replace(problem, noise=with_motion_noise(problem, 0.0, folding=False))
     offset, found, near = _clock(trial, problem, far, apart)
     if rolling is not None and offset.value != 0.0:
         still, unseen = find_rests(stream, rolling, grade, offset=offset.value, by_hand=rests)
@@ -238,9 +238,8 @@ def solve(
         )
     else:
         least = SPIN if _spun(problem, offset.value) else 0.0
-        if rolling is not None and imu.has_pitch_rate and imu.gravity:
-            problem = with_jumps(problem, near)
-            still = problem.rests
+        if rolling is not None:
+            problem = with_jumps(problem, near) if imu.has_pitch_rate and imu.gravity else problem
             problem = replace(problem, noise=with_motion_noise(problem, near))
         slip = identify_scatter(problem, near)
         problem = replace(problem, slip=replace(slip, walk=max(slip.walk, least)))

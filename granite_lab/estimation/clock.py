@@ -187,7 +187,9 @@ def find_offset(problem: Problem, *, apart: bool = False) -> tuple[Estimate, Est
     if abs(found.value) < LATEST * latency / LATENCY:
         return usual, found, likely
     other = settle(problem, unusual, robust=False)
-    lags = found.value > 0.0 and other.compliance > problem.compliance
+    # a body on a spring follows by a quarter of its period at most, whose square the compliance is
+    follows = 0.5 * np.pi * float(np.sqrt(other.compliance)) + 2.0 * found.std
+    lags = 0.0 < found.value < follows and other.compliance > problem.compliance
     if abs(found.value) < FAR * latency / LATENCY:
         return usual, found, 0.0 if lags else likely
     one = settle(problem, usual, robust=False).found.innovations

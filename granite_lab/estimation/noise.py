@@ -22,6 +22,7 @@ from granite_lab.estimation.wheels import Rolling
 from granite_lab.estimation.white import (
     HIGH,
     MOTION,
+    RESTLESS,
     evident_resonance,
     white_below_resonance,
     white_in_motion,
@@ -49,8 +50,8 @@ FASTEST = 0.35
 LAST = 0.4
 """Beyond this share of the sampling rate the end of a spectrum is judged."""
 
-ENDED = 0.01
-"""A spectrum has ended where it is below this share of its maximum (20 dB): nothing beyond is folded."""
+ENDED = 0.1
+"""A spectrum has ended where it is below this share of its maximum (10 dB): what is beyond is not counted."""
 
 LOBE = 4.0
 """Half the width of the window's main lobe, in reciprocals of its length."""
@@ -204,8 +205,12 @@ def level_error(signal: Array, rest: np.ndarray, step: float, bias: float) -> fl
     return ROUNDED * step if noise < 0.5 * step else 0.0
 
 
-def with_motion_noise(problem: Problem, offset: float) -> Noise:
-    """Return the noise with the white noise in motion, and with what vibration is left beside it."""
+def with_motion_noise(problem: Problem, offset: float, *, folding: bool = True) -> Noise:
+    """Return the noise with the white noise in motion, and with what vibration is left beside it.
+
+    `folding` adds what sampling may fold to the frequencies of the motion. It drifts over seconds, and does
+    not blur the instants at which motion begins and ends.
+    """
     noise, nominal = problem.noise, nominal_of(problem, offset)
     parts = steady_parts(problem, nominal, offset)
     frequency, force, rate = spectrum(problem, nominal, parts)
@@ -219,12 +224,19 @@ def with_motion_noise(problem: Problem, offset: float) -> Noise:
         added = white_below_resonance(frequency, force, noise.accel, noise.vibration_frequency)
     else:
         added = white_in_motion(frequency, force, noise.accel)
-    folded = min(most, below_motion(nominal, parts, problem.imu.period, noise.accel))
-    added = max(added, folded)
+    if folding:
+        # a slow sensor folds the resonance itself, which may be loudest where the body moves, too
+        band = (0.0, MOTION) if slow(problem.imu) else (MOTION, RESTLESS)
+        added = max(added, min(most, all_white(nominal, parts, problem.imu.period, noise.accel, band)))
     noise = replace(noise, accel_motion=added)
     white = float(np.hypot(noise.accel, noise.accel_motion))
     rms, frequent, damping = vibration(problem.imu, moving, white, problem.robot.imu.vibration_frequency)
     return replace(noise, vibration=rms, vibration_frequency=frequent, vibration_damping=damping)
+
+
+def slow(imu: BodyImu) -> bool:
+    """Whether a sensor is too slow to show a resonance of the frame."""
+    return 1.0 / imu.period < 4.0 * HIGH
 
 
 def most_folded(imu: BodyImu, moving: np.ndarray) -> float:
@@ -236,7 +248,7 @@ def most_folded(imu: BodyImu, moving: np.ndarray) -> float:
     """
     rate = 1.0 / imu.period
     part = imu.forward[moving & np.isfinite(imu.forward)]
-    if rate < 4.0 * HIGH:
+    if slow(imu):
         return np.inf
     if part.size < rate:
         return 0.0
@@ -342,16 +354,22 @@ def spectrum(
     return frequency, force, rate
 
 
-def below_motion(nominal: Nominal, parts: Sequence[tuple[int, int, float]], dt: float, rest: float) -> float:
-    """White noise density beyond that at `rest` of all that the steady `parts` hold below `MOTION`.
+def all_white(
+    nominal: Nominal,
+    parts: Sequence[tuple[int, int, float]],
+    dt: float,
+    rest: float,
+    band: tuple[float, float],
+) -> float:
+    """White noise density beyond that at `rest` if all that steady `parts` hold in a `band` [Hz] is white.
 
-    Folded vibration may be loudest there, and nothing tells it from the body's motion. The density is the
-    posterior's mean.
+    It is the mean of the posterior.
     """
     low = []
     for a, b, _ in parts:
         frequency, density = spectral_density(np.diff(nominal.v[a:b]) / dt, 1.0 / dt, hann(b - a - 1))
-        low.append(density[(frequency >= 2.0 / ((b - a) * dt)) & (frequency < MOTION)])
+        least = max(band[0], 2.0 / ((b - a) * dt))  # the window spreads the mean up to there
+        low.append(density[(frequency >= least) & (frequency < band[1])])
     ordinates = np.concatenate([np.empty(0), *low])
     independent = ordinates.size / 1.5  # noise bandwidth of the window of Hann
     if independent <= 1.0:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from granite_lab.estimate import Estimate, Part
+from granite_lab.origin import NOWHERE, Origin
 from granite_lab.parameters import Variant
 from granite_lab.shown import Shown, frame, picked
 
@@ -134,6 +135,7 @@ class AThetaFit(Shown):
         sensitivity: da_θ/dk_92 of each point [s/m]; 0 for those that were left out. The squares of
             sensitivity times std of the points and of `parts` add up to the variance of `a_theta`.
         virtual: some of the logs were written by a simulator.
+        origin: where the fit comes from.
     """
 
     a_theta: Estimate
@@ -149,6 +151,7 @@ class AThetaFit(Shown):
     parts: tuple[Part, ...] = ()
     sensitivity: tuple[float, ...] = ()
     virtual: bool = False
+    origin: Origin = NOWHERE
 
     def __repr__(self) -> str:
         return (

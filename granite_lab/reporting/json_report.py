@@ -15,10 +15,11 @@ from granite_lab.errors import InputError
 from granite_lab.estimation.motion import Motion
 from granite_lab.files import sha256
 from granite_lab.fitting.fit import AThetaFit, K92Fit
+from granite_lab.origin import Source
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.canvas import FORMATS
 from granite_lab.reporting.report import Report
-from granite_lab.results import SCHEMA, Source, StudyResult, TrialResult, gaps, shown_path
+from granite_lab.results import SCHEMA, StudyResult, TrialResult, gaps, shown_path
 from granite_lab.shown import jsonable, picked
 
 

@@ -11,6 +11,7 @@ from importlib import metadata
 from pathlib import Path
 
 from granite_lab.discovery.finding import Finding
+from granite_lab.origin import Source
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import answers as decide
 from granite_lab.reporting import plot_motion, plot_results, plot_search, tables
@@ -20,7 +21,7 @@ from granite_lab.reporting.names import in_plain_words, latency_in_words, law_fo
 from granite_lab.reporting.rounding import percent
 from granite_lab.reporting.table import Cells, Table, tabulate
 from granite_lab.reporting.words import said
-from granite_lab.results import Source, StudyResult, gaps, shown_path
+from granite_lab.results import StudyResult, gaps, shown_path
 
 OPEN_SPEEDS = 4
 """So many time histories stand open; of more speeds the slowest and fastest do."""

@@ -2,6 +2,5 @@
 
 from granite_lab.running.cache import Cache
 from granite_lab.running.each import Execution, each_trial, sifted
-from granite_lab.running.options import Options
 
-__all__ = ["Cache", "Execution", "Options", "each_trial", "sifted"]
+__all__ = ["Cache", "Execution", "each_trial", "sifted"]

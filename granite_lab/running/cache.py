@@ -22,8 +22,8 @@ import granite_lab
 from granite_lab.errors import LabError
 from granite_lab.files import sha256, write_bytes
 from granite_lab.logs.trial import sidecar
+from granite_lab.options import Options
 from granite_lab.running.codec import MAGIC, Arena, content, decode
-from granite_lab.running.options import Options
 
 if TYPE_CHECKING:
     from granite_lab.model.effect import Effect
@@ -44,7 +44,7 @@ DRAWING = ("jinja2", "matplotlib", "rerun-sdk")
 OWN = re.compile(r"[0-9a-f]{2}/([0-9a-f]{62}\.bin|\.[0-9a-f]{62}\.bin\.[0-9a-f]{12}\.part)")
 """Paths in the folder of what is remembered, and of what is being written; nothing else is removed."""
 
-SHOWS = ("api", "cli.py", "commands", "hidden", "reporting", "two_studies.py")
+SHOWS = ("api", "cli.py", "commands", "hidden", "reporting", "study_folder.py", "two_studies.py")
 """Parts of the package that no cached result depends on: they only call and show."""
 
 

@@ -21,14 +21,14 @@ from typing import Any, TypeVar
 
 from granite_lab.errors import LabError, UsageError
 from granite_lab.logs.trial import name_of
+from granite_lab.options import Options
+from granite_lab.origin import Failure
 from granite_lab.parameters.catalogue import CATALOGUE, forget
 from granite_lab.parameters.quantity import noting_files
 from granite_lab.processes import SHORT_OF_MEMORY, crowd, disperse, one_thread, starting
-from granite_lab.results import Failure
 from granite_lab.running import cache as remembered
 from granite_lab.running.cache import Cache, trial_key
 from granite_lab.running.codec import Arena, decode, encode
-from granite_lab.running.options import Options
 
 T = TypeVar("T")
 X = TypeVar("X")

@@ -5,19 +5,15 @@ import inspect
 import json
 import re
 import runpy
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-import typer
 
 import granite_lab as gl
 from granite_lab.api.records import Records
-from granite_lab.cli import app
-from granite_lab.commands.options import FLAGS
 from granite_lab.discovery.finding import Finding
 from granite_lab.errors import EstimateError, InputError, UsageError
 from granite_lab.fitting.fit import K92Fit
@@ -25,22 +21,13 @@ from tests.corpus.cli import ROOT, SAMPLES, lab, refused, succeeded, told
 from tests.reporting.made_up_finding import made_up_finding
 
 SAMPLE = SAMPLES / "virtual_v0.3_r1.csv"
+VERBS = {name: getattr(gl, name) for name in gl.__all__ if inspect.isfunction(getattr(gl, name))}
 OTHER = SAMPLES / "virtual_v0.7_r2.csv"
 
-OTHER_NAMES = {"fit-atheta": "fit_a_theta", "effects": "list_effects"}
 
-
-def functions() -> dict[str, Callable[..., Any]]:
-    """Return the function of each command by its name."""
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    names = [OTHER_NAMES.get(command, command.replace("-", "_")) for command in commands]
-    return {name: getattr(gl, name) for name in names}
-
-
-def test_every_command_is_a_function_with_a_description() -> None:
+def test_every_function_is_described_and_listed() -> None:
     page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
-    for name, function in functions().items():
-        assert name in gl.__all__
+    for name, function in VERBS.items():
         assert name in dir(gl)
         text = inspect.getdoc(function) or ""
         for argument in inspect.signature(function).parameters:
@@ -48,36 +35,6 @@ def test_every_command_is_a_function_with_a_description() -> None:
         assert f"gl.{name}(" in page
     with pytest.raises(AttributeError, match="nonsense"):
         gl.nonsense  # noqa: B018
-
-
-def test_an_option_in_another_unit_has_the_default_of_the_function() -> None:
-    """Defaults of the others are those of the functions themselves."""
-    written = {name: flag for name, flag in FLAGS.items() if flag.default is not None and flag.read}
-    for name, function in functions().items():
-        for argument, parameter in inspect.signature(function).parameters.items():
-            if argument in written:
-                default = written[argument].read(written[argument].default)  # type: ignore[misc]
-                assert default in (parameter.default, [parameter.default]), (name, argument)
-    assert set(written) == {"latency", "slip"}
-
-
-@pytest.mark.parametrize(
-    ("call", "said"),
-    [
-        (lambda: gl.ingest(5), "logs: expected a text, a path or a list of (a text or a path), got 5"),
-        (lambda: gl.ingest([SAMPLE, 5]), "ingest(): logs: expected"),
-        (lambda: gl.ingest(SAMPLE, robt="granite"), "unknown parameter 'robt'; did you mean 'robot'?"),
-        (lambda: gl.fit_k92(SAMPLE, jobs="2"), "fit_k92(): jobs: expected a whole number, got '2' (str)"),
-        (lambda: gl.simulate("0.5"), "variant: expected a number, Variant or None, got '0.5' (str)"),
-        (lambda: gl.simulate(0.5, scatter=1), "simulate(): scatter: expected True or False, got 1 (int)"),
-        (gl.study, "study(): missing a required argument: 'logs'"),
-        (lambda: gl.discover(SAMPLE, tolerance=None), "discover(): tolerance: expected a number, got None"),
-    ],
-)
-def test_a_wrong_argument_is_named_with_what_was_expected(call: Callable[[], object], said: str) -> None:
-    with pytest.raises(TypeError) as error:
-        call()
-    assert said in str(error.value)
 
 
 @pytest.fixture(scope="module")
@@ -239,7 +196,7 @@ def test_discover_takes_the_command_s_path(monkeypatch: pytest.MonkeyPatch) -> N
         calls.append(([trial.name for trial in trials], options, len(rest["motions"])))
         raise EstimateError("enough")
 
-    monkeypatch.setattr("granite_lab.running.search.search", search)
+    monkeypatch.setattr("granite_lab.api.trials.find_effect", search)
     with pytest.raises(EstimateError, match="enough"):
         gl.discover([SAMPLE, OTHER], robot="granite", tolerance=0.05, latency=0.03)
     names, options, motions = calls[0]

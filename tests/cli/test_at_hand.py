@@ -86,7 +86,7 @@ def test_discover_takes_them_too(folder: Path, monkeypatch: pytest.MonkeyPatch) 
     def search(trials: list[gl.Checked], *_: object, **__: object) -> None:
         raise gl.EstimateError(", ".join(trial.name for trial in trials), "enough")
 
-    monkeypatch.setattr("granite_lab.running.search.search", search)
+    monkeypatch.setattr("granite_lab.api.trials.find_effect", search)
     succeeded("ingest", "trial.csv", cwd=folder)
     done = lab("discover", "--jobs", 1, cwd=folder)
     assert done.err.splitlines()[0].startswith("logs: trial.csv")

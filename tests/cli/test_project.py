@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 import granite_lab as gl
-from granite_lab.api.project import FILE, choose
+from granite_lab.api.project import FILE, choose, results_folder
+from granite_lab.options import Options
 from tests.corpus.cli import GRANITE, SAMPLES, lab, refused, succeeded, told
 from tests.running.processes import trials
 
@@ -27,11 +28,11 @@ EXCLUDE = f'[[exclude]]\ntrial = "{B}"\nreason = "a wheel hit a stone"\n'
 def test_robot_of_the_file_is_used_where_none_is_given(tmp_path: Path) -> None:
     folder = folder_with(tmp_path, 'robot = "mine.toml"\nout = "results"\n')
     (folder / "mine.toml").write_text(GRANITE, encoding="utf-8")
-    found = choose(folder, {})
+    found = choose(folder, Options())
     assert found.options.robot == str(folder / "mine.toml")
-    assert found.out == folder / "results"
+    assert results_folder(folder, "study") == folder / "results" / "study"
     assert found.options.soil is None
-    assert choose(folder, {"robot": "granite"}).options.robot == "granite"
+    assert choose(folder, Options(robot="granite")).options.robot == "granite"
 
 
 def test_ingest_follows_the_file_and_lists_what_it_excludes(tmp_path: Path) -> None:
@@ -95,7 +96,7 @@ def test_folders_that_disagree_need_the_option(tmp_path: Path) -> None:
     done = lab("fit-k92", first, second)
     assert done.code == 2
     assert "not the same soil" in done.error
-    assert choose([first, second], {"soil": "dry_sand"}).options.soil == "dry_sand"
+    assert choose([first, second], Options(soil="dry_sand")).options.soil == "dry_sand"
 
 
 def test_what_ends_a_command_over_several_trials_names_the_trial(tmp_path: Path) -> None:

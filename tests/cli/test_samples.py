@@ -6,15 +6,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from granite_lab.chain import analyse
 from granite_lab.effects import get
 from granite_lab.effects.model_file import FittedEffect, ModelFile, save_model
 from granite_lab.estimate import Estimate
 from granite_lab.fitting import fit_a_theta
 from granite_lab.hidden.sealed import open_answer
+from granite_lab.options import Options
 from granite_lab.parameters.quantity import parse_toml
 from granite_lab.results import TrialResult
-from granite_lab.running import Cache, Execution, Options, each_trial
-from granite_lab.study import analyse
+from granite_lab.running import Cache, Execution, each_trial
 from tests.corpus.cli import SAMPLES
 
 LOGS = sorted(SAMPLES.glob("*.csv"))

@@ -87,7 +87,7 @@ from granite_lab.inference.bench import Bench, Task, World
 from granite_lab.effects import library
 from granite_lab.parameters import load_robot, load_soil, load_variants
 from granite_lab.running import Execution
-from granite_lab.running.search import _respond
+from granite_lab.running.simulations import on_cluster
 world = World(load_robot(), load_soil(), load_variants()[2:], library())
 effect = library()["tyre_windup"]
 sand = (0.0,) * 7
@@ -95,7 +95,7 @@ tasks = [Task(i, (0.01 * k, *sand[1:])) for i in range(2) for k in range(3)]
 tasks.append(Task(0, sand, ((effect.id, tuple(p.prior_high for p in effect.parameters)),)))
 tasks.append(Task(0, (9.0, *sand[1:])))
 here = [world.respond(t) for t in tasks]
-with _respond(Execution(scheduler=sys.argv[1]), None) as respond, Bench(world, respond=respond) as bench:
+with on_cluster(Execution(scheduler=sys.argv[1]), None) as respond, Bench(world, respond=respond) as bench:
     there = bench.run(tasks)
 np.savez("out.npz", **{f"{w}{i}": np.zeros(0) if x is None else x
                        for w, of in (("here", here), ("there", there)) for i, x in enumerate(of)})

@@ -21,7 +21,8 @@ from granite_lab.effects import library
 from granite_lab.estimate import Estimate
 from granite_lab.logs.trial import ImuStream, Trial, TrialInfo
 from granite_lab.model.effect import activate
-from granite_lab.running import Cache, Execution, Options, codec, each_trial
+from granite_lab.options import Options
+from granite_lab.running import Cache, Execution, codec, each_trial
 from granite_lab.running.codec import Arena, content, decode, encode
 from tests.reporting.made_up import made_up_study
 
@@ -82,7 +83,7 @@ def forged(document: object, arrays: bytes = b"") -> bytes:
         "granite_lab.files.write_text",
         "granite_lab.files.os", "granite_lab.running.codec.Path", "granite_lab.running.codec._Writer",
         "granite_lab.__main__.Main", "granite_lab..os.Path", "granite_lab.running.nowhere.Record",
-        "granite_lab.model.effect.Effect", "granite_lab.study.Estimate",
+        "granite_lab.model.effect.Effect", "granite_lab.options.Estimate",
     ],
 )  # fmt: skip
 def test_bytes_name_no_class_but_records_of_the_package_by_their_own_names(name: str) -> None:

@@ -12,9 +12,10 @@ import pytest
 from granite_lab.errors import InputError, LabError
 from granite_lab.estimate import Estimate
 from granite_lab.inference.bench import Bench, Task, World
+from granite_lab.options import Options
 from granite_lab.parameters import load_robot, load_soil, load_variants
 from granite_lab.processes import SHORT_OF_MEMORY
-from granite_lab.running import Cache, Execution, Options, cache, each_trial
+from granite_lab.running import Cache, Execution, cache, each_trial
 from tests.corpus.cli import GRANITE
 from tests.running.work import measure, worked
 

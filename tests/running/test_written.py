@@ -1,6 +1,5 @@
 """What is written after a search: the same by `study` and `discover`; a defect in one part loses no other."""
 
-import importlib
 import json
 import math
 import os
@@ -12,29 +11,28 @@ import pytest
 
 import granite_lab as gl
 import granite_lab.reporting
+from granite_lab.chain import corrected, find_effect, search_key
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import Finding
 from granite_lab.effects.library import met
 from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.estimation.motion import Motion
 from granite_lab.logs.trial import Trial
+from granite_lab.options import Options
 from granite_lab.planning.design import load_design
 from granite_lab.results import StudyResult
-from granite_lab.running import Options
 from granite_lab.running.cache import trial_key
-from granite_lab.running.options import corrected
 from granite_lab.running.output import Guard, tell
-from granite_lab.running.search import save_found, search, search_key
+from granite_lab.study_folder import save_found, write
 from tests.effects.example import EXAMPLE
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding
 from tests.running.processes import SAMPLES
 
-chain = importlib.import_module("granite_lab.study")  # the package has a function of that name
 LOG = SAMPLES / "virtual_v0.7_r2.csv"
 SAID = ("# v_desired_mps", "# a_max_mps2", "# distance_m")
 PARTS = {
-    "model": "granite_lab.running.search.save_model",
+    "model": "granite_lab.study_folder.save_model",
     "design": "granite_lab.planning.design.save_design",
     "report": "granite_lab.reporting.write_report",
 }
@@ -88,8 +86,8 @@ def test_what_was_commanded_is_recognised_and_a_plan_can_start_from_it(
 def test_study_and_discover_leave_the_same_for_a_plan_and_a_simulation(
     tmp_path: Path, study: StudyResult
 ) -> None:
-    chain.write(alone(study), Options(), tmp_path / "discover", parts(study))
-    chain.write(study, Options(), tmp_path / "study")
+    write(alone(study), Options(), tmp_path / "discover", parts(study))
+    write(study, Options(), tmp_path / "study")
     for name in ("design.json", "model.toml"):
         assert (tmp_path / "discover" / name).read_bytes() == (tmp_path / "study" / name).read_bytes()
 
@@ -107,7 +105,7 @@ def test_another_tolerance_or_latency_is_another_search_but_not_another_estimate
 @pytest.mark.parametrize("options", [Options(tolerance=0.0), Options(tolerance=1.5), Options(latency=-1e-3)])
 def test_a_tolerance_or_latency_that_makes_no_sense_is_refused(options: Options) -> None:
     with pytest.raises(UsageError, match="cannot be used"):
-        search([], options, motions=[])
+        find_effect([], options, motions=[])
 
 
 @pytest.fixture
@@ -159,7 +157,7 @@ def test_the_report_of_a_study_knows_the_user_s_own_effects(
         return tmp_path
 
     monkeypatch.setattr(granite_lab.reporting, "write_report", noted, raising=False)
-    chain.write(study, Options(effects=own), tmp_path / "report")
+    write(study, Options(effects=own), tmp_path / "report")
     assert known == ["head_wind", "tyre_windup"]
 
 
@@ -195,7 +193,7 @@ def test_a_search_keeps_all_but_the_part_that_fails(
     part: str, tmp_path: Path, study: StudyResult, found: Finding, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(PARTS[part], broken, raising=False)
-    written = chain.write(alone(study), Options(), tmp_path, parts(study))
+    written = write(alone(study), Options(), tmp_path, parts(study)).written
     (line,) = written.failures
     assert line.startswith(f"{part}: ValueError: mean of an empty slice; the traceback is in ")
     there = {path.name for path in tmp_path.iterdir()}
@@ -217,12 +215,12 @@ def test_a_study_keeps_the_rest_of_its_report_when_the_search_cannot_be_shown(
         return write_report(result, folder, **options)
 
     monkeypatch.setattr(granite_lab.reporting, "write_report", fails_with_a_finding, raising=False)
-    written = chain.write(study, Options(), tmp_path)
+    written = write(study, Options(), tmp_path).written
     assert written.page == tmp_path / "index.html"
     assert [line.partition(":")[0] for line in written.failures] == ["report"]
     assert json.loads((tmp_path / "finding.json").read_text(encoding="utf-8"))["verdict"] == "named"
     assert "see finding.json" in (tmp_path / "index.html").read_text(encoding="utf-8")
     monkeypatch.setattr(granite_lab.reporting, "write_report", broken, raising=False)
-    assert chain.write(study, Options(), tmp_path / "none").page is None
+    assert write(study, Options(), tmp_path / "none").written.page is None
     assert (tmp_path / "none" / "finding.json").exists()
     assert (tmp_path / "none" / "model.toml").exists()

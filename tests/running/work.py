@@ -6,8 +6,8 @@ from pathlib import Path
 
 from granite_lab.errors import InputError
 from granite_lab.estimate import Estimate
+from granite_lab.options import Options
 from granite_lab.parameters import load_robot
-from granite_lab.running import Options
 
 worked: list[str] = []
 

@@ -1,21 +1,16 @@
-"""What a user may say about trials, and the trials that are read by it."""
+"""What a user may say about trials: one record, made once from the arguments of a verb."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from granite_lab import estimation, logs
-from granite_lab.errors import UsageError
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.motion import Motion
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
-from granite_lab.logs.trial import Trial, TrialInfo
-from granite_lab.parameters import Robot, Soil, load_robot, load_soil
+from granite_lab.logs.trial import TrialInfo
 
 GIVEN: dict[str, tuple[str, type]] = {
     "robot": ("robot", str), "soil": ("soil", str), "map": ("column_map", str),
@@ -95,39 +90,3 @@ class Options:
             tolerance=float(said.get("tolerance", TOLERANCE)),
             latency=float(said.get("latency", 1e3 * LATENCY_LIMIT)) / 1e3,
         )
-
-
-def read(path: Path, options: Options) -> tuple[Trial, Robot]:
-    """Return the trial of a log as it was logged, and its robot; raise an InputError if it cannot be used."""
-    names = ("imu", "encoders", "currents", "reference", "rows", "robot", "info", "window")
-    said: dict[str, Any] = {name: getattr(options, name) for name in names}
-    trial = logs.read_trial(path, map=options.column_map, topics=dict(options.topics), **said)
-    return trial, load_robot(options.robot or trial.info.robot or "granite")
-
-
-def corrected(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
-    """Return the trial of a log as estimation corrected it, its robot and its motion.
-
-    Raises:
-        InputError: the log cannot be used.
-        EstimateError: the motion cannot be had from it.
-    """
-    logged, robot = read(path, options)
-    trial, motion = estimation.correct(
-        logged, robot, rests=options.rests, distance_measured=options.distance_measured,
-        soil=soil_of(logged, options.soil),
-    )  # fmt: skip
-    return trial, robot, motion
-
-
-def soil_of(trial: Trial, named: str | None) -> Soil:
-    """Return the soil of that name, or else the one that the log names if it is known; dry sand by default.
-
-    Raises:
-        UsageError: the soil is not known.
-        InputError: its file is wrong.
-    """
-    if named is None and trial.info.soil is not None:
-        with suppress(UsageError):
-            return load_soil(trial.info.soil)
-    return load_soil(named or "dry_sand")

@@ -1,0 +1,62 @@
+"""Arguments that several functions of the API share: their types, and how they become records."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from granite_lab.errors import UsageError
+from granite_lab.options import Options
+from granite_lab.running import Cache, Execution
+
+Logs = str | Path | Sequence[str | Path]
+"""Paths of logs, or of folders with logs."""
+
+File = str | Path | None
+"""Path, or for robots, soils and column maps a name of the catalogue."""
+
+Window = tuple[float, float] | None
+"""Begin and end of the part to use of every log [s, the log's time], infinite where open."""
+
+Topics = Mapping[str, str] | None
+"""Of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic."""
+
+
+def text(given: File) -> str | None:
+    """Return a name or a path as text."""
+    return None if given is None else str(given)
+
+
+def path(given: File) -> Path | None:
+    """Return a path."""
+    return None if given is None else Path(given)
+
+
+def options_of(
+    robot: File = None,
+    soil: File = None,
+    column_map: File = None,
+    topics: Topics = None,
+    window: Window = None,
+    model: File = None,
+    effects: File = None,
+) -> Options:
+    """Return what is said of logs as a record."""
+    return Options(
+        text(robot), text(soil), text(column_map), model=path(model), effects=path(effects),
+        topics=tuple((topics or {}).items()), window=window,
+    )  # fmt: skip
+
+
+def refuse_outside(name: str, value: float | None, low: float, high: float = math.inf) -> None:
+    """Raise a UsageError for the number of an option that is out of its limits; None is in any."""
+    if value is not None and not low <= value <= high:
+        limits = f"{low:g} to {high:g}" if high < math.inf else f"{low:g} or more"
+        raise UsageError(f"--{name} {value:g} is out of range", f"expected a number of {limits}")
+
+
+def execution_of(jobs: int, scheduler: str | None = None, *, cache: bool = False) -> Execution:
+    """Return how work over trials is done; raise a UsageError for a negative number of processes."""
+    refuse_outside("jobs", jobs, 0)
+    return Execution(jobs, scheduler, Cache() if cache else None)

@@ -1,0 +1,250 @@
+"""The chain itself: log, estimate, fit, simulate, compare; then over all trials, up to the missing effect."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from granite_lab import __version__, estimation, fitting, logs
+from granite_lab.comparison.compare import compare
+from granite_lab.discovery.finding import Finding
+from granite_lab.effects import library
+from granite_lab.effects.model_file import load_model
+from granite_lab.errors import EstimateError, LabError, UsageError
+from granite_lab.estimation.motion import Motion
+from granite_lab.fitting.fit import AThetaFit
+from granite_lab.logs.trial import InputFile, Trial, name_of
+from granite_lab.model.effect import Active
+from granite_lab.options import Options
+from granite_lab.origin import Source
+from granite_lab.parameters import Robot, Soil, load_robot, load_soil
+from granite_lab.parameters.catalogue import in_force
+from granite_lab.results import StudyResult, TrialResult, command_of
+from granite_lab.running import Execution, each_trial, sifted
+from granite_lab.running.cache import code, digest_of, fingerprint
+from granite_lab.running.codec import content, decode, encode
+from granite_lab.running.each import HERE
+
+
+def read(path: Path, options: Options) -> tuple[Trial, Robot]:
+    """Return the trial of a log as it was logged, and its robot; raise an InputError if it cannot be used."""
+    names = ("imu", "encoders", "currents", "reference", "rows", "robot", "info", "window")
+    given: dict[str, Any] = {name: getattr(options, name) for name in names}
+    trial = logs.read_trial(path, map=options.column_map, topics=dict(options.topics), **given)
+    return trial, load_robot(options.robot or trial.info.robot or "granite")
+
+
+def soil_of(trial: Trial, named: str | None) -> Soil:
+    """Return the soil of that name, or else the one that the log names if it is known; dry sand by default.
+
+    Raises:
+        UsageError: the soil is not known.
+        InputError: its file is wrong.
+    """
+    if named is None and trial.info.soil is not None:
+        with suppress(UsageError):
+            return load_soil(trial.info.soil)
+    return load_soil(named or "dry_sand")
+
+
+def corrected(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
+    """Return the trial of a log as estimation corrected it, its robot and its motion.
+
+    Raises:
+        InputError: the log cannot be used.
+        EstimateError: the motion cannot be had from it.
+    """
+    logged, robot = read(path, options)
+    trial, motion = estimation.correct(logged, robot, **_beside(logged, options))
+    return trial, robot, motion
+
+
+def _beside(logged: Trial, options: Options) -> dict[str, Any]:
+    """Return what estimation is told besides the log."""
+    soil = soil_of(logged, options.soil)
+    return {"rests": options.rests, "distance_measured": options.distance_measured, "soil": soil}
+
+
+def analyse(path: Path, options: Options) -> TrialResult:
+    """Take one trial through the whole chain.
+
+    Raises:
+        LabError: any stage could not do its work; the message says which and why.
+    """
+    logged, robot = read(path, options)
+    trial, motion = estimation.correct(logged, robot, **_beside(logged, options))
+    name, effects = ground(trial, options)
+    soil = load_soil(name)
+    fit = fitting.fit_k92(motion, trial, robot, soil, effects=effects)
+    return TrialResult(trial, compare(motion, trial, fit, robot, soil, effects=effects))
+
+
+def ground(trial: Trial, options: Options) -> tuple[str, tuple[Active, ...]]:
+    """Return the soil of a trial, by name or path, and the effects that are switched on."""
+    model = load_model(options.model, options.effects) if options.model else None
+    soil = options.soil or (model.soil if model else None) or trial.info.soil or "dry_sand"
+    return soil, model.effects if model else ()
+
+
+NAME = "study"
+"""Of a study that is not written; a report has that of its folder."""
+
+
+def over_trials(
+    paths: Sequence[Path],
+    options: Options,
+    *,
+    execution: Execution = HERE,
+    discover: bool = False,
+    strict: bool = False,
+    done: Callable[[Path], None] = lambda _: None,
+    progress: Callable[[str, int], None] = lambda *_: None,
+) -> StudyResult:
+    """Run the chain over trials; the order in which they are given does not matter.
+
+    Args:
+        paths: the logs.
+        options: for all of them.
+        execution: where the work is done and what is remembered.
+        discover: search for a missing effect in the end.
+        strict: a trial or a search that fails ends the study.
+        done: called with each path once it is finished.
+        progress: of that search, as in `discovery.discover`.
+
+    Raises:
+        LabError: no trial went through; it is that of the first. With `strict`, one did not.
+    """
+    paths = sorted(paths, key=lambda path: (name_of(path), str(path)))
+    outcomes = each_trial(analyse, paths, options, execution=execution, done=done)
+    results, failures = sifted(paths, outcomes, strict=strict)
+    trials, motions = [r.trial for r in results], [r.comparison.motion for r in results]
+    source = source_of("study", paths, trials, options, discover)
+    result = StudyResult(NAME, tuple(results), failures, law_of(results), source)
+    if not discover:
+        return result
+    try:
+        finding = find_effect(trials, options, motions=motions, execution=execution, progress=progress)
+    except LabError as error:
+        if strict:
+            raise EstimateError(error.message, "--no-discover leaves the search out") from None
+        return replace(result, unsearched=error.message)
+    return replace(result, finding=finding)
+
+
+def find_effect(
+    trials: Sequence[Trial],
+    options: Options,
+    *,
+    motions: Sequence[Motion],
+    execution: Execution = HERE,
+    progress: Callable[[str, int], None] = lambda *_: None,
+) -> Finding:
+    """Find the effect that the model lacks, or remember what was found before in the same trials.
+
+    Args:
+        trials: of one robot on one soil, as estimation corrected them.
+        motions: estimates of the trials.
+        progress: as in `discovery.discover`.
+
+    Raises:
+        UsageError: trials of several robots or soils, or options that cannot be used.
+        LabError: of `discovery.discover`.
+    """
+    from granite_lab.discovery.discover import discover  # noqa: PLC0415, heavy
+    from granite_lab.running.simulations import effects_of_search, on_cluster  # noqa: PLC0415, heavy
+
+    if options.model:
+        raise UsageError("no search starts from a model with effects", "leave out --model")
+    if not (0 < options.tolerance < 1 and 0 <= options.latency < math.inf):
+        raise UsageError(
+            f"tolerance {options.tolerance:g} or latency {1e3 * options.latency:g} ms cannot be used",
+            "the tolerance is a share between 0 and 1, the latency 0 or more",
+        )
+    robot_name, soil_name = names_of(trials, options)
+    robot, soil = load_robot(robot_name), load_soil(soil_name)
+    order = sorted(range(len(trials)), key=lambda i: trials[i].name)
+    trials, motions = [trials[i] for i in order], [motions[i] for i in order]
+    effects, cache = effects_of_search(options.effects), execution.cache
+    key = search_key((*trials, *motions, robot, soil), options)
+    if cache is not None and isinstance(found := cache.get(key, effects), Finding):
+        return found
+    with on_cluster(execution, options.effects) as respond:
+        finding = discover(
+            trials, robot, soil, effects=library(options.effects), motions=motions,
+            jobs=execution.jobs or os.cpu_count() or 1, respond=respond, progress=progress,
+            tolerance=options.tolerance, latency=options.latency,
+        )  # fmt: skip
+    data = encode(((), finding))
+    if cache is not None and not finding.failures:
+        cache.put(key, data)
+    same: Finding = decode(data, effects)[1]
+    return same
+
+
+def names_of(trials: Sequence[Trial], options: Options) -> tuple[str, str]:
+    """Return robot and soil of trials, by name or path.
+
+    Raises:
+        UsageError: the trials are of several.
+    """
+    robots = {options.robot or trial.info.robot or "granite" for trial in trials}
+    soils = {options.soil or trial.info.soil or "dry_sand" for trial in trials}
+    for kind, names in (("robots", robots), ("soils", soils)):
+        if len(names) > 1:
+            raise UsageError(
+                f"the trials are of several {kind}: {', '.join(sorted(names))}",
+                "search for a missing effect in the trials of one robot on one soil",
+            )
+    return robots.pop(), soils.pop()
+
+
+def search_key(inputs: Sequence[Any], options: Options) -> str:
+    """Return the key of a finding in certain inputs."""
+    own = fingerprint(options.effects) if options.effects else None
+    hashes = [content(record) for record in inputs]
+    return digest_of(code(), hashes, own, options.tolerance, options.latency)
+
+
+def law_of(trials: Sequence[TrialResult]) -> AThetaFit | None:
+    """Fit a_θ over trials; None where they do not allow it."""
+    try:
+        return fitting.fit_a_theta([trial.comparison.fit for trial in trials])
+    except EstimateError:
+        return None
+
+
+def source_of(
+    command: str,
+    paths: Sequence[Path],
+    trials: Sequence[Trial],
+    options: Options,
+    discover: bool | None = None,
+) -> Source:
+    """Return where results come from.
+
+    Args:
+        command: of the command line.
+        paths: all logs, those that failed too.
+        trials: those that went through.
+        options: that were in force.
+        discover: whether a search for a missing effect was asked for; None where that is no question.
+    """
+    rows = in_force(options.robot or trials[0].info.robot or "granite", ground(trials[0], options)[0])
+    given = options.given() + ((("discover", "no"),) if discover is False else ())
+    used = [file for trial in trials for file in trial.inputs]
+    known = {file.path for file in used}
+    others = [*(path for path in paths if path not in known), *options.files()]
+    inputs = [*used, *(InputFile(path, fingerprint(path)) for path in others)]
+    return Source(
+        version=__version__,
+        command=command_of(command, paths, options.given()),
+        inputs=tuple(dict.fromkeys(inputs)),
+        parameters=tuple((f"{p.group}.{p.key}", f"{p.value:g}", p.unit, p.origin) for p in rows),
+        options=given,
+        code=code(),
+    )

@@ -1,0 +1,125 @@
+"""Commands on trials with a sealed answer: write them, open the answer, judge a discovery by it."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from typer import Argument, Option
+
+import granite_lab as gl
+from granite_lab import reporting
+from granite_lab.commands.options import Jobs, Json, Quiet, Robot, Soil, number_of, read_pairs
+from granite_lab.commands.printer import Printer, progress, warn
+from granite_lab.hidden.scoring import MEANING, Score
+
+PARTS = {"train": "trials in the fit", "held_out": "trials left out of the fit"}
+"""Parts of the trials that a discovery tells of, as they are printed."""
+
+
+def hide(
+    effect: Annotated[str, Option(
+        help="Ids joined by +; or random: one of the library; pair: two of it; outside: one that it "
+        "lacks; none.")],
+    out: Annotated[Path, Option(help="Folder of the trials and the sealed answer.")],
+    seed: Annotated[int, Option(help="Seed of all random numbers.")] = 0,
+    strength: Annotated[float, Option(help="Factor on the effect's size (0.001 to 1000).")] = 1.0,
+    sizes: Annotated[list[str] | None, Option(
+        "--size", help="A parameter of the effect: name=value, or id.name=value; may be repeated.")] = None,
+    noise: Annotated[float, Option(help="Factor on the sensors' noise (0 to 100).")] = 1.0,
+    sand_off: Annotated[bool, Option(
+        "--sand-off", help="Change φ, K, n and μ_s of the soil by 5 to 20 %.")] = False,
+    repetitions: Annotated[int | None, Option(
+        help="Trials of each variant; by default 3 (bench) or 2 to 4 (wild) (1 to 99).")] = None,
+    lab: Annotated[str, Option(
+        help="bench: sensors, robot and sand as in the files; wild: drawn by the seed, with files of "
+        "robot and sand beside the trials.")] = "bench",
+    robot: Robot = None, soil: Soil = None,
+    label: Annotated[str, Option("--name", help="First word of the trials' names.")] = "hidden",
+    truth: Annotated[Path | None, Option(help="Folder for the true motion of each trial (CSV).")] = None,
+    jobs: Jobs = 1,
+    quiet: Quiet = False, as_json: Json = False,
+) -> None:  # fmt: skip
+    """Write virtual trials with a hidden effect, by an independent simulator; seal the answer.
+
+    The trials and the sealed answer are written into the folder --out.
+    """
+    named = read_pairs("--size", sizes, number_of, "write name=number")
+    with progress("trials", quiet=quiet) as watch:
+        made = gl.hide(
+            effect, out, seed=seed, strength=strength, sizes=named, noise=noise, sand_off=sand_off,
+            repetitions=repetitions, lab=lab, robot=robot, soil=soil, label=label, truth=truth, jobs=jobs,
+            done=watch.done,
+        )  # fmt: skip
+    printer = Printer(as_json)
+    printer.json("hide/1", vars(made))
+    folder, finding = shlex.quote(str(out)), shlex.quote(str(out / "finding.json"))
+    printer.line(f"{len(made.trials)} virtual trials in {out}, the answer sealed in {made.sealed}")
+    printer.line(f"find it: granite-lab discover {folder} --json > {finding}")
+    printer.line(f"then:    granite-lab reveal {folder} --finding {finding}")
+
+
+def reveal(
+    folder: Annotated[Path, Argument(
+        metavar="DIR", help="Folder written by hide, or one with logs and their answer in answer.json.")],
+    finding: Annotated[Path | None, Option(
+        help="Discovery to be judged: JSON of discover or study, or its folder.")] = None,
+    as_json: Json = False,
+) -> None:  # fmt: skip
+    """Open the answer of a set of trials, and judge a discovery by it.
+
+    Without a discovery, only the answer is printed.
+    """
+    opened, printer = gl.reveal(folder, finding), Printer(as_json)
+    warn(opened.warnings)
+    printer.json("reveal/1", {"answer": opened.answer, "score": opened.score})
+    _show_answer(opened.answer, printer)
+    if opened.score:
+        _show_score(opened.score, printer)
+
+
+def _show_answer(answer: Mapping[str, Any], printer: Printer) -> None:
+    if answer["effects"]:
+        printer.say("Hidden in these trials", "bold")
+        rows = []
+        for effect in answer["effects"]:
+            named = effect["id"] + ("" if effect["library"] else " (not in the library)")
+            values = [(k, p["value"], _unit(p["unit"])) for k, p in effect["parameters"].items()]
+            rows += [("" if k else named, *cells) for k, cells in enumerate(values or [("", None, "")])]
+        printer.rows("hidden", rows, {"0": lambda row: row[0], "3": lambda row: row[3]})
+        for effect in answer["effects"]:
+            account = ". ".join(part for part in (effect["title"], effect["account"]) if part)
+            if account:
+                printer.say(f"{effect['id']}: {account}.")
+    else:
+        printer.say("Nothing is hidden in these trials.")
+    if "seed" not in answer:
+        return
+    if answer["sand_off"]:
+        off = ", ".join(f"{name} {100 * (x - 1):+.1f} %" for name, x in answer["sand_off"].items())
+        printer.say(f"sand off its file: {off}")
+    lab = answer.get("lab", {})
+    for part, drawn in lab.items() if lab.get("name") == "wild" else ():
+        each = drawn.items() if isinstance(drawn, Mapping) else [("", drawn)]
+        told = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in each)
+        printer.line(f"{part}: {told.strip()}")
+    printer.say(f"seed {answer['seed']}, strength {answer['strength']:g}, noise {answer['noise']:g}")
+
+
+def _show_score(judged: Score, printer: Printer) -> None:
+    mark = "right" if judged.right else "wrong"
+    named = ", ".join(judged.named) or judged.verdict
+    printer.say(f"judgement: {mark}; {MEANING[judged.outcome]} (found: {named})")
+    if judged.parameters:
+        cells = {"parameter": lambda p: f"{p.name} [{_unit(p.unit)}]".removesuffix(" []")}
+        printer.rows("scored", judged.parameters, cells)
+    for part, share in judged.gap_closed.items():
+        if share is not None:
+            printer.say(f"gap closed, {PARTS[part]}: {100 * share:.1f} %")
+
+
+def _unit(unit: str) -> str:
+    """Return a unit as it is printed: nothing for a number without one."""
+    return "" if unit == "-" else reporting.rounding.tidy_unit(unit)

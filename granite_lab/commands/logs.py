@@ -1,0 +1,232 @@
+"""Commands on logs: whether they are usable, what they hold, the motion in them, a look at it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Argument, Option
+
+import granite_lab as gl
+from granite_lab import reporting
+from granite_lab.commands.options import (
+    ColumnMap,
+    Format,
+    From,
+    Jobs,
+    Json,
+    Logs,
+    LogsAtHand,
+    Quiet,
+    Robot,
+    Soil,
+    Strict,
+    To,
+    Topics,
+    about,
+    at_hand,
+    interval_of,
+    measured,
+    picture,
+    read_all,
+    topics_of,
+)
+from granite_lab.commands.printer import Printer, progress, warn_of, write_picture
+from granite_lab.errors import EstimateError, InputError, UsageError, printable
+from granite_lab.files import ending_of, write_table, write_text
+from granite_lab.logs.trial import name_of
+from granite_lab.shown import picked
+
+if TYPE_CHECKING:
+    from granite_lab.api.records import Records
+    from granite_lab.api.run_checks import Checked
+
+
+def check(
+    logs: LogsAtHand = None,
+    jobs: Jobs = 0,
+    robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
+    begin: From = None, end: To = None,
+    quiet: Quiet = False, as_json: Json = False,
+) -> None:  # fmt: skip
+    """Check logs after runs in the field: readable, sensors, standstills, speed, slip, estimate.
+
+    A log that cannot be used is reported as a failed check.
+
+    Of several logs one line each is shown. The exit code is 3 if one cannot be used, 4 if one is poor.
+    """
+    given = at_hand(about(logs, robot, soil, column_map, topics, begin, end))
+    with progress("checking", quiet=quiet) as watch:
+        checked = gl.check_logs(**given, jobs=jobs, done=watch.done)
+    printer = Printer(as_json)
+    if len(checked) == 1:
+        _show_checks(printer, checked[0])
+    else:
+        _show_sheet(printer, checked)
+
+
+def _check_as_json(checked: Checked) -> dict[str, Any]:
+    return picked(checked, "log", "virtual", "good", "checks") | {"health": {"grade": checked.grade or None}}
+
+
+def _show_sheet(printer: Printer, checked: Records[Checked]) -> None:
+    """Print one line a run, and end with the exit code of the worst."""
+    errors = [one.error for one in checked if one.error is not None]
+    printer.json("check/2", {"good": not errors, "runs": [_check_as_json(one) for one in checked]})
+    width = max(len(printable(name_of(one.log))) for one in checked)
+    for one in checked:
+        mark, style = ("good", "green") if one.good else ("BAD ", "red")
+        virtual = " (virtual)" if one.virtual else ""
+        name = printable(name_of(one.log))
+        printer.line(f"{mark}  {name:<{width}}  {printable(one.reason)}{virtual}", style)
+    if errors:
+        kind = InputError if any(isinstance(error, InputError) for error in errors) else EstimateError
+        hint = "check one of them alone to see all of its checks and what to do"
+        raise kind(f"{len(errors)} of {len(checked)} runs are bad", hint)
+    printer.say(f"All {len(checked)} runs are good.", "bold green")
+
+
+def _show_checks(printer: Printer, checked: Checked) -> None:
+    """Print each check of one run."""
+    words = reporting.table.words
+    printer.json("check/1", _check_as_json(checked))
+    cells = {
+        "mark": lambda c: words("good", "good") if c.good else words("BAD", "bad"),
+        "found": lambda c: c.found if c.good else f"{c.found}. {reporting.names.capital(c.advice)}.",
+    }
+    printer.rows("checks", checked.checks, cells)
+    if checked.virtual:
+        printer.say("virtual data: written by a simulator.", "yellow")
+    if checked.error is not None:
+        raise checked.error
+    printer.say("The run is good.", "bold green")
+
+
+def inspect(
+    logs: Logs = None,
+    column_map: ColumnMap = None,
+    topics: Topics = None,
+    robot: Robot = None,
+    write_map: Annotated[Path | None, Option(
+        help="Write the column map here, to edit and to pass with --map.")] = None,
+    plot: Annotated[Path | None, picture("Draw the recognised channels over time")] = None,
+    as_json: Json = False,
+) -> None:  # fmt: skip
+    """Show what is recognised in logs: columns, units, clocks, rates, gaps, variant.
+
+    A log that is not understood is reported as a problem, not as an error.
+
+    Columns that are not used are listed, too.
+    """
+    inspection = gl.inspect(logs or (), column_map=column_map, topics=topics_of(topics or ()), robot=robot)
+    if write_map:
+        write_text(write_map, inspection.to_map_toml())
+    if plot:
+        write_picture(plot, reporting.pictures.inspection_figure(inspection))
+    printer = Printer(as_json)
+    printer.json("inspect/1", inspection.as_json())
+    reporting.terminal.show_inspection(inspection, printer.shown)
+    for what, path in (("column map", write_map), ("plot", plot)):
+        if path:
+            printer.line(f"{what}: {path}")
+
+
+def ingest(
+    logs: Logs = None,
+    imu: Annotated[Path | None, Option(
+        help="File with the IMU, if each sensor of a trial has its own file.")] = None,
+    encoders: Annotated[Path | None, Option(help="File with the encoders of that trial.")] = None,
+    currents: Annotated[Path | None, Option(help="File with the motor currents of that trial.")] = None,
+    reference: Annotated[Path | None, Option(
+        help="File with an external reference of that trial, as GPS or motion capture.")] = None,
+    rows: Annotated[str | None, Option(
+        help="Rows to take from a log of several runs, as run_id = 4.")] = None,
+    variant: Annotated[float | None, Option(
+        help="Desired velocity [m/s], if the log lacks it (0.01 to 5).")] = None,
+    rests: Annotated[list[str] | None, Option(
+        "--rest", help="Interval of standstill, as 0:1.2 [s]; may be repeated.")] = None,
+    distance_measured: Annotated[str | None, Option(
+        help="Total distance by tape [m], as 2.03 or 2.03±0.01.")] = None,
+    against_reference: Annotated[str | None, Option("--against",
+        help="'ref': judge the estimate by the log's reference, which the filter does not use.")] = None,
+    strict: Strict = False,
+    jobs: Jobs = 0,
+    robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
+    begin: From = None, end: To = None,
+    out: Annotated[Path | None, Option(
+        help="Folder for the motion tables.", show_default="reports/ingest")] = None,
+    table_format: Format = None,
+    quiet: Quiet = False, as_json: Json = False,
+) -> None:  # fmt: skip
+    """Estimate body velocity, slip and their uncertainty from logs.
+
+    A log that cannot be used is left out and listed with the reason.
+
+    The motion of each log is written as a table, a row for each IMU sample.
+
+    The logs are listed beside the tables: commands that are given no logs take these.
+    """
+    from granite_lab.api.at_hand import refuse_others, remember
+    from granite_lab.api.project import results_folder
+
+    if against_reference not in (None, "ref"):
+        raise UsageError(f"--against {against_reference}: cannot be understood", "use --against ref")
+    given = about(logs, robot, soil, column_map, topics, begin, end)
+    given |= {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference, "rows": rows}
+    given |= {"variant": variant}
+    given["rests"] = read_all(
+        "--rest", rests or (), interval_of, "write start:end in seconds, the start first, as 0:1.2"
+    )
+    tape = [] if distance_measured is None else [distance_measured]
+    tape_hint = "write 2.03 or 2.03±0.01 [m]"
+    given["distance_measured"] = next(iter(read_all("--distance-measured", tape, measured, tape_hint)), None)
+    ending = ending_of(None, table_format)
+    folder = out or results_folder(given["logs"] or [file for file in (imu,) if file], "ingest")
+    with progress("ingesting", quiet=quiet) as watch:
+        ingested = gl.ingest(
+            **given, against_reference=bool(against_reference), strict=strict, jobs=jobs, done=watch.done
+        )
+    written = [(item.motion, folder / f"{item.name}{ending}", item.judgement) for item in ingested]
+    tables = {item.log: path for item, (_, path, _) in zip(ingested, written, strict=True)}
+    refuse_others(folder, tables.values())
+    for motion, path, _ in written:
+        write_table(path, motion.to_frame(), ending)
+    remember(folder, tables, given)
+    documents = [
+        {"name": m.trial, "virtual": m.virtual, "warnings": m.warnings, "motion": path}
+        | reporting.json_report.motion_as_json(m)
+        | ({"judgement": judged} if judged is not None else {})
+        for m, path, judged in written
+    ]
+    failures = [one for one in ingested.origin.left_out if not one.excluded]
+    printer = Printer(as_json)
+    printer.json("ingest/2", {"trials": documents, "failures": failures} | warn_of(ingested.origin))
+    reporting.terminal.show_motions(written, printer.shown)
+    for one in failures:
+        printer.say(f"left out: {one.trial}: {one.message}", "red")
+
+
+def view(
+    what: Annotated[Path, Argument(
+        metavar="WHAT", help="A recording (.rrd), a report folder, or a log (CSV, ROS bag, MCAP).")],
+    trial: Annotated[str | None, Option(help="With a report folder, the trial to open.")] = None,
+    web: Annotated[bool, Option(
+        "--web", help="Serve the viewer to a browser on this machine instead, until interrupted.")] = False,
+    screenshot: Annotated[Path | None, Option(
+        help="Save a picture of the viewer (.png) instead; needs no display.")] = None,
+    at: Annotated[float | None, Option(
+        help="Time of the --screenshot since the start of the command [s]; by default the middle.")] = None,
+    robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None,
+) -> None:  # fmt: skip
+    """Open a recording in the Rerun viewer, which stays open.
+
+    A log is analysed first.
+    """
+    printer = Printer(as_json=False)
+    gl.view(
+        what, trial=trial, web=web, screenshot=screenshot, at=at,
+        robot=robot, soil=soil, column_map=column_map,
+        tell=lambda address: printer.line(f"{address}\nCtrl+C ends it."),
+    )  # fmt: skip
+    if screenshot is not None:
+        printer.line(screenshot)

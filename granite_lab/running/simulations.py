@@ -1,0 +1,57 @@
+"""The simulations of a search for a missing effect, on a cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+from granite_lab.discovery.empirical import EmpiricalLaw
+from granite_lab.effects import library
+from granite_lab.errors import LabError
+from granite_lab.inference.bench import Respond, Task, World
+from granite_lab.logs.trial import Array
+from granite_lab.model.effect import Effect
+from granite_lab.running.cache import fingerprint
+from granite_lab.running.codec import decode, encode
+from granite_lab.running.each import Execution, connected, run_on
+
+
+@contextmanager
+def on_cluster(execution: Execution, effects: Path | None) -> Iterator[Respond | None]:
+    """Give what simulates on the cluster, or None where this machine does it."""
+    if execution.scheduler is None:
+        yield None
+        return
+    sha = fingerprint(effects) if effects else ""
+    with connected(execution.scheduler) as client:
+
+        def respond(world: World, tasks: Sequence[Task]) -> list[Array | None]:
+            if type(world) is not World:  # a worker makes a plain world
+                return [world.respond(task) for task in tasks]
+            size = max(1, min(16, len(tasks) // (2 * max(1, sum(client.nthreads().values())))))
+            parts = [tuple(tasks[i : i + size]) for i in range(0, len(tasks), size)]
+            found: dict[int, list[Array | None]] = {}
+            for index, part in run_on(client, partial(_simulate, encode(world), effects, sha), parts):
+                if isinstance(part, LabError):
+                    raise LabError(f"the cluster failed: {part.message.partition(': ')[2]}", part.hint)
+                found[index] = part
+            return [signals for index in range(len(parts)) for signals in found[index]]
+
+        yield respond
+
+
+def _simulate(
+    world: bytes, effects: Path | None, sha: str, tasks: Sequence[Task]
+) -> list[Array | None] | LabError:
+    """Simulate on a worker, which takes a user's own effects from their file."""
+    if effects and fingerprint(effects) != sha:
+        return LabError(f"worker: {effects} is another file on a worker", "share the folder with the workers")
+    made: World = decode(world, effects_of_search(effects))
+    return [made.respond(task) for task in tasks]
+
+
+def effects_of_search(own: Path | None) -> dict[str, Effect]:
+    """Return all effects that a finding may name."""
+    return library(own) | {EmpiricalLaw.id: EmpiricalLaw()}

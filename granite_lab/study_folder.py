@@ -1,0 +1,158 @@
+"""A study in its folder: the report, the recordings, and the model with what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from granite_lab import __version__, reporting
+from granite_lab.chain import names_of
+from granite_lab.discovery.finding import DESIGN, MODEL, Finding
+from granite_lab.effects import library
+from granite_lab.effects.model_file import FittedEffect, ModelFile, save_model
+from granite_lab.estimate import Estimate
+from granite_lab.estimation.motion import Motion
+from granite_lab.files import write_text
+from granite_lab.folders import distinct, replacing
+from granite_lab.logs.trial import Trial
+from granite_lab.options import Options
+from granite_lab.origin import Written
+from granite_lab.parameters import load_paper
+from granite_lab.processes import shared_out
+from granite_lab.results import WHOLE, StudyResult
+from granite_lab.running.output import Guard
+
+
+def write(
+    result: StudyResult,
+    options: Options,
+    folder: Path,
+    searched: Sequence[tuple[Trial, Motion]] = (),
+    failures: Sequence[str] = (),
+    jobs: int = 1,
+) -> StudyResult:
+    """Write the report of a study, and the model with what was found; return it with what was written.
+
+    A part that fails costs nothing of the others.
+
+    Args:
+        result: the study; of a search alone one without trials.
+        options: of it.
+        folder: to write into.
+        searched: trials of a search alone, with their motion.
+        failures: what could not be written before.
+        jobs: number of processes that draw figures.
+    """
+    guard, model = Guard(folder), None
+    library(options.effects)  # the report takes words from the user's own effects, too
+    found = result.finding
+    if found is not None:
+        pairs = searched or [(r.trial, r.comparison.motion) for r in result.trials]
+        trials, motions = [trial for trial, _ in pairs], [motion for _, motion in pairs]
+        model = save_found(found, options, trials, motions, guard)
+    name = model.name if model and result.trials else model
+
+    def told() -> StudyResult:
+        return replace(result, finding=found and replace(found, failures=(*found.failures, *guard.lines)))
+
+    page = guard.run("report", lambda: reporting.write_report(told(), folder, model=name, jobs=jobs))
+    if page is None and (finding := told().finding):
+        guard.run("finding", lambda: reporting.write_finding(finding, folder, name))
+        alone = replace(result, finding=None, unsearched="the search could not be shown; see finding.json")
+        page = guard.run("rest", lambda: reporting.write_report(alone, folder)) if result.trials else None
+    return replace(told(), written=Written(page, model, failures=(*failures, *guard.lines)))
+
+
+def record(
+    result: StudyResult,
+    folder: Path,
+    *,
+    jobs: int = 1,
+    progress: Callable[[str, int], None] = lambda *_: None,
+) -> list[Path]:
+    """Write a Rerun recording of each trial and one of the whole study.
+
+    Args:
+        result: the study.
+        folder: of the recordings.
+        jobs: as in `processes.shared_out`.
+        progress: told how many are written.
+
+    Raises:
+        LabError: a file cannot be written.
+    """
+    names = [f"{name}.rrd" for name in distinct([WHOLE, *(r.trial.name for r in result.trials)])]
+    with replacing(folder, "recordings") as new:
+        paths = [new / name for name in names]
+        done = shared_out(_record, (result, paths), len(paths), "wrote recordings", jobs=jobs)
+        for k, _ in enumerate(done, 1):
+            progress("recordings", k)
+    return [folder / name for name in (*names[1:], names[0])]
+
+
+def _record(given: tuple[StudyResult, Sequence[Path]], k: int) -> None:
+    """Write a recording: that of the study, which takes longest, or of trial number `k`."""
+    result, paths = given
+    if k == 0:
+        reporting.recording.record_study(result, paths[0], finding=result.finding)
+    else:
+        one = result.trials[k - 1]
+        reporting.recording.record_trial(one.trial, one.comparison, paths[k], finding=result.finding)
+
+
+def save_found(
+    finding: Finding,
+    options: Options,
+    trials: Sequence[Trial],
+    motions: Sequence[Motion],
+    guard: Guard,
+) -> Path | None:
+    """Write the baseline with the physical effects that were named, and beside it what a plan needs.
+
+    The motions of the trials know what was commanded. Returns the path of the model file, None where it could
+    not be written.
+    """
+    from granite_lab.planning.design import save_design  # noqa: PLC0415, a defect there is guarded
+
+    saved = guard.run("model", lambda: _save_model(finding, options, trials, guard.folder))
+    said = []  # trials whose metadata say what was commanded
+    for trial, motion in zip(trials, motions, strict=True):
+        v, a, d = motion.variant.velocity, motion.variant.acceleration, motion.variant.distance
+        said.append(replace(trial, info=replace(trial.info, v_desired=v, a_max=a, distance=d)))
+
+    def design() -> None:
+        with replacing(guard.folder, "design") as new:
+            save_design(finding, said, new / DESIGN)
+
+    def tracebacks() -> None:
+        with replacing(guard.folder, "tracebacks") as new:
+            if finding.tracebacks:
+                write_text(new / "failure-search.txt", "\n".join(finding.tracebacks))
+
+    guard.run("design", design)
+    guard.run("tracebacks", tracebacks)
+    return saved
+
+
+def _save_model(finding: Finding, options: Options, trials: Sequence[Trial], folder: Path) -> Path:
+    active = {item.id: item for item in finding.active}
+    fitted = []
+    for found in finding.effects:
+        if not found.empirical:
+            item = active[found.id]
+            std = {p.name: p.estimate.std for p in found.parameters}
+            values = {name: Estimate(v, std.get(name, 0.0)) for name, v in item.as_dict().items()}
+            fitted.append(FittedEffect(item.effect, values, found.twins))
+    files = sorted((file.path.name, file.sha256) for t in trials for file in t.inputs)
+    provenance = {
+        "version": __version__,
+        "verdict": finding.verdict,
+        "virtual": finding.virtual,
+        "inputs": [f"{name} sha256 {sha}" for name, sha in files],
+    }
+    law = Estimate(load_paper().a_theta)
+    model = ModelFile(*names_of(trials, options), "exponential", law, tuple(fitted), provenance)
+    with replacing(folder, "model") as new:
+        save_model(model, new / MODEL)
+    return folder / MODEL
