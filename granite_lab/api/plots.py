@@ -22,7 +22,10 @@ from granite_lab.results import mean_of_known
 
 
 def plot(record: Any) -> Figure:
-    """Return the figure of a motion, fit, comparison or finding, for `savefig`.
+    """Return a Matplotlib figure.
+
+    Args:
+        record: a motion, fit, comparison or finding, or what `ingest` or `fit_k92` returned.
 
     Raises:
         TypeError: there is no figure of such a record.
