@@ -1,6 +1,7 @@
-from .api.hidden import hide, kit, reveal
+from .api.hidden import hide, reveal
 from .api.logs import check, check_logs, ingest, inspect, view
 from .api.model import list_effects, params, show_effect, simulate, wheel
+from .api.plots import plot
 from .api.run_checks import Checked
 from .api.trials import compare, discover, fit_a_theta, fit_k92, plan_next, record, report, study
 from .api.verification import verify
@@ -27,10 +28,10 @@ __all__ = [
     "hide",
     "ingest",
     "inspect",
-    "kit",
     "list_effects",
     "params",
     "plan_next",
+    "plot",
     "record",
     "report",
     "reveal",

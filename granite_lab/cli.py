@@ -31,7 +31,6 @@ COMMANDS = {
     "params": ("model", "Print the parameters in force."),
     "hide": ("hidden", "Write virtual trials with a hidden effect."),
     "reveal": ("hidden", "Open a sealed answer and judge a discovery."),
-    "kit": ("hidden", "Write a template for a blind test."),
     "effects": ("model", "List, describe and check effects."),
 }
 """Module and one line of help of each command, so that help need not import them."""

@@ -1,4 +1,4 @@
-"""How records show themselves: as JSON, in a notebook as a table, and as a figure on request."""
+"""How records show themselves: as JSON, and in a notebook as a table."""
 
 from __future__ import annotations
 
@@ -6,13 +6,11 @@ import dataclasses
 import html
 import math
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
 
 
 class Shown:
@@ -22,16 +20,6 @@ class Shown:
         """Return line and table for a notebook, the table shortened."""
         table: Any = self.to_frame()  # type: ignore[attr-defined]
         return f"<p>{html.escape(repr(self))}</p>{table.to_html(index=False, max_rows=10, max_cols=12)}"
-
-    def plot(self) -> Figure:
-        """Return a figure of the record, for `savefig`.
-
-        Raises:
-            TypeError: there is no figure of such records.
-        """
-        # By name: a record is known to all stages, and what draws it is one of the last.
-        figure: Figure = import_module("granite_lab.api.plots").plot(self)
-        return figure
 
 
 def frame(rows: Sequence[Mapping[str, Any]], columns: list[str] | None = None) -> pd.DataFrame:

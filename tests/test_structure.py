@@ -4,6 +4,7 @@ import ast
 import subprocess
 import sys
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -47,17 +48,25 @@ def stage_of(module: str) -> str:
     return parts[1] if len(parts) > 1 else "__init__"
 
 
+NAMES = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in MODULES
+}
+"""Module to file."""
+
+
 @cache
 def imports_of(path: Path) -> set[str]:
-    """Return the modules a file imports, wherever in the file it does so."""
+    """Return the modules a file imports, wherever in the file it does so, or names in a text."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and node.module == "granite_lab":
-            found |= {f"granite_lab.{alias.name}" for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            found.add(node.module or "")
+        if isinstance(node, ast.ImportFrom):
+            module = node.module or ""
+            within = {f"{module}.{alias.name}" for alias in node.names}
+            found |= {name if name in NAMES or module == "granite_lab" else module for name in within}
         elif isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.Constant) and node.value in NAMES.keys() - {"granite_lab"}:
+            found.add(node.value)
     return found
 
 
@@ -66,6 +75,7 @@ def own(path: Path) -> str:
 
 
 def test_a_stage_imports_nothing_of_a_later_one() -> None:
+    assert {own(path) for path in MODULES} == set(RANK) - {"__version__"}
     for path in MODULES:
         if own(path) == "__init__":  # the door to all of them, through which no stage may go
             continue
@@ -75,12 +85,19 @@ def test_a_stage_imports_nothing_of_a_later_one() -> None:
                 assert RANK[other] <= RANK[own(path)], f"{path} imports {module}"
 
 
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    graph = {name: imports_of(path) & NAMES.keys() - {name} for name, path in NAMES.items()}
+    assert sum(map(len, graph.values())) > len(graph)
+    order = list(TopologicalSorter(graph).static_order())  # raises CycleError and names the circle
+    assert order.index("granite_lab.errors") < order.index("granite_lab.cli")
+
+
 def test_what_hides_and_what_finds_know_nothing_of_each_other() -> None:
     """The judge's data come from other code than what is judged, and its answers stay out of reach."""
     for path in MODULES:
         known = {stage_of(module) for module in imports_of(path) if module.startswith("granite_lab")}
         if own(path) == "hidden":
-            first = {"__version__", "errors", "files", "estimate"}
+            first = {"__version__", "errors", "files", "estimate", "processes"}
             assert known <= first | {"parameters", "logs", "hidden"}, path
         elif own(path) not in ("api", "commands", "cli", "__init__"):
             assert "hidden" not in known, path
@@ -92,22 +109,42 @@ def test_a_module_stays_short() -> None:
     assert [path for path, count in lines.items() if count > 500] == []
 
 
+@pytest.mark.parametrize("package", ["hidden", "model", "running"])
+def test_functions_stay_short_and_take_few_arguments(package: str) -> None:
+    functions = [
+        (path.name, node)
+        for path in (PACKAGE / package).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef)
+    ]
+    assert len(functions) > 20
+    for file, node in functions:
+        assert (node.end_lineno or 0) - node.lineno < 60, (file, node.name)
+        assert len(node.args.posonlyargs + node.args.args + node.args.kwonlyargs) <= 7, (file, node.name)
+
+
 @pytest.mark.parametrize(
     ("library", "home"),
     [
         ("rerun", "reporting/recording"),
         ("tomllib", "parameters/quantity.py"),
         ("filterpy", "estimation"),
+        ("llvmlite", "model/native"),
         ("distributed", "running/each.py"),
     ],
 )
 def test_a_library_has_one_home(library: str, home: str) -> None:
-    for path in MODULES:
-        if any(module.split(".")[0] == library for module in imports_of(path)):
-            assert path.relative_to(PACKAGE).as_posix().startswith(home), path
+    users = [
+        path.relative_to(PACKAGE).as_posix()
+        for path in MODULES
+        if any(module.split(".")[0] == library for module in imports_of(path))
+    ]
+    assert users
+    assert [path for path in users if not path.startswith(home)] == []
 
 
 def test_nothing_is_stored_that_could_run_code_when_it_is_read() -> None:
+    assert len(MODULES) > 100
     for path in MODULES:
         assert not imports_of(path) & {"pickle", "shelve", "marshal", "dill", "cloudpickle"}, path
 

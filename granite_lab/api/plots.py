@@ -1,4 +1,4 @@
-"""The figures behind `plot()` of motions, fits, comparisons and findings."""
+"""Figures of motions, fits, comparisons and findings."""
 
 from __future__ import annotations
 
@@ -22,10 +22,13 @@ from granite_lab.results import mean_of_known
 
 
 def plot(record: Any) -> Figure:
-    """Return the figure of a record.
+    """Return a Matplotlib figure.
+
+    Args:
+        record: a motion, fit, comparison or finding, or what `ingest` or `fit_k92` returned.
 
     Raises:
-        TypeError: there is none.
+        TypeError: there is no figure of such a record.
     """
     if isinstance(record, Records) and len(record):
         if all(isinstance(item, K92Fit) for item in record):
@@ -34,7 +37,7 @@ def plot(record: Any) -> Figure:
             ).draw()
         if len(record) == 1:
             return plot(record[0])
-        raise TypeError("plot(): of fits all are drawn, of other records one, as in records[0].plot()")
+        raise TypeError("plot(): of fits all are drawn, of other records one, as in plot(records[0])")
     match record:
         case Ingested(motion=motion) | (Motion() as motion):
             return motion_plot(motion)

@@ -64,19 +64,16 @@ def hide(
 
 def reveal(
     folder: Annotated[Path, Argument(
-        metavar="DIR", help="Folder written by hide, or a kit that another laboratory filled.")],
+        metavar="DIR", help="Folder written by hide, or one with logs and their answer in answer.json.")],
     finding: Annotated[Path | None, Option(
         help="Discovery to be judged: JSON of discover or study, or its folder.")] = None,
-    jobs: Jobs = 0,
     as_json: Json = False,
 ) -> None:  # fmt: skip
-    """Open the sealed answer of a hidden set or of a kit, and judge a discovery by it.
-
-    In a kit without a discovery, discover runs first and writes into the kit's folder finding.
+    """Open the answer of a set of trials, and judge a discovery by it.
 
     Without a discovery, only the answer is printed.
     """
-    opened, printer = gl.reveal(folder, finding, jobs=jobs), Printer(as_json)
+    opened, printer = gl.reveal(folder, finding), Printer(as_json)
     warn(opened.warnings)
     printer.json("reveal/1", {"answer": opened.answer, "score": opened.score})
     _show_answer(opened.answer, printer)
@@ -106,9 +103,8 @@ SCORED = Table[ParameterScore](
 
 
 def _show_answer(answer: Mapping[str, Any], printer: Printer) -> None:
-    trials = "virtual trials" if answer.get("virtual", True) else "trials"
     if answer["effects"]:
-        printer.say(f"Hidden in these {trials}", "bold")
+        printer.say("Hidden in these trials", "bold")
         rows = []
         for effect in answer["effects"]:
             named = effect["id"] + ("" if effect["library"] else " (not in the library)")
@@ -116,12 +112,12 @@ def _show_answer(answer: Mapping[str, Any], printer: Printer) -> None:
             rows += [("" if k else named, *cells) for k, cells in enumerate(values or [("", None, "")])]
         printer.rows(HIDDEN, rows)
         for effect in answer["effects"]:
-            told = ". ".join(part for part in (effect["title"], effect["account"]) if part)
-            printer.say(f"{effect['id']}: {told}.")
+            account = ". ".join(part for part in (effect["title"], effect["account"]) if part)
+            if account:
+                printer.say(f"{effect['id']}: {account}.")
     else:
-        printer.say(f"Nothing is hidden in these {trials}.")
-    if "made_by" in answer:
-        printer.say(f"made by {answer['made_by']}")
+        printer.say("Nothing is hidden in these trials.")
+    if "seed" not in answer:
         return
     if answer["sand_off"]:
         off = ", ".join(f"{name} {100 * (x - 1):+.1f} %" for name, x in answer["sand_off"].items())
@@ -148,18 +144,3 @@ def _show_score(judged: Score, printer: Printer) -> None:
 def _unit(unit: str) -> str:
     """Return a unit as it is printed: nothing for a number without one."""
     return "" if unit == "-" else tidy_unit(unit)
-
-
-def kit(
-    out: Annotated[Path, Argument(metavar="OUT", help="New folder of the kit.")],
-    as_json: Json = False,
-) -> None:
-    """Write a template for a blind test: README, template of the answer, folder of the trials, and a checker.
-
-    granite-lab reveal judges discover by the kit that comes back.
-    """
-    made, printer = gl.kit(out), Printer(as_json)
-    printer.json("kit/1", vars(made))
-    for path in made.files:
-        printer.line(path)
-    printer.line(f"read {made.folder / 'README.md'}; python {made.folder / 'check.py'} checks and seals it")

@@ -18,7 +18,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-import granite_lab.effects as package
 from granite_lab.errors import InputError, UsageError, at
 from granite_lab.files import readable, refuse_special
 from granite_lab.model.effect import Effect, EffectParameter
@@ -30,8 +29,8 @@ from granite_lab.parameters import load_robot, load_soil, load_variants
 @lru_cache
 def _library() -> dict[str, Effect]:
     found: dict[str, Effect] = {}
-    for info in sorted(pkgutil.iter_modules(package.__path__), key=lambda m: m.name):
-        module = importlib.import_module(f"{package.__name__}.{info.name}")
+    for info in sorted(pkgutil.iter_modules([str(Path(__file__).parent)]), key=lambda m: m.name):
+        module = importlib.import_module(f"{__package__}.{info.name}")
         found |= {effect.id: effect for effect in _effects_of(module)}
     return found
 

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import ModuleType
 
 from granite_lab.errors import UsageError
 from granite_lab.hidden import drive, outside, soil, tyre, vehicle
-from granite_lab.hidden.contact import FLOOR, NearRest
 from granite_lab.hidden.influence import Influence
-from granite_lab.hidden.model import Truth
-from granite_lab.hidden.parts import Law, Sizes, Trapezoid
-from granite_lab.parameters import Robot, Soil
+from granite_lab.hidden.model import Setup, Truth
+from granite_lab.hidden.parts import Sizes, Trapezoid
 
 
 def _held_by(*modules: ModuleType) -> dict[str, type[Influence]]:
@@ -57,26 +56,17 @@ def influence(name: str) -> type[Influence]:
     return known[name]
 
 
-def model_of(
-    names: Sequence[str],
-    robot: Robot,
-    soil_: Soil,
-    command: Trapezoid,
-    law: Law,
-    sizes: Mapping[str, Sizes],
-    near_rest: NearRest = FLOOR,
-    radii: tuple[float, float] = (1.0, 1.0),
-) -> Truth:
+def model_of(names: Sequence[str], setup: Setup, command: Trapezoid, sizes: Mapping[str, Sizes]) -> Truth:
     """Return the truth's model under the named influences.
 
     Args:
         names: ids, in any order.
-        robot, soil_, command, law, near_rest, radii: as for `Truth`.
+        setup, command: as for `Truth`.
         sizes: parameters of each influence by id, phases included.
     """
     kinds = [influence(name) for name in sorted(names)]
+    robot = setup.robot
     for kind in kinds:
         robot = kind.altered(robot, sizes[kind.id])
-    combined = type("Combined", (*kinds, Truth), {})
-    model: Truth = combined(robot, soil_, command, law, sizes=sizes, near_rest=near_rest, radii=radii)
+    model: Truth = type("Combined", (*kinds, Truth), {})(replace(setup, robot=robot), command, sizes)
     return model

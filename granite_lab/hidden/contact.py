@@ -21,15 +21,15 @@ V_FLOOR = 0.02
 
 
 @lru_cache
-def clenshaw_curtis(intervals: int) -> tuple[Array, Array]:
-    """Return nodes and weights on [-1, 1] for `intervals` + 1 points (intervals even)."""
+def clenshaw_curtis(intervals: int) -> Array:
+    """Return nodes and weights (2, intervals + 1) on [-1, 1] for `intervals` + 1 points (intervals even)."""
     theta = np.pi * np.arange(intervals + 1) / intervals
     k = np.arange(1, intervals // 2 + 1)
     b = np.where(k == intervals // 2, 1.0, 2.0)
     inner = (b / (4 * k**2 - 1) * np.cos(2 * np.outer(theta, k))).sum(axis=1)
     c = np.full(intervals + 1, 2.0)
     c[[0, -1]] = 1.0
-    return np.cos(theta), c / intervals * (1 - inner)
+    return np.stack([np.cos(theta), c / intervals * (1 - inner)])
 
 
 @dataclass(frozen=True)
@@ -121,56 +121,59 @@ def slip_ratio(v_o: Array, v: Array, near_rest: NearRest = FLOOR) -> Array:
     return slip_and_share(v_o, v, near_rest)[0]
 
 
+@dataclass(frozen=True)
+class Stance:
+    """How wheels meet the ground, (wheels,) each.
+
+    Attributes:
+        v_o: circumferential velocity [m/s].
+        v: longitudinal velocity of the wheel's geometric centre [m/s].
+        z0, dz0: sinkage [m] and its rate [m/s].
+        radius: of the circle that meets the soil [m]; None where it is the wheel's, as moments have it.
+    """
+
+    v_o: Array
+    v: Array
+    z0: Array
+    dz0: Array
+    radius: Array | None = None
+
+
 def contact(
-    ground: Ground,
-    *,
-    v_o: Array,
-    v: Array,
-    z0: Array,
-    dz0: Array,
-    k92: float,
-    intervals: int = 32,
-    radius: Array | None = None,
-    near_rest: NearRest = FLOOR,
+    ground: Ground, at: Stance, k92: float, *, intervals: int = 32, near_rest: NearRest = FLOOR
 ) -> Contact:
     """Return the forces on each wheel.
 
     Args:
         ground: soil and wheel.
-        v_o: (wheels,) circumferential velocity of each wheel [m/s].
-        v: (wheels,) longitudinal velocity of its centre [m/s].
-        z0: (wheels,) sinkage [m].
-        dz0: (wheels,) its rate [m/s].
+        at: how the wheels meet it.
         k92: ratio of rear to front contact angle.
         intervals: of the quadrature.
-        radius: (wheels,) of the circle that meets the soil [m], where it is not the wheel's; moments keep
-            the wheel's.
         near_rest: how (1) and (11) go on there.
     """
     soil, numbers = ground.packed
-    nodes, weights = clenshaw_curtis(intervals)
-    arcs = numbers[:1] if radius is None else radius
+    arcs = numbers[:1] if at.radius is None else at.radius
     floor = near_rest.speed if near_rest.law == "floor" else -near_rest.speed
+    motion, law = np.stack([at.v_o, at.v, at.z0, at.dz0]), np.array([k92, floor])
     slip, W, R, F, M, normal = faster(forces_by_loops, forces_of_arrays)(
-        soil, numbers, arcs, v_o, v, z0, dz0, float(k92), floor, nodes, weights
-    )  # fmt: skip
-    return Contact(slip, z0, W, R, F, M, normal)
+        soil, np.concatenate([numbers, law]), arcs, motion, clenshaw_curtis(intervals)
+    )
+    return Contact(slip, at.z0, W, R, F, M, normal)
 
 
-def forces_of_arrays(
-    soil: Array, numbers: Array, arcs: Array, v_o: Array, v: Array, z0: Array, dz0: Array, k92: float,
-    floor: float, nodes: Array, weights: Array,
-) -> Array:  # fmt: skip
+def forces_of_arrays(soil: Array, numbers: Array, arcs: Array, motion: Array, rule: Array) -> Array:
     """Return slip, W, R, F, M and the normal force of each wheel, (6, wheels).
 
     Args:
-        soil, numbers: of `Ground.packed`.
+        soil: of `Ground.packed`.
+        numbers: of `Ground.packed`, behind them k_92 and the speed of `NearRest`, negative for the law of
+            the parabola.
         arcs: (wheels,) or (1,) radius of the circle that meets the soil [m].
-        v_o, v, z0, dz0, k92: as for `contact`.
-        floor: speed of `NearRest`, negative for the law of the parabola.
-        nodes, weights: of the quadrature on [-1, 1].
+        motion: (4, wheels) v_o, v, z0 and dz0 of `Stance`.
+        rule: (2, N) nodes and weights of the quadrature on [-1, 1].
     """
-    r, b, tan_phi, mu_s, c_t, harden, harden_speed = numbers
+    r, b, tan_phi, mu_s, c_t, harden, harden_speed, k92, floor = numbers
+    (v_o, v, z0, dz0), (nodes, weights) = motion, rule
     n, k, c, K = soil[:, :, None]
     slip, share = slip_and_share(v_o, v, NearRest("floor" if floor > 0 else "parabola", abs(floor)))
     front = np.arccos(1.0 - np.clip(z0 / arcs, 0.0, 2.0))[:, None]  # theta_1
@@ -191,12 +194,10 @@ def forces_of_arrays(
     return np.stack([slip, W, -R, F, -r * S, normal])  # (13) with the sign that opposes motion
 
 
-def forces_by_loops(
-    soil: Array, numbers: Array, arcs: Array, v_o: Array, v: Array, z0: Array, dz0: Array, k92: float,
-    floor: float, nodes: Array, weights: Array,
-) -> Array:  # fmt: skip
+def forces_by_loops(soil: Array, numbers: Array, arcs: Array, motion: Array, rule: Array) -> Array:
     """Do the same as `forces_of_arrays`, written for a compiler."""
-    r, b, tan_phi, mu_s, c_t, harden, harden_speed = numbers
+    r, b, tan_phi, mu_s, c_t, harden, harden_speed, k92, floor = numbers
+    v_o, v, z0, dz0 = motion
     out = np.zeros((6, v.size))
     for i in range(v.size):
         own = min(i, soil.shape[1] - 1)
@@ -214,7 +215,7 @@ def forces_by_loops(
             continue
         front = math.acos(1.0 - min(z0[i] / radius, 2.0))
         half, top = 0.5 * (1.0 + k92) * front, math.sin(front)
-        for node, weight in zip(nodes, weights):  # noqa: B905, unknown to the compiler
+        for node, weight in rule.T:
             arc = front - half + half * node
             sin, cos = math.sin(arc), math.cos(arc)
             z = z0[i] - radius * (1.0 - cos)

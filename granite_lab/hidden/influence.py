@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from granite_lab.hidden.contact import V_FLOOR, Array, smoothstep
+from granite_lab.hidden.contact import Array
 from granite_lab.hidden.model import PITCH, Truth
 from granite_lab.hidden.parts import Push
 from granite_lab.parameters import Robot
@@ -84,7 +84,7 @@ class Influence(Truth):
     def drag(self, y: Array, force: float) -> Push:
         """Return a resistance [N] along R's x at wheel-centre height that a robot at rest does not feel."""
         v = self.velocity(y)
-        f = -np.sign(v) * float(smoothstep(abs(v) / V_FLOOR)) * force
+        f = -np.sign(v) * self.fade(y) * force
         return Push(float(np.cos(y[PITCH]) * f), float(-np.sin(y[PITCH]) * f), float(self.arm_z * f))
 
 

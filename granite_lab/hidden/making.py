@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import product
-from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,8 +12,10 @@ import numpy as np
 from granite_lab import __version__
 from granite_lab.errors import EstimateError
 from granite_lab.hidden.catalogue import LIBRARY, influence, model_of
+from granite_lab.hidden.chance import lot
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.lab import Lab, lab_of
+from granite_lab.hidden.model import Setup
 from granite_lab.hidden.parts import Trapezoid, exponential_k92
 from granite_lab.hidden.sensors import louder, read_currents, read_imu, read_wheels
 from granite_lab.hidden.simulator import DT, Body, body_from_states, solve
@@ -23,6 +23,7 @@ from granite_lab.hidden.vehicle import ClockOffset
 from granite_lab.hidden.wish import Wish, chosen, drawn, raked, sand
 from granite_lab.logs.trial import CurrentStream, ImuStream, Trial, TrialInfo, WheelStream
 from granite_lab.parameters import Robot, Soil, Variant, load_variants
+from granite_lab.processes import shared_out
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,121 +34,102 @@ RELATIVE, ABSOLUTE = 3e-6, 1e-7
 
 @dataclass(frozen=True)
 class Plan:
-    """One trial to be made; picklable.
+    """One trial to be made.
 
     Attributes:
-        names: ids of the influences; sizes: their parameters in this trial, phases included.
+        wish: of the set.
         lab: where it is made; its robot is as it really is, but for what the influences change.
+        sizes: parameters of the influences by id in this trial, phases included.
         soil, a_theta: of this trial; raking: by which factors it changed them.
         variant, repetition: which trial it is.
         seed: key of its random numbers.
-        noise: factor on the noise of the sensors.
-        label: with which its name begins.
     """
 
-    names: tuple[str, ...]
-    sizes: Mapping[str, Mapping[str, float]]
+    wish: Wish
     lab: Lab
+    sizes: Mapping[str, Mapping[str, float]]
     soil: Soil
     a_theta: float
     raking: Mapping[str, float]
     variant: Variant
     repetition: int
     seed: tuple[int, ...]
-    noise: float
-    label: str
 
     @property
     def name(self) -> str:
         """Name of the trial, which tells nothing."""
-        return f"{self.label}_v{self.variant.velocity:g}_r{self.repetition}"
+        return f"{self.wish.label}_v{self.variant.velocity:g}_r{self.repetition}"
 
     @property
     def radii(self) -> Array:
         """True radius of each wheel in this trial over the filed one, (4,)."""
-        rng = np.random.default_rng([*self.seed, 2])
-        return np.asarray(1 + self.lab.radius * rng.standard_normal(4))
+        return np.asarray(1 + self.lab.radius * lot(*self.seed, 2).standard_normal(4))
 
 
 def make_set(
-    wish: Wish,
-    robot: Robot,
-    soil: Soil,
-    *,
-    repetitions: int | None = None,
-    variants: tuple[Variant, ...] = (),
-    jobs: int = 1,
-    label: str = "hidden",
-    done: Callable[[str], None] = lambda _: None,
-    keep: Callable[[str, pd.DataFrame], None] = lambda *_: None,
-) -> tuple[list[Trial], dict[str, Any]]:
-    """Make all trials of a set, with the answer.
+    wish: Wish, robot: Robot, soil: Soil, *, jobs: int = 1, done: Callable[[str], None] = lambda _: None
+) -> tuple[list[tuple[Trial, pd.DataFrame]], dict[str, Any]]:
+    """Make all trials of a set, each with its true motion (`true_motion`), and the answer.
 
     Args:
         wish: what to hide.
         robot, soil: records that the trials will name.
-        repetitions: of each variant; 3 when the laboratory does not say.
-        variants: those of Table 2 when empty.
         jobs: processes.
-        label: with which the trials' names begin.
         done: called with the name of each finished trial.
-        keep: called with the name and the true motion of each trial, see `true_motion`.
 
     Raises:
         UsageError: unknown effect or size, or a robot without chassis, drive or IMU.
         EstimateError: the robot would dig itself in under this effect.
+        LabError: a process died.
     """
     lab = lab_of(wish.lab, wish.seed, robot, soil)
     names = chosen(wish)
     sizes = drawn(wish, names)
-    # the weakest ground shows at the highest speed: that comes first, so that a bad draw costs little
-    ordered = sorted(variants or load_variants(), key=lambda v: -v.velocity)
-    count = repetitions or lab.repetitions or 3
     # Sand drawn off its file may be too weak for the slope, drag or speed at hand; it is drawn again then.
     for attempt in range(8 if wish.sand_off else 1):
-        ground, off = sand(wish, lab.soil, attempt)
-        plans = []
-        for (k, variant), repetition in product(enumerate(ordered), range(1, count + 1)):
-            seed = (wish.seed, 4, k, repetition)
-            rng = np.random.default_rng([*seed, 0])
-            there, a_theta, factors = raked(ground, lab.a_theta, lab.scatter, rng)
-            own = {name: influence(name).of_trial(sizes[name], rng) for name in names}
-            plans.append(
-                Plan(names, own, lab, there, a_theta, factors, variant, repetition, seed, wish.noise, label)
-            )
+        ground, off = sand(wish, lab.soil.real, attempt)
+        plans = _plans(wish, lab, ground, sizes)
         made = []
-        for one in _run(plans, jobs):
+        for one in shared_out(_make, plans, len(plans), "made a trial", jobs=jobs):
             if one is None:
                 break
             made.append(one)
             done(one[0].name)
         if len(made) == len(plans):
-            for trial, motion in made:
-                keep(trial.name, motion)
-            return [trial for trial, _ in made], _answer(wish, lab, names, sizes, off, plans)
+            return made, _answer(wish, lab, sizes, off, plans)
     raise EstimateError(
         "the robot sinks to its axles with the hidden effect", "choose a smaller --strength or another --seed"
     )
 
 
-def _run(plans: list[Plan], jobs: int) -> Iterator[tuple[Trial, pd.DataFrame] | None]:
-    if jobs <= 1:
-        yield from map(make_trial, plans)
-        return
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(make_trial, plans)
+def _plans(wish: Wish, lab: Lab, ground: Soil, sizes: Mapping[str, Mapping[str, float]]) -> list[Plan]:
+    """Return the trials of a set; each rakes the ground anew."""
+    # the weakest ground shows at the highest speed: that comes first, so that a bad draw costs little
+    variants = sorted(wish.variants or load_variants(), key=lambda v: -v.velocity)
+    repetitions = range(1, (wish.repetitions or lab.repetitions or 3) + 1)
+    plans = []
+    for (k, variant), repetition in product(enumerate(variants), repetitions):
+        seed = (wish.seed, 4, k, repetition)
+        rng = lot(*seed, 0)
+        raking = raked(ground, lab.a_theta, lab.scatter, rng)
+        of_trial = {name: influence(name).of_trial(size, rng) for name, size in sizes.items()}
+        plans.append(Plan(wish, lab, of_trial, *raking, variant, repetition, seed))
+    return plans
+
+
+def _make(plans: list[Plan], k: int) -> tuple[Trial, pd.DataFrame] | None:
+    return make_trial(plans[k])
 
 
 def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
     """Simulate and log one trial, with its true motion; None if the robot digs itself in."""
-    rng, lab = np.random.default_rng([*plan.seed, 1]), plan.lab
+    rng, lab = lot(*plan.seed, 1), plan.lab
     command = Trapezoid(plan.variant.velocity, plan.variant.acceleration, plan.variant.distance)
     radii = plan.radii
     rolling = radii if lab.rolls else np.ones(4)
-    truth = model_of(
-        plan.names, lab.robot, plan.soil, command, exponential_k92(plan.a_theta), plan.sizes,
-        near_rest=lab.near_rest, radii=(float(rolling[:2].mean()), float(rolling[2:].mean())),
-    )  # fmt: skip
+    pairs = float(rolling[:2].mean()), float(rolling[2:].mean())
+    setup = Setup(lab.robot.real, plan.soil, exponential_k92(plan.a_theta), lab.near_rest, pairs)
+    truth = model_of(tuple(plan.sizes), setup, command, plan.sizes)
     before, after = rng.uniform(*lab.before), rng.uniform(*lab.after)
     steps = np.arange(-round(before / DT), round((command.end + after) / DT) + 1)
     t = np.asarray(steps * DT)
@@ -158,15 +140,12 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
     body = body_from_states(truth, t, state)
     if not np.isfinite(state).all() or body.x[-1] < 0.35 * command.distance:
         return None
-    rig, wrong = louder(lab.robot, plan.noise), truth.misreading()
-    imu, *_ = read_imu(
-        rng, body, rig, scale_error=lab.imu_gain, misreading=wrong,
-        jitter=lab.imu_jitter, late=lab.late if lab.stamped_at_end else None,
-    )  # fmt: skip
+    rig, wrong = louder(lab.robot.real, plan.wish.noise), truth.misreading()
+    imu, *_ = read_imu(rng, body, rig, lab.logger, wrong)
     wheels = read_wheels(rng, body, rig, -wrong.late, wrong.encoder / (1.0 if lab.rolls else radii))
-    currents = read_currents(rng, body, rig, -wrong.late * wrong.later, lab.ripple)
+    currents = read_currents(rng, body, rig, -wrong.late * wrong.later, lab.logger)
     info = TrialInfo(
-        robot=lab.robot_name, soil=lab.soil_name, v_desired=plan.variant.velocity,
+        robot=lab.robot.name, soil=lab.soil.name, v_desired=plan.variant.velocity,
         a_max=plan.variant.acceleration, distance=plan.variant.distance, repetition=plan.repetition,
         virtual=True, extra={"made_by": f"granite-lab {__version__} hide"},
     )  # fmt: skip
@@ -211,11 +190,12 @@ def true_motion(plan: Plan, command: Trapezoid, body: Body) -> pd.DataFrame:
 def _answer(
     wish: Wish,
     lab: Lab,
-    names: tuple[str, ...],
     sizes: Mapping[str, Mapping[str, float]],
     off: Mapping[str, float],
     plans: list[Plan],
 ) -> dict[str, Any]:
+    grade = lab.robot.real.imu_grade
+    late = lab.logger.behind(grade.rate) if grade is not None else 0.0
     effects = [
         {
             "id": name,
@@ -225,14 +205,14 @@ def _answer(
             "parameters": {
                 size.name: {
                     # whoever sees only the stamps sees the IMU's lateness in the offset of the clocks
-                    "value": sizes[name][size.name] - (lab.imu_late if name == ClockOffset.id else 0.0),
+                    "value": sizes[name][size.name] - (late if name == ClockOffset.id else 0.0),
                     "unit": size.unit,
                     "kind": size.kind,
                 }
                 for size in influence(name).declared
             },
         }
-        for name in names
+        for name in sizes
     ]
     return {
         "schema": "granite-lab/sealed/1",
@@ -245,11 +225,7 @@ def _answer(
         "lab": {"name": lab.name, **lab.drawn},
         "effects": effects,
         "trials": {
-            plan.name: {
-                "raking": plan.raking,
-                "radii": plan.radii.tolist(),
-                "sizes": plan.sizes,
-            }
+            plan.name: {"raking": plan.raking, "radii": plan.radii.tolist(), "sizes": plan.sizes}
             for plan in plans
         },
     }

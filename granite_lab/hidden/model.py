@@ -9,6 +9,7 @@ is (20)-(22) rotated by (19). What the paper leaves out overrides one of the sma
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from math import cos, sin
 
 import numpy as np
@@ -21,11 +22,12 @@ from granite_lab.hidden.contact import (
     Contact,
     Ground,
     NearRest,
+    Stance,
     contact,
     faster,
     smoothstep,
 )  # fmt: skip
-from granite_lab.hidden.parts import Law, Method, Misreading, Push, Sizes, Stance, Trapezoid
+from granite_lab.hidden.parts import Law, Method, Misreading, Push, Sizes, Trapezoid
 from granite_lab.parameters import GRAVITY, Robot, Soil
 
 X, Z, PITCH, VX, VZ, Q = range(6)
@@ -40,85 +42,93 @@ FREE = np.zeros(2)
 """Gears that are not locked."""
 
 
-def newton(
-    y: Array, f_x: Array, f_z: Array, arm_x: Array, arm_z: float,
-    push_x: float, push_z: float, moment: float, mass: float, inertia: float,
-) -> Array:  # fmt: skip
+def newton(y: Array, ground: Array, push: Array, measures: Array) -> Array:
     """Return the first twelve rates (12,), those of wheels and currents left at zero but for dθ/dt = ω.
 
     Args:
         y: state.
-        f_x, f_z: (2,) forces of the ground on a wheel of each axle, along O's axes [N].
-        arm_x, arm_z: wheel centres from the centre of mass, in R [m].
-        push_x, push_z, moment: what else acts on the centre of mass [N], [N m].
-        mass, inertia: of the robot [kg], [kg m^2].
+        ground: (2, 2) forces of the ground along O's x and z, on a wheel of each axle [N].
+        push: (3,) what else acts on the centre of mass: forces along x and z [N], moment about y [N m].
+        measures: `Truth.measures`.
     """
     dy = np.zeros(12)
     s, c = sin(y[2]), cos(y[2])
-    turning = moment
+    f_x, f_z = ground[0], ground[1]
+    arm_z, mass, inertia = measures[2], measures[3], measures[4]
+    turning = push[2]
     for i in range(2):
         f_rx, f_rz = c * f_x[i] - s * f_z[i], s * f_x[i] + c * f_z[i]  # (19)
-        turning += 2.0 * (arm_z * f_rx - arm_x[i] * f_rz)  # (22)
+        turning += 2.0 * (arm_z * f_rx - measures[i] * f_rz)  # (22)
         dy[6 + i] = y[8 + i]
     dy[0], dy[1], dy[2] = y[3], y[4], y[5]
-    dy[3] = (2.0 * (f_x[0] + f_x[1]) + push_x) / mass  # (20) and (21), seen from O
-    dy[4] = (2.0 * (f_z[0] + f_z[1]) + push_z) / mass
+    dy[3] = (2.0 * (f_x[0] + f_x[1]) + push[0]) / mass  # (20) and (21), seen from O
+    dy[4] = (2.0 * (f_z[0] + f_z[1]) + push[1]) / mass
     dy[5] = turning / inertia
     return dy
 
 
-def standing(y: Array, r: float, rolling: Array, arm_x: Array, arm_z: float) -> Array:
+def standing(y: Array, measures: Array) -> Array:
     """Return circumferential velocity, velocity, sinkage and its rate of both axles, (4, 2)."""
     out = np.empty((4, 2))
     s, c = sin(y[2]), cos(y[2])
+    arm_z, r = measures[2], measures[5]
     for i in range(2):
-        out[0, i] = y[8 + i] * rolling[i]
+        arm_x = measures[i]
+        out[0, i] = y[8 + i] * measures[6 + i]
         out[1, i] = c * y[3] - s * y[4] + y[5] * arm_z
-        out[2, i] = r - (y[1] - s * arm_x[i] + c * arm_z)
-        out[3, i] = y[5] * (c * arm_x[i] + s * arm_z) - y[4]
+        out[2, i] = r - (y[1] - s * arm_x + c * arm_z)
+        out[3, i] = y[5] * (c * arm_x + s * arm_z) - y[4]
     return out
 
 
-class Truth:
-    """The model for one robot, soil, command and law of k_92.
+@dataclass(frozen=True)
+class Setup:
+    """Robot, soil and laws of a trial.
 
-    Args:
-        robot, soil, command, law: what the paper's model needs.
-        intervals: of the quadrature along the arc.
-        sizes: parameters of the influences that a subclass adds, by the influence's id.
+    Attributes:
+        robot, soil, law: what the paper's model needs, with `law` that of k_92.
         near_rest: how wheels and drive go on near rest.
         radii: (2,) true radius of front and rear wheels over the filed one.
+        intervals: of the quadrature along the arc.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        soil: Soil,
-        command: Trapezoid,
-        law: Law,
-        intervals: int = 32,
-        sizes: Mapping[str, Sizes] | None = None,
-        near_rest: NearRest = FLOOR,
-        radii: tuple[float, float] = (1.0, 1.0),
-    ) -> None:
+    robot: Robot
+    soil: Soil
+    law: Law
+    near_rest: NearRest = FLOOR
+    radii: tuple[float, float] = (1.0, 1.0)
+    intervals: int = 32
+
+
+class Truth:
+    """The model of a trial.
+
+    Args:
+        setup: robot, soil and laws.
+        command: the desired motion.
+        sizes: parameters of the influences that a subclass adds, by the influence's id.
+    """
+
+    def __init__(self, setup: Setup, command: Trapezoid, sizes: Mapping[str, Sizes] | None = None) -> None:
+        robot, soil = setup.robot, setup.soil
         if robot.chassis is None or robot.drive is None:
             raise ValueError("the robot has no chassis or no drive")
-        self.robot, self.chassis, self.drive, self.command, self.law = (
-            robot, robot.chassis, robot.drive, command, law,
-        )  # fmt: skip
-        self.intervals = intervals
+        self.robot, self.chassis, self.drive, self.command = robot, robot.chassis, robot.drive, command
+        self.law, self.near_rest, self.intervals = setup.law, setup.near_rest, setup.intervals
         self.sizes = dict(sizes or {})
         self.order = 12
         self.method: Method = "LSODA"  # of integration
         self.r = robot.wheels.radius
-        self.near_rest = near_rest
-        self.rolling = self.r * np.array(radii)
+        self.rolling = self.r * np.array(setup.radii)
         self.rim_inertia = robot.chassis.wheel_inertia
         self.rise, self.bank = 0.0, 0.0  # of the ground, along and across the track [rad]
         ch = robot.chassis
-        self.mass = ch.body_mass + 4 * ch.wheel_mass
+        self.mass = ch.total_mass
         self.arm_x = np.array([0.5, -0.5]) * ch.wheel_base - ch.com_x
         self.arm_z = -ch.com_z
+        self.measures = np.array(
+            [*self.arm_x, self.arm_z, self.mass, ch.pitch_inertia, self.r, *self.rolling]
+        )
         self.newton, self.standing = faster(newton, newton), faster(standing, standing)
         self.emf = robot.drive.emf_constant * robot.drive.gear_ratio
         self.ground = Ground(
@@ -169,7 +179,7 @@ class Truth:
 
     def stance(self, t: float, y: Array) -> Stance:
         """Return how the wheels meet the ground."""
-        return Stance(*self.standing(y, self.r, self.rolling, self.arm_x, self.arm_z))
+        return Stance(*self.standing(y, self.measures))
 
     def soil(self, t: float, y: Array, at: Stance) -> Ground:
         """Return the soil under the wheels."""
@@ -179,9 +189,8 @@ class Truth:
         """Return the wheel forces in the state y."""
         at = self.stance(t, y)
         return contact(
-            self.soil(t, y, at), v_o=at.v_o, v=at.v, z0=at.z0, dz0=at.dz0,
-            k92=self.k92(t, y), intervals=self.intervals, radius=at.radius, near_rest=self.near_rest,
-        )  # fmt: skip
+            self.soil(t, y, at), at, self.k92(t, y), intervals=self.intervals, near_rest=self.near_rest
+        )
 
     def shaft(self, y: Array) -> tuple[Array, Array]:
         """Return angle and rate at the wheel's side of the gear that encoder and back-EMF meet."""
@@ -235,10 +244,8 @@ class Truth:
         """Return dy/dt under the given wheel forces."""
         push, voltage, locked = self.push(t, y, wheel), self.voltage(t, y), self.locked(t, y)
         dy = np.zeros_like(y)
-        dy[:12] = self.newton(
-            y, wheel.F + wheel.R, wheel.normal, self.arm_x, self.arm_z,
-            push.x, push.z, push.moment, self.mass, self.chassis.pitch_inertia,
-        )  # fmt: skip
+        ground = np.stack([wheel.F + wheel.R, wheel.normal])
+        dy[:12] = self.newton(y, ground, np.array([push.x, push.z, push.moment]), self.measures)
         dy[OMEGA] = (self.torque(y) + self.load(y, wheel)) / self.rim_inertia  # (23)
         if locked is not FREE:
             voltage = voltage * (1 - locked)
@@ -258,9 +265,7 @@ class Truth:
 
         def excess(z0: float, wanted: float) -> float:
             still = np.zeros(1)
-            return float(
-                contact(self.ground, v_o=still, v=still, z0=still + z0, dz0=still, k92=1.0).W[0] - wanted
-            )
+            return float(contact(self.ground, Stance(still, still, still + z0, still), 1.0).W[0] - wanted)
 
         z0 = [float(scipy.optimize.brentq(excess, 1e-6, 0.9 * self.r, args=(wanted,))) for wanted in load]
         y = self.at_rest()

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from granite_lab.hidden.contact import Array, Contact, Ground
+from granite_lab.hidden.contact import Array, Contact, Ground, Stance
 from granite_lab.hidden.influence import Influence, Size
 from granite_lab.hidden.model import CURRENT, VX
-from granite_lab.hidden.parts import Push, Stance
+from granite_lab.hidden.parts import Push
 
 
 class MoistureGradient(Influence):

@@ -77,24 +77,6 @@ def exponential_k92(a_theta: float) -> Law:
 
 
 @dataclass(frozen=True)
-class Stance:
-    """How front and rear wheel meet the ground, (2,) each.
-
-    Attributes:
-        v_o: circumferential velocity [m/s].
-        v: longitudinal velocity of the wheel's geometric centre [m/s].
-        z0, dz0: sinkage [m] and its rate [m/s].
-        radius: of the circle that meets the soil [m]; None where it is the wheel's.
-    """
-
-    v_o: Array
-    v: Array
-    z0: Array
-    dz0: Array
-    radius: Array | None = None
-
-
-@dataclass(frozen=True)
 class Push:
     """Force on the centre of mass in O [N] and moment about y, nose down [N m]: weight and what else acts."""
 

@@ -1,29 +1,42 @@
-"""The sealed answer beside a set: not to be read by accident, and not to be changed unseen.
+"""The answer beside a set of trials: sealed by `hide`, or written by another laboratory as `answer.json`.
 
-It is no secret: whoever wants to open it can. Nothing of the analysis does.
+The seal keeps an answer from being read by accident and changed unseen. It is no secret: whoever wants to
+open it can. Nothing of the analysis does.
 """
 
 from __future__ import annotations
 
 import base64
 import binascii
+import difflib
 import hashlib
 import json
+import math
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from granite_lab.errors import InputError
 from granite_lab.files import readable
-from granite_lab.hidden.kit_check import HASH, HEAD, SEALED, seal
 
-NAME = SEALED
-"""Name of the file beside the trials."""
+HEAD = b"granite-lab sealed answer 1; opened by: granite-lab reveal\n"
+
+NAME, OPEN = "sealed.bin", "answer.json"
+"""Names of the sealed and of the open file beside the trials."""
+
+OUTSIDE = "unknown"
+"""Id, in an open answer, of a cause that the library does not hold."""
 
 LARGEST = 10_000_000
 """Size [bytes] of an answer at most: one of a thousand trials takes a tenth of it."""
 
-__all__ = ["NAME", "open_answer", "seal", "unseal"]
+
+def seal(answer: Mapping[str, Any]) -> bytes:
+    """Return the answer as the bytes of a sealed file."""
+    plain = json.dumps(answer, sort_keys=True, allow_nan=False).encode()
+    body = base64.encodebytes(zlib.compress(plain, 9)[::-1])
+    return HEAD + hashlib.sha256(plain).hexdigest().encode() + b"\n" + body
 
 
 def unseal(data: bytes, where: Path | str) -> dict[str, Any]:
@@ -43,7 +56,7 @@ def unseal(data: bytes, where: Path | str) -> dict[str, Any]:
     if hashlib.sha256(plain).hexdigest().encode() != digest or not isinstance(answer, dict):
         raise InputError(f"{where}: the sealed answer is damaged", "hide the set again with the same seed")
     if missing := _missing(answer):
-        hint = "ask for the file that `granite-lab hide` or `check.py --seal` wrote"
+        hint = "give the file that `granite-lab hide` wrote"
         raise InputError(f"{where}: the sealed answer holds no {missing}", hint)
     return answer
 
@@ -57,8 +70,8 @@ def _missing(answer: dict[str, Any]) -> str:
         return "hash of each trial"
     if not isinstance(effects, list) or not all(map(_is_effect, effects)):
         return "list of effects with their parameters"
-    if "made_by" not in answer and not {"sand_off", "seed", "strength", "noise"} <= answer.keys():
-        return "word on who or what made it"
+    if not {"sand_off", "seed", "strength", "noise"} <= answer.keys():
+        return "settings of `granite-lab hide`"
     return ""
 
 
@@ -75,27 +88,59 @@ def _is_effect(effect: Any) -> bool:
 
 
 def open_answer(folder: Path) -> dict[str, Any]:
-    """Return the answer of a set's folder.
+    """Return the sealed answer of a folder of trials.
 
     Raises:
-        InputError: there is none or not yet, it is damaged, or not the one whose hash was given beforehand.
+        InputError: there is none, or it is damaged.
     """
-    path, promised = folder / NAME, folder / HASH
-    if promised.is_file() and not path.exists():
-        raise InputError(
-            f"{path}: is missing, only its hash is present",
-            "search with `granite-lab discover`, then ask the laboratory for it",
-        )
+    return unseal(_bytes_of(folder / NAME), folder / NAME)
+
+
+def _bytes_of(path: Path) -> bytes:
     try:
-        data = path.read_bytes()
-        digest = promised.read_text(encoding="utf-8").split()[0] if promised.is_file() else None
-    except (OSError, UnicodeDecodeError, IndexError) as error:
-        if isinstance(error, OSError):
-            raise readable(error, path) from None
-        raise InputError(f"{promised}: contains no hash", "write it by `python check.py --seal`") from None
-    if digest is not None and digest != hashlib.sha256(data).hexdigest():
-        raise InputError(
-            f"{path}: does not match the hash in {HASH}",
-            "ask the laboratory for the file it sealed",
-        )
-    return unseal(data, path)
+        return path.read_bytes()
+    except OSError as error:
+        raise readable(error, path) from None
+
+
+def read_answer(path: Path, units: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
+    """Return an open answer, in the form of a sealed one.
+
+    Args:
+        path: JSON, as ``{"effects": [{"id": "tyre_windup", "parameters": {"compliance": 0.002}}]}``.
+        units: unit of each parameter of each effect of the library, which the answer may name.
+
+    Raises:
+        InputError: it cannot be read, is another document, or names what there is not.
+    """
+    example = 'expected {"effects": [{"id": "tyre_windup", "parameters": {"compliance": 0.002}}]}'
+    try:
+        effects = json.loads(_bytes_of(path))["effects"]
+        named = [(str(e["id"]), str(e.get("title", "")), dict(e.get("parameters", {}))) for e in effects]
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise InputError(f"{path}: no answer that can be used", example) from None
+    return {"effects": [_effect(path, *each, units) for each in named], "trials": {}}
+
+
+def _effect(
+    path: Path, name: str, title: str, parameters: Mapping[str, Any], units: Mapping[str, Mapping[str, str]]
+) -> dict[str, Any]:
+    """Return one effect of an open answer, in the form of a sealed one."""
+    if name == OUTSIDE and not title.strip():
+        raise InputError(f"{path}: '{OUTSIDE}' has no title", 'state the cause: "title": "a magnet"')
+    if name != OUTSIDE and name not in units:
+        close = difflib.get_close_matches(name, units, 1)
+        guess = f"did you mean '{close[0]}'? " if close else ""
+        other = f"`granite-lab effects` lists the ids; any other cause is '{OUTSIDE}' with a title"
+        raise InputError(f"{path}: unknown effect '{name}'", guess + other)
+    allowed = units.get(name, {})
+    for key, value in parameters.items():
+        if key not in allowed:
+            known = f"known: {', '.join(allowed)}" if allowed else "leave the parameters out"
+            raise InputError(f"{path}: {name} has no parameter '{key}'", known)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            raise InputError(f"{path}: {name}: {key} = {value!r} is not a number", "write a plain number")
+    sizes = {
+        key: {"value": value, "unit": allowed[key], "kind": "equivalent"} for key, value in parameters.items()
+    }
+    return {"id": name, "title": title, "account": "", "library": name != OUTSIDE, "parameters": sizes}

@@ -6,19 +6,39 @@ code is independent of the package's own virtual sensors.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
+from granite_lab.hidden.chance import T, scaled
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.parts import Misreading
 from granite_lab.hidden.simulator import DT, Body
 from granite_lab.logs.trial import CurrentStream, ImuStream, WheelStream
 from granite_lab.parameters import GRAVITY, Robot
 
-IMU_JITTER = 1e-4
-"""Std of the IMU's stamps [s]."""
+
+@dataclass(frozen=True)
+class Logger:
+    """Errors of a logger that no file of a robot states.
+
+    Attributes:
+        late: latency [s] of the IMU's stamps, which are given at the end of the interval over which a sample
+            is the mean; None for stamps in its middle.
+        jitter: std of the IMU's stamps [s].
+        gain: std of the scale of each axis of the IMU in each trial.
+        ripple: relative std of the slow fluctuation of the currents while the wheels turn.
+    """
+
+    late: float | None = None
+    jitter: float = 1e-4
+    gain: float = 5e-4
+    ripple: float = 0.01
+
+    def behind(self, rate: float) -> float:
+        """Return by how much the stamps come after the middle of what they stand for [s]."""
+        return 0.0 if self.late is None else self.late + 0.5 / rate
 
 
 def wander(rng: np.random.Generator, size: int, step: float, length: float) -> Array:
@@ -122,11 +142,8 @@ def read_imu(
     rng: np.random.Generator,
     body: Body,
     robot: Robot,
-    *,
-    scale_error: float,
+    logger: Logger,
     misreading: Misreading | None = None,
-    jitter: float | None = None,
-    late: float | None = None,
 ) -> tuple[ImuStream, Array, Array, Array]:
     """Return the IMU's samples, its turn-on biases (accelerometer, gyroscope) and its mounting.
 
@@ -134,11 +151,8 @@ def read_imu(
         rng: source of all errors.
         body: what really happened.
         robot: with an IMU grade.
-        scale_error: std of the scale error of each axis.
+        logger: its further errors.
         misreading: lasting errors on top.
-        jitter: std of the stamps [s]; `IMU_JITTER` when not given.
-        late: latency [s] of stamps that are given at the end of the interval of integration; None for
-            stamps in its middle.
     """
     grade = robot.imu_grade
     if grade is None:
@@ -160,14 +174,13 @@ def read_imu(
     ):  # fmt: skip
         bias = turn_on * rng.standard_normal(3)
         values = averaged(signal, body.t, instants, dt) @ (distortion @ mounting).T
-        values = values * (1 + scale_error * rng.standard_normal(3))
+        values = values * (1 + logger.gain * rng.standard_normal(3))
         values = values + bias + drifting(rng, n, dt, instability, grade.instability_time)
         values += density * np.sqrt(0.5 * grade.rate) * rng.standard_normal((n, 3))  # one-sided density
         values = np.clip(values, -limit, limit)
         biases.append(bias)
         read.append(np.round(values / step) * step if step else values)
-    given = instants if late is None else instants + 0.5 * dt + late
-    stamps = stamped(rng, given, IMU_JITTER if jitter is None else jitter)
+    stamps = stamped(rng, instants + logger.behind(grade.rate), logger.jitter)
     return ImuStream(stamps, read[0], read[1]), biases[0], biases[1], mounting
 
 
@@ -187,12 +200,9 @@ def read_wheels(
 
 
 def read_currents(
-    rng: np.random.Generator, body: Body, robot: Robot, clock_offset: float, ripple: float = 0.03
+    rng: np.random.Generator, body: Body, robot: Robot, clock_offset: float, logger: Logger
 ) -> CurrentStream | None:
-    """Return the motor currents, which share the encoders' clock; None without a drive.
-
-    `ripple` is the relative std of their slow fluctuation while the wheels turn.
-    """
+    """Return the motor currents, which share the encoders' clock; None without a drive."""
     if robot.drive is None:
         return None
     cur, drive = robot.currents, robot.drive
@@ -200,7 +210,7 @@ def read_currents(
     per_newton = robot.wheels.radius / (drive.gear_efficiency * drive.gear_ratio * drive.torque_constant)
     busy = np.clip(body.v_wheel / 0.1, 0, 1)
     true = body.force * per_newton if body.current is None else body.current
-    true = true * (1 + ripple * busy * wander(rng, body.t.size, DT, 0.1)[:, None])
+    true = true * (1 + logger.ripple * busy * wander(rng, body.t.size, DT, 0.1)[:, None])
     sampled = np.stack([np.interp(instants, body.t, column) for column in true.T], axis=1)
     sampled = sampled * (1 + cur.gain * rng.standard_normal(4)) + cur.offset * rng.standard_normal(4)
     sampled += cur.noise * rng.standard_normal(sampled.shape)
@@ -214,20 +224,15 @@ def louder(robot: Robot, factor: float) -> Robot:
     grade = robot.imu_grade
     if grade is None or factor == 1.0:
         return robot
+
+    def louder_of(record: T, *names: str) -> T:
+        return scaled(record, dict.fromkeys(names, factor))
+
+    densities = ("accel_noise", "gyro_noise", "accel_instability", "gyro_instability")
     return replace(
         robot,
-        imu_grade=replace(
-            grade,
-            accel_noise=grade.accel_noise * factor,
-            gyro_noise=grade.gyro_noise * factor,
-            accel_instability=grade.accel_instability * factor,
-            gyro_instability=grade.gyro_instability * factor,
-        ),
-        imu=replace(
-            robot.imu,
-            vibration=robot.imu.vibration * factor,
-            vibration_rate=robot.imu.vibration_rate * factor,
-        ),
-        encoders=replace(robot.encoders, jitter=robot.encoders.jitter * factor),
-        currents=replace(robot.currents, noise=robot.currents.noise * factor),
+        imu_grade=louder_of(grade, *densities),
+        imu=louder_of(robot.imu, "vibration", "vibration_rate"),
+        encoders=louder_of(robot.encoders, "jitter"),
+        currents=louder_of(robot.currents, "noise"),
     )

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from granite_lab.hidden.contact import V_FLOOR, Array, Contact, Ground, slip_ratio, smoothstep
+from granite_lab.hidden.contact import V_FLOOR, Array, Contact, Ground, Stance, slip_ratio, smoothstep
 from granite_lab.hidden.influence import Influence, Size, pairs
 from granite_lab.hidden.model import ANGLE
-from granite_lab.hidden.parts import Stance
 
 UNIT_WEIGHT = 1600 * 9.81
 """Of dry sand [N/m^3]."""
@@ -51,7 +50,7 @@ class Bulldozing(Influence):
         wheel = super().contact(t, y)
         v = self.velocity(y)
         against = self.wedge_scale * self.wedge(wheel.sinkage) * (wheel.sinkage > 0)
-        return replace(wheel, R=wheel.R - np.sign(v) * float(smoothstep(abs(v) / V_FLOOR)) * against)
+        return replace(wheel, R=wheel.R - np.sign(v) * self.fade(y) * against)
 
 
 class SlipSinkage(Influence):

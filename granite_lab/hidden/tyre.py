@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from granite_lab.hidden.contact import V_FLOOR, Array, Contact, smoothstep
+from granite_lab.hidden.contact import V_FLOOR, Array, Contact, Stance, smoothstep
 from granite_lab.hidden.influence import Influence, Size, pairs
 from granite_lab.hidden.model import ANGLE, OMEGA
-from granite_lab.hidden.parts import Stance
 from granite_lab.parameters import GRAVITY
 
 

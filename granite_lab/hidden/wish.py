@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from granite_lab.errors import UsageError
 from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, TWINS, influence
+from granite_lab.hidden.chance import factors, lot, magnitude, scaled
 from granite_lab.hidden.influence import Size
-from granite_lab.parameters import Soil
+from granite_lab.parameters import Soil, Variant
 
 LOTS = ("random", "none", "outside", "pair")
 """What may stand in place of an id: a lot among the library's, none, a lot outside the library, two."""
@@ -31,6 +32,9 @@ class Wish:
         sand_off: φ, K, n and μ_s are 5-20 % off the soil's file.
         lab: name of the laboratory, see `granite_lab.hidden.lab`.
         sizes: parameters that are not drawn, by ``name`` or ``id.name``.
+        repetitions: of each variant; None: as the laboratory says, else 3.
+        variants: those of Table 2 when empty.
+        label: with which the trials' names begin.
     """
 
     effect: str
@@ -40,11 +44,9 @@ class Wish:
     sand_off: bool = False
     lab: str = "bench"
     sizes: Mapping[str, float] = field(default_factory=dict)
-
-
-def lot(seed: int, purpose: int, attempt: int = 0) -> np.random.Generator:
-    """Return the random numbers of one purpose, independent of all others'."""
-    return np.random.default_rng([seed, purpose, attempt])
+    repetitions: int | None = None
+    variants: tuple[Variant, ...] = ()
+    label: str = "hidden"
 
 
 def chosen(wish: Wish) -> tuple[str, ...]:
@@ -53,7 +55,7 @@ def chosen(wish: Wish) -> tuple[str, ...]:
     Raises:
         UsageError: an id is not known, or given twice.
     """
-    rng = lot(wish.seed, 1)
+    rng = lot(wish.seed, 1, 0)
     if wish.effect == "none":
         return ()
     if wish.effect == "random":
@@ -77,7 +79,7 @@ def drawn(wish: Wish, names: Sequence[str]) -> dict[str, dict[str, float]]:
     Raises:
         UsageError: a given size belongs to none of them, or lies outside its bounds.
     """
-    rng, given, found = lot(wish.seed, 2), dict(wish.sizes), {}
+    rng, given, found = lot(wish.seed, 2, 0), dict(wish.sizes), {}
     for name in names:
         sizes = {}
         for size in influence(name).declared:
@@ -99,7 +101,7 @@ def drawn(wish: Wish, names: Sequence[str]) -> dict[str, dict[str, float]]:
 def _draw(size: Size, rng: np.random.Generator, strength: float) -> float:
     if size.kind == "shape":
         return float(rng.uniform(size.low, size.high))
-    value = float(np.exp(rng.uniform(np.log(size.low), np.log(size.high))))
+    value = magnitude(rng, size.low, size.high)
     sign = float(rng.choice((-1.0, 1.0))) if size.signed else 1.0
     return float(np.clip(sign * strength * value, size.least, size.most))
 
@@ -121,17 +123,13 @@ def sand(wish: Wish, soil: Soil, attempt: int = 0) -> tuple[Soil, dict[str, floa
         return soil, {}
     rng = lot(wish.seed, 3, attempt)
     off = {name: float(1 + rng.choice((-1.0, 1.0)) * rng.uniform(0.05, 0.20)) for name in SAND_OFF}
-    return replace(soil, **{name: getattr(soil, name) * factor for name, factor in off.items()}), off
+    return scaled(soil, off), off
 
 
 def raked(
     soil: Soil, a_theta: float, scatter: Mapping[str, float], rng: np.random.Generator
 ) -> tuple[Soil, float, dict[str, float]]:
     """Return sand and a_θ of one trial, and the factors of the raking."""
-    factors = {name: float(np.exp(std * rng.standard_normal())) for name, std in scatter.items()}
-    there = replace(
-        soil,
-        frictional_modulus=soil.frictional_modulus * factors["frictional_modulus"],
-        cohesion=soil.cohesion * factors["cohesion"],
-    )
-    return there, a_theta * factors["a_theta"], factors
+    drawn = factors(rng, scatter)
+    of_soil = {name: factor for name, factor in drawn.items() if name != "a_theta"}
+    return scaled(soil, of_soil), a_theta * drawn["a_theta"], drawn

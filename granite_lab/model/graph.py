@@ -140,14 +140,11 @@ def _built(effects: tuple[Effect, ...]) -> Graph:
         load = e.body_load(load, body, (front, rear), p, own)
     acceleration = bd.accelerations(p.chassis, load)
 
-    rates: dict[str, Any] = {
-        "x_cm": body.x_rate,
-        "z_cm": body.z_rate,
-        "pitch": body.pitch_rate,
-        "x_cm_rate": acceleration.x,
-        "z_cm_rate": acceleration.z,
-        "pitch_rate": acceleration.pitch,
-    }
+    drives = _drives(axles, s_d, v_d, p, hooks)
+    front, rear = (drive.axle for drive in drives)
+    speed = body.x_rate, body.z_rate, body.pitch_rate
+    change = acceleration.x, acceleration.z, acceleration.pitch
+    rates: dict[str, Any] = dict(zip(BODY_STATES, (*speed, *change), strict=True))
     outputs: dict[str, Any] = {
         "x_m": reference.x,
         "z_m": reference.z,
@@ -159,46 +156,78 @@ def _built(effects: tuple[Effect, ...]) -> Graph:
         "s_desired_m": s_d,
         "k92": k92,
     }
-    f_x, f_z = bd.specific_force(body, acceleration, load, p.chassis, p.imu.x, p.imu.z)
-    sensors: dict[str, Any] = {"imu_ax_mps2": f_x, "imu_az_mps2": f_z, "imu_gy_radps": body.pitch_rate}
-    shafts = tuple(_shaft(axle, hooks) for axle in axles)
-    readings = tuple(_reading(shaft, axle, hooks) for shaft, axle in zip(shafts, axles, strict=True))
-    voltages = tuple(
-        control_voltage(p.drive, s_d / p.wheels.radius - read.angle, v_d / p.wheels.radius - read.rate)
-        for read in readings
-    )
-    front, rear = axles = tuple(
-        replace(axle, voltage=voltage) for axle, voltage in zip(axles, voltages, strict=True)
-    )
+    for drive in drives:
+        rates |= _axle_rates(drive, p, hooks)
+        outputs |= _axle_outputs(drive, p.wheels.radius)
     for e, own in hooks:
-        voltages = e.voltages((voltages[0], voltages[1]), (front.current, rear.current), p.drive, own)
-    for name, axle, shaft, read, voltage in zip("fr", axles, shafts, readings, voltages, strict=True):
-        rate = axle.state.rate
-        rates[f"angle_{name}"] = rate
-        turning = axle.rim_acceleration(p.chassis.wheel_inertia)
-        for e, own in hooks:
-            turning = e.rim_acceleration(turning, axle, p, own)
-        rates[f"rate_{name}"] = turning
-        rates[f"current_{name}"] = current_rate(p.drive, voltage, shaft.rate, axle.current)  # (24)
-        outputs |= _axle_outputs(name, axle, voltage, rate * p.wheels.radius)
-        sensors |= {f"enc_{name}_rad": read.angle, f"cur_{name}_A": axle.current}
-    delays: dict[str, Any] = {}
+        rates |= {f"{e.id}.{name}": value for name, value in e.rates((front, rear), p, own).items()}
+    f_x, f_z = bd.specific_force(body, acceleration, load, p.chassis, p.imu.x, p.imu.z)
+    imu = {"imu_ax_mps2": f_x, "imu_az_mps2": f_z, "imu_gy_radps": body.pitch_rate}
+    sensors, delays = _sensors(imu, drives, p, hooks)
+    parameters = ca.vertcat(symbols_of(paper), own_parameters(hooks))
+    return Graph(
+        t, x, parameters, ca.vertcat(*map(rates.__getitem__, names)), outputs | sensors, names, delays
+    )
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """One wheel pair as its motors drive it.
+
+    Attributes:
+        name: "f" or "r".
+        axle: kinematics and contact, with the voltage that its controller asks for.
+        shaft, reading: motion of the motor's shaft, and what the encoder reads of it.
+        voltage: that arrives at the motor [V].
+    """
+
+    name: str
+    axle: Axle
+    shaft: Shaft
+    reading: Shaft
+    voltage: Any
+
+
+def _drives(
+    axles: Sequence[Axle], s_d: Any, v_d: Any, p: ModelParameters, hooks: list[tuple[Effect, Own]]
+) -> tuple[_Drive, ...]:
+    """Control the motors, (25), (26)."""
+    shafts = [_shaft(axle, hooks) for axle in axles]
+    readings = [_reading(shaft, axle, hooks) for shaft, axle in zip(shafts, axles, strict=True)]
+    radius = p.wheels.radius
+    wanted = [control_voltage(p.drive, s_d / radius - r.angle, v_d / radius - r.rate) for r in readings]
+    axles = [replace(axle, voltage=voltage) for axle, voltage in zip(axles, wanted, strict=True)]
+    front, rear = axles
+    voltages = wanted[0], wanted[1]
+    for e, own in hooks:
+        voltages = e.voltages(voltages, (front.current, rear.current), p.drive, own)
+    return tuple(map(_Drive, "fr", axles, shafts, readings, voltages))
+
+
+def _axle_rates(drive: _Drive, p: ModelParameters, hooks: list[tuple[Effect, Own]]) -> dict[str, Any]:
+    """Return the time derivatives of the states of one wheel pair, (23), (24)."""
+    axle = drive.axle
+    turning = axle.rim_acceleration(p.chassis.wheel_inertia)
+    for e, own in hooks:
+        turning = e.rim_acceleration(turning, axle, p, own)
+    current = current_rate(p.drive, drive.voltage, drive.shaft.rate, axle.current)
+    rates = {"angle": axle.state.rate, "rate": turning, "current": current}
+    return {f"{name}_{drive.name}": rate for name, rate in rates.items()}
+
+
+def _sensors(
+    imu: dict[str, Any], drives: Sequence[_Drive], p: ModelParameters, hooks: list[tuple[Effect, Own]]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what the sensors read, and how far their stamps lag [s]."""
+    sensors, delays = dict(imu), dict[str, Any]()
+    for drive in drives:
+        sensors |= {f"enc_{drive.name}_rad": drive.reading.angle, f"cur_{drive.name}_A": drive.axle.current}
     for e, own in hooks:
         sensors = e.sensors(sensors, p, own)
-        rates |= {f"{e.id}.{name}": value for name, value in e.rates((front, rear), p, own).items()}
         for prefix, lag in e.delays(own).items():
             late = [name for name in sensors if name.startswith(f"{prefix}_")]
             delays |= {name: delays.get(name, 0) + lag for name in late}
-
-    return Graph(
-        t,
-        x,
-        ca.vertcat(symbols_of(paper), own_parameters(hooks)),
-        ca.vertcat(*(rates[name] for name in names)),
-        outputs | sensors,
-        names,
-        delays,
-    )
+    return sensors, delays
 
 
 def hooks_of(
@@ -312,14 +341,15 @@ def _axle(
     return Axle(position, wheel, ground.angles, forces, current, torque, rim_load)
 
 
-def _axle_outputs(name: str, axle: Axle, voltage: Any, v_o: Any) -> dict[str, Any]:
+def _axle_outputs(drive: _Drive, radius: Any) -> dict[str, Any]:
     """Name what a run shows of one wheel pair; forces are those of one wheel."""
+    name, axle = drive.name, drive.axle
     s, f = axle.state, axle.forces
     rim = replace(s, tread_rate=s.rate)  # slip as encoders see it
     return {
         f"theta_{name}_rad": s.angle,
         f"omega_{name}_radps": s.rate,
-        f"v_wheel_{name}_mps": v_o,
+        f"v_wheel_{name}_mps": s.rate * radius,
         f"slip_{name}": rim.slip,
         f"sinkage_{name}_m": s.sinkage,
         f"angle_front_{name}_rad": axle.angles.front,
@@ -332,5 +362,5 @@ def _axle_outputs(name: str, axle: Axle, voltage: Any, v_o: Any) -> dict[str, An
         f"moment_{name}_Nm": f.moment,
         f"torque_{name}_Nm": axle.drive_torque,
         f"current_{name}_A": axle.current,
-        f"voltage_{name}_V": voltage,
+        f"voltage_{name}_V": drive.voltage,
     }

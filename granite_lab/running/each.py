@@ -172,9 +172,9 @@ def _run(
         alone, ended = not queue, False
         inside: dict[Future[Y], tuple[int, X]] = {}
         pool = crowd(1 if alone else workers)
-        room = 1 if alone else workers * (1 + AHEAD)
+        room = partial(int, 1 if alone else workers * (1 + AHEAD))
         try:
-            for index, future in _finished(pool, call, queue or suspects, inside, partial(int, room)):
+            for index, future in _finished(pool, call, queue or suspects, inside, room):
                 yield index, future.result()
             ended = True
         except BrokenProcessPool:
@@ -192,19 +192,28 @@ def _finished(
     queue: deque[tuple[int, X]],
     inside: dict[Future[Y], tuple[int, X]],
     room: Callable[[], int],
-    idle: Callable[[], None] = lambda: None,
 ) -> Iterator[tuple[int, Future[Y]]]:
-    """Yield (index, future) as a pool finishes the items of a queue; `inside` holds what it works on.
+    """Yield (index, future) as a pool finishes the items of a queue.
 
-    `room` says how many items it may hold; `idle` is called where nothing was finished for a while.
+    Args:
+        pool: that works.
+        call: on each item.
+        queue: of items with their index.
+        inside: what the pool works on; filled here.
+        room: says how many items the pool may hold; 0 where it has no workers.
+
+    Raises:
+        LabError: nothing is finished any more, for all workers are gone.
     """
     while queue or inside:
         with starting():
-            while queue and len(inside) < room():
+            while queue and len(inside) < max(1, room()):
                 inside[pool.submit(call, queue[0][1])] = queue[0]
                 queue.popleft()
-        if not (done := wait(inside, PATIENCE, FIRST_COMPLETED).done):
-            idle()
+        done = wait(inside, PATIENCE, FIRST_COMPLETED).done
+        if not done and not room():
+            hint = "start new ones; finished trials are remembered"
+            raise LabError("the cluster has lost all its workers", hint)
         for future in done:
             yield inside[future][0], future
             del inside[future]
@@ -252,15 +261,10 @@ def run_on(client: Any, call: Callable[[X], Y], items: Sequence[X]) -> Iterator[
 
     def room() -> int:
         threads: int = sum(client.nthreads().values())
-        return max(1, threads) * (1 + AHEAD)
-
-    def idle() -> None:
-        if not client.nthreads():
-            hint = "start new ones; finished trials are remembered"
-            raise LabError("the cluster has lost all its workers", hint)
+        return threads * (1 + AHEAD)
 
     try:
-        for index, future in _finished(pool, there, deque(enumerate(items)), {}, room, idle):
+        for index, future in _finished(pool, there, deque(enumerate(items)), {}, room):
             if (error := future.exception()) is None:
                 yield index, future.result()
                 continue

@@ -51,19 +51,19 @@ def test_motions_fits_and_findings_are_drawn_and_shown_in_a_notebook(
         assert len(repr(record)) < 600
         assert "<table" in record._repr_html_()
         assert len(record._repr_html_()) < 20_000
-        figure = record.plot()
+        figure = gl.plot(record)
         assert any("virtual" in text.get_text() for text in figure.texts)
         labels = [label for axis in figure.axes for label in (axis.get_xlabel(), axis.get_ylabel()) if label]
         assert labels
         assert all(label.endswith("]") for label in labels), (name, labels)
         figure.savefig(tmp_path / f"{name}.png")
     assert "virtual_v0.3_r1" in repr(motions)
-    drawn = [bar.lines[0].get_ydata()[0] for bar in fits.plot().axes[0].containers]
+    drawn = [bar.lines[0].get_ydata()[0] for bar in gl.plot(fits).axes[0].containers]
     np.testing.assert_array_equal(drawn, [fit.k92.value for fit in fits])
-    velocity = motions.plot().axes[0].lines[0]
+    velocity = gl.plot(motions).axes[0].lines[0]
     np.testing.assert_array_equal(velocity.get_ydata(), motions[0].motion.v)
     with pytest.raises(TypeError, match="of other records one"):
-        gl.params().plot()
+        gl.plot(gl.params())
 
 
 def test_what_a_command_prints_and_writes_is_what_the_function_returns(

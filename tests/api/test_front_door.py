@@ -32,7 +32,10 @@ COMMAND_OF = {
 }
 """Commands that are called in another way than their function."""
 
-NO_COMMAND = {"check": "one log", "record": "study", "report": "study", "verify": "study --verify"}
+NO_COMMAND = {
+    "check": "one log", "plot": "inspect --plot", "record": "study", "report": "study",
+    "verify": "study --verify",
+}  # fmt: skip
 """Functions without a command of their own, and what does it on the command line."""
 
 TERMINAL_ONLY = {

@@ -49,7 +49,7 @@ ELSEWHERE = {
     "granite-lab reveal sets/7 --finding finding.json": "as in the tutorial",
     "granite-lab study trials/ --out reports/my-sand": "the study of the tutorial",
     "granite-lab discover data/samples": "the search of the tutorial",
-    "granite-lab discover my-kit/trials --out my-kit/finding": "the search of the tutorial",
+    "granite-lab discover my-trials --out my-trials/finding": "the search of the tutorial",
     "granite-lab plan-next reports/discover": "as in the tutorial",
     "granite-lab study --verify reports/sand-a": "a study again: tests/running/test_whole_runs.py",
     "granite-lab study --verify reports/my-sand": "a study again: tests/running/test_whole_runs.py",
@@ -78,7 +78,7 @@ SAID = {
     "wheel": "drawbar pull", "fit-k92": "trajectory", "fit-atheta": "4.919", "compare": "pitch rate",
     "effects": "tyre_windup", "effects show": "spring balance", "params": "wheel_base_m",
     "effects check": "machine code gives the same run", "hide": "4 virtual trials", "reveal": "seed",
-    "reveal --finding": "judgement", "reveal my-kit": "judgement", "kit": "check.py",
+    "reveal --finding": "judgement",
     "study": "How far can this be trusted?", "view": "run07.png", "discover": "model.toml",
     "discover --json": '"schema"', "plan-next": "next trial", "compare-studies": "no difference seen",
 }  # fmt: skip
@@ -191,8 +191,8 @@ def missing(shown: str, printed: str) -> list[str]:
 
 def is_long(line: str) -> bool:
     """Tell whether a line needs a study or a search."""
-    heads = ("study", "view", "discover", "plan-next", "compare-studies", "reveal my-kit", "kit my-kit")
-    return line.startswith(tuple(f"granite-lab {head}" for head in heads)) or "my-kit" in line
+    heads = ("study", "view", "discover", "plan-next", "compare-studies")
+    return line.startswith(tuple(f"granite-lab {head}" for head in heads)) or "my-trials" in line
 
 
 def slip_of(done: Done) -> float:
@@ -217,7 +217,7 @@ def quick(page: str, folder: Path) -> list[Done]:
 @pytest.mark.parametrize(
     ("page", "files"),
     [
-        ("README.md", "virtual.csv set/sealed.bin for-another-lab/answer.json reports/ingest/trial.csv"),
+        ("README.md", "virtual.csv set/sealed.bin reports/ingest/trial.csv"),
         ("docs/model.md", "wheel.png wheel.csv arc.png stresses.csv"),
     ],
 )
@@ -290,14 +290,10 @@ def prepare(line: str) -> None:
         for path in Path("mylab").iterdir():
             if path.stem not in ("run04", "run07"):
                 path.unlink()
-    if line == "granite-lab kit my-kit":
-        for path in Path("mylab").glob("run*"):
-            shutil.copy(path, "my-kit/trials")
-        shutil.copy("my_logger.toml", "my-kit/trials/map.toml")
-        shutil.copytree("reports/mylab-found", "my-kit/finding")
-        answer = json.loads(Path("my-kit/answer.json").read_text(encoding="utf-8"))
-        answer |= {"made_by": "a test", "virtual": True, "effects": []}
-        Path("my-kit/answer.json").write_text(json.dumps(answer), encoding="utf-8")
+    if line == "granite-lab reveal my-trials --finding my-trials/finding":
+        Path("my-trials").mkdir()
+        shutil.copytree("reports/mylab-found", "my-trials/finding")
+        Path("my-trials/answer.json").write_text('{"effects": []}', encoding="utf-8")
 
 
 def test_the_python_lines_of_the_page_on_estimation() -> None:
@@ -389,7 +385,9 @@ def test_it_is_small_shows_every_figure_and_is_of_the_samples_that_are_there(rep
     shown = set(re.findall(r"\]\(figures/([^)]+)\)", page))
     assert shown == {path.name for path in (SHOWN_REPORT / "figures").iterdir()}
     text = json.dumps(report["provenance"])
-    for log in sorted(SAMPLES.glob("*.csv")):
+    logs = sorted(SAMPLES.glob("*.csv"))
+    assert len(logs) == 12
+    for log in logs:
         assert sha256(log) in text, f"{log.name} has changed: run reports/make_example.py"
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from granite_lab.effects import get
 from granite_lab.hidden.catalogue import model_of
+from granite_lab.hidden.model import Setup
 from granite_lab.hidden.parts import Trapezoid, exponential_k92
 from granite_lab.model import Accuracy, simulate
 from granite_lab.model.effect import activate
@@ -37,7 +38,7 @@ def by_library(command: Variant, effect: str, values: dict[str, float]) -> Resul
 def by_hidden(command: Variant, effect: str, values: dict[str, float]) -> Result:
     given = Trapezoid(command.velocity, command.acceleration, command.distance)
     sizes = {effect: values | SHAPES.get(effect, {})} if effect else {}
-    truth = model_of(tuple(sizes), ROBOT, SOIL, given, exponential_k92(4.919), sizes)
+    truth = model_of(tuple(sizes), Setup(ROBOT, SOIL, exponential_k92(4.919)), given, sizes)
     run = integrate(truth, np.arange(-0.5, given.end + 1.0, 0.0025), rtol=1e-6, atol=1e-8)
     run.pull, run.F, run.up = run.F + run.R, run.F + run.R, run.acceleration[:, 1]
     return run

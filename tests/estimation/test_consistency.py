@@ -20,6 +20,7 @@ from granite_lab.estimation.nodes import MOST, choose
 from granite_lab.estimation.noise import stamp_noise
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.files import write_table
+from granite_lab.hidden.sensors import Logger
 from granite_lab.logs import read_trial, write_canonical
 from granite_lab.logs.imu_checks import mounted
 from granite_lab.logs.trial import ImuStream
@@ -148,7 +149,7 @@ def test_scale_error_of_the_accelerometer_is_in_the_std() -> None:
     coarse = dataclasses.replace(ROBOT, imu_grade=dataclasses.replace(ROBOT.imu_grade, accel_scale=0.02))
     normalised = []
     for seed in range(4):
-        truth = generate(800 + seed, velocity=0.5, duration=3.0, still=(0.6, 0.6), scale_error=0.02)
+        truth = generate(800 + seed, velocity=0.5, duration=3.0, still=(0.6, 0.6), logger=Logger(gain=0.02))
         error, std = cruising(truth, estimate(truth.trial, coarse))
         _, fine = cruising(truth, estimate(truth.trial, ROBOT))
         by_scale = 0.02 * float(np.median(truth.v[truth.v > 0.3]))

@@ -13,7 +13,7 @@ import pytest
 
 from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, influence, model_of
 from granite_lab.hidden.contact import NearRest, clenshaw_curtis, forces_by_loops, forces_of_arrays
-from granite_lab.hidden.model import ANGLE, OMEGA, VX, Truth
+from granite_lab.hidden.model import ANGLE, OMEGA, VX, Setup, Truth
 from granite_lab.hidden.parts import Trapezoid, exponential_k92
 from granite_lab.parameters import load_robot, load_soil
 from tests.truth.simulator import Result, integrate
@@ -36,7 +36,7 @@ def sizes_of(name: str, scale: float = 1.0, given: Mapping[str, float] = {}) -> 
 def model(*names: str, v: float = V, distance: float = DISTANCE, scale: float = 1.0, **given: float) -> Truth:
     sizes = {name: sizes_of(name, scale, given) for name in names}
     law = exponential_k92(A_THETA)
-    return model_of(names, load_robot(), load_soil(), Trapezoid(v, A, distance), law, sizes)
+    return model_of(names, Setup(load_robot(), load_soil(), law), Trapezoid(v, A, distance), sizes)
 
 
 def run_of(truth: Truth, after: float = 1.0) -> Result:
@@ -214,10 +214,10 @@ def test_compiled_loops_and_arrays_give_the_same_forces(law: Literal["floor", "p
     rng = np.random.default_rng(1)
     g = replace(model().ground, k_phi=1.5e6 * rng.uniform(0.5, 2, 40), harden=0.3, harden_speed=0.02)
     v = rng.choice([0.0, 0.001, 0.01, 0.3], 40) * rng.choice([-1, 1], 40)
-    given = (
-        *g.packed, np.full(40, 0.1), v + 0.02 * rng.standard_normal(40), v, rng.uniform(-0.005, 0.03, 40),
-        0.1 * rng.standard_normal(40), 0.5, 0.025 if law == "floor" else -0.025, *clenshaw_curtis(24),
-    )  # fmt: skip
+    (soil, numbers), floor = g.packed, 0.025 if law == "floor" else -0.025
+    slower = 0.02 * rng.standard_normal(40)
+    motion = np.stack([v + slower, v, rng.uniform(-0.005, 0.03, 40), 0.1 * rng.standard_normal(40)])
+    given = soil, np.append(numbers, [0.5, floor]), np.full(40, 0.1), motion, clenshaw_curtis(24)
     by_arrays = forces_of_arrays(*given)
     assert np.abs(by_arrays[1]).max() > 10
     # the loops are run as they stand, without the compiler, so that this needs none
@@ -349,10 +349,10 @@ def test_bristles_hold_more_at_creep_than_in_sliding() -> None:
 
 
 def test_a_gear_that_locks_holds_the_robot_where_it_stops() -> None:
-    truth = Truth(
-        load_robot(), load_soil(), Trapezoid(V, A, DISTANCE), exponential_k92(A_THETA),
-        near_rest=NearRest("parabola", 0.025, 0.004),
-    )  # fmt: skip
+    setup = Setup(
+        load_robot(), load_soil(), exponential_k92(A_THETA), near_rest=NearRest("parabola", 0.025, 0.004)
+    )
+    truth = Truth(setup, Trapezoid(V, A, DISTANCE))
     r = run_of(truth, after=1.5)
     late = r.t > truth.command.end + 1.0
     assert np.ptp(r.x[late]) < 1e-5
@@ -362,9 +362,8 @@ def test_a_gear_that_locks_holds_the_robot_where_it_stops() -> None:
 
 
 def test_wheels_of_another_radius_roll_further_by_it() -> None:
-    truth = Truth(
-        load_robot(), load_soil(), Trapezoid(V, A, DISTANCE), exponential_k92(A_THETA), radii=(1.01, 1.01)
-    )
+    setup = Setup(load_robot(), load_soil(), exponential_k92(A_THETA), radii=(1.01, 1.01))
+    truth = Truth(setup, Trapezoid(V, A, DISTANCE))
     r = run_of(truth)
     assert mean(r, "omega") == pytest.approx(mean(plain(), "omega"), rel=1e-3)
     assert mean(r, "v") == pytest.approx(1.01 * mean(plain(), "v"), rel=2e-3)

@@ -13,11 +13,12 @@ from granite_lab.api.hidden import hide, reveal
 from granite_lab.errors import EstimateError, UsageError
 from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, TWINS, model_of
 from granite_lab.hidden.contact import faster, forces_by_loops, forces_of_arrays
-from granite_lab.hidden.lab import Lab, bench, drives, lab_of, wild
+from granite_lab.hidden.lab import Filed, Lab, bench, drives, lab_of, wild
 from granite_lab.hidden.making import make_set
+from granite_lab.hidden.model import Setup
 from granite_lab.hidden.parts import Trapezoid, exponential_k92
 from granite_lab.hidden.sealed import open_answer
-from granite_lab.hidden.sensors import felt_at, louder, read_imu
+from granite_lab.hidden.sensors import Logger, felt_at, louder, read_imu
 from granite_lab.hidden.simulator import body_from_states
 from granite_lab.hidden.wish import SAND_OFF, Wish, chosen, drawn, sand
 from granite_lab.logs import read_trial
@@ -31,9 +32,9 @@ SHORT = (Variant(velocity=0.3, acceleration=1.2, distance=0.4),)
 
 @lru_cache
 def one(effect: str, seed: int = 11, **given: Any) -> tuple[Trial, dict[str, Any]]:
-    wish = Wish(effect, seed, sizes=dict(given.pop("sizes", ())), **given)
-    trials, answer = make_set(wish, load_robot(), load_soil(), repetitions=1, variants=SHORT)
-    return trials[0], answer
+    wish = Wish(effect, seed, sizes=dict(given.pop("sizes", ())), repetitions=1, variants=SHORT, **given)
+    ((trial, _),), answer = make_set(wish, load_robot(), load_soil())
+    return trial, answer
 
 
 def stamps(trial: Trial) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -92,16 +93,16 @@ def test_sand_off_its_file_is_off_by_five_to_twenty_percent_either_way() -> None
 
 
 def test_a_robot_that_digs_itself_in_or_has_no_drive_is_not_logged() -> None:
-    wish = Wish("bulldozing", 1, sizes={"strength": 8.0})
+    wish = Wish("bulldozing", 1, sizes={"strength": 8.0}, repetitions=1, variants=SHORT)
     with pytest.raises(EstimateError, match="sinks to its axles"):
-        make_set(wish, load_robot(), load_soil(), repetitions=1, variants=SHORT)
+        make_set(wish, load_robot(), load_soil())
     with pytest.raises(UsageError, match="cannot be simulated"):
         make_set(Wish("none", 0), load_robot("husky"), load_soil())
 
 
 def test_each_trial_has_sand_and_phases_of_its_own_and_the_set_has_one_size() -> None:
-    wish = Wish("wheel_eccentricity", 2)
-    _, answer = make_set(wish, load_robot(), load_soil(), repetitions=2, variants=SHORT)
+    wish = Wish("wheel_eccentricity", 2, repetitions=2, variants=SHORT)
+    _, answer = make_set(wish, load_robot(), load_soil())
     first, second = answer["trials"].values()
     assert first["raking"] != second["raking"]
     size = answer["effects"][0]["parameters"]["amplitude_front"]["value"]
@@ -150,7 +151,7 @@ def test_a_slope_is_felt_at_rest_by_its_share_of_gravity() -> None:
     law, command = exponential_k92(4.919), Trapezoid(0.3, 1.2, 0.4)
     felt = []
     for names in ((), ("ground_slope",)):
-        truth = model_of(names, load_robot(), load_soil(), command, law, sizes)
+        truth = model_of(names, Setup(load_robot(), load_soil(), law), command, sizes)
         t = np.asarray(1e-3 * np.arange(-200, 0))
         force, _ = felt_at(body_from_states(truth, t, np.tile(truth.rest(), (t.size, 1))), 0.1, 0.12)
         felt.append(force[100])
@@ -235,10 +236,11 @@ def labs() -> tuple[Lab, ...]:
 
 def test_a_seed_is_one_laboratory_and_another_seed_is_another() -> None:
     assert wild(3, load_robot(), load_soil()) == labs()[3]
-    assert len({lab.late for lab in labs()}) == len(labs())
-    filed = bench(load_robot(), load_soil())  # where all is as filed
-    assert (filed.robot, filed.soil) == (filed.filed, filed.filed_soil) == (load_robot(), load_soil())
-    assert (filed.files(), filed.radius, filed.drawn) == ({}, 0.0, {})
+    assert len({lab.logger.late for lab in labs()}) == len(labs())
+    at_home = bench(load_robot(), load_soil())  # where all is as filed
+    assert at_home.robot == Filed("granite", load_robot(), load_robot())
+    assert at_home.soil == Filed("dry_sand", load_soil(), load_soil())
+    assert (at_home.files(), at_home.radius, at_home.drawn) == ({}, 0.0, {})
     with pytest.raises(UsageError, match="unknown laboratory 'wlid'"):
         lab_of("wlid", 0, load_robot(), load_soil())
 
@@ -247,14 +249,14 @@ def test_loggers_fill_the_ranges_that_are_documented() -> None:
     def values(pick: Any) -> np.ndarray:
         return np.array([pick(lab) for lab in labs()])
 
-    assert set(values(lambda x: x.robot.imu_grade.rate)) == {100, 125, 200, 250, 400}
-    assert set(values(lambda x: x.robot.encoders.rate)) == {50, 100, 200}
+    assert set(values(lambda x: x.robot.real.imu_grade.rate)) == {100, 125, 200, 250, 400}
+    assert set(values(lambda x: x.robot.real.encoders.rate)) == {50, 100, 200}
     assert set(values(lambda x: x.repetitions)) == {2, 3, 4}
     for pick, low, high in (
-        (lambda x: x.late, 0.0, 0.008),
+        (lambda x: x.logger.late, 0.0, 0.008),
         (lambda x: x.radius, 5e-4, 4e-3),
-        (lambda x: x.robot.currents.gain, 0.01, 0.04),
-        (lambda x: x.robot.imu.tilt, 0.2, 1.2),
+        (lambda x: x.robot.real.currents.gain, 0.01, 0.04),
+        (lambda x: x.robot.real.imu.tilt, 0.2, 1.2),
         (lambda x: x.scatter["frictional_modulus"], 0.04, 0.10),
         (lambda x: x.scatter["cohesion"], 0.03, 0.07),
         (lambda x: x.scatter["a_theta"], 0.02, 0.05),
@@ -264,7 +266,7 @@ def test_loggers_fill_the_ranges_that_are_documented() -> None:
         found = values(pick)
         assert low <= found.min() < low + 0.2 * (high - low)
         assert high - 0.2 * (high - low) < found.max() <= high
-    arms = values(lambda x: x.robot.imu.x - x.filed.imu.x)
+    arms = values(lambda x: x.robot.real.imu.x - x.robot.filed.imu.x)
     assert arms.std() == pytest.approx(0.01, rel=0.3)
     locks = values(lambda x: x.near_rest.holds_below > 0)
     assert 0.3 < locks.mean() < 0.7
@@ -272,24 +274,25 @@ def test_loggers_fill_the_ranges_that_are_documented() -> None:
 
 def test_every_robot_can_drive_and_two_fifths_are_others() -> None:
     assert all(drives(lab) for lab in labs())
-    others = [lab for lab in labs() if lab.robot_name == "robot.toml"]
+    others = [lab for lab in labs() if lab.robot.name == "robot.toml"]
     assert 0.25 < len(others) / len(labs()) < 0.6
     for key in ("radius", "width", "length", "mass"):
         factors = np.array([lab.drawn["robot"][key] for lab in others])
         assert 0.5 <= factors.min() < 0.75
         assert 1.6 < factors.max() <= 2.0
-    names = {lab.filed_soil.name for lab in labs()}
+    names = {lab.soil.filed.name for lab in labs()}
     assert names == {"dry_sand", "dry_sand_lll", "lete_sand", "hit_simulant", "regolith_simulant"}
-    buried = replace(labs()[0], soil=replace(labs()[0].soil, frictional_modulus=1e5, cohesive_modulus=0.0))
+    mud = replace(labs()[0].soil.real, frictional_modulus=1e5, cohesive_modulus=0.0)
+    buried = replace(labs()[0], soil=replace(labs()[0].soil, real=mud))
     assert not drives(buried)
 
 
 def test_another_robot_keeps_top_speed_and_time_constants() -> None:
     base = load_robot()
     for lab in labs():
-        ch, d, own, drive = base.chassis, base.drive, lab.filed.chassis, lab.filed.drive
+        ch, d, own, drive = base.chassis, base.drive, lab.robot.filed.chassis, lab.robot.filed.drive
         assert ch and d and own and drive  # noqa: PT018
-        top = drive.voltage_max / (drive.emf_constant * drive.gear_ratio) * lab.filed.wheels.radius
+        top = drive.voltage_max / (drive.emf_constant * drive.gear_ratio) * lab.robot.filed.wheels.radius
         assert top == pytest.approx(d.voltage_max / (d.emf_constant * d.gear_ratio) * base.wheels.radius)
         assert drive.inductance / drive.resistance == pytest.approx(d.inductance / d.resistance)
         assert drive.gain_p / drive.gain_d == pytest.approx(d.gain_p / d.gain_d)
@@ -300,7 +303,7 @@ def test_stamps_at_the_end_of_the_interval_are_late_by_half_of_it_and_the_latenc
     run = simulate(SHORT[0], a_theta=4.919)
     body, robot = body_from_run(run, steady=(0.3, 0.4)), load_robot()
     given = [
-        read_imu(np.random.default_rng(1), body, robot, scale_error=0.0, jitter=0.0, late=late)[0]
+        read_imu(np.random.default_rng(1), body, robot, Logger(late, jitter=0.0, gain=0.0))[0]
         for late in (None, 0.006)
     ]
     assert given[1].t - given[0].t == pytest.approx(np.full(given[0].t.size, 0.006 + 0.5 / 200))
@@ -340,7 +343,7 @@ def wild_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     own = (
         seed
         for seed, lab in enumerate(labs())
-        if {lab.robot_name, lab.soil_name} == {"robot.toml", "soil.toml"}
+        if {lab.robot.name, lab.soil.name} == {"robot.toml", "soil.toml"}
     )
     out = tmp_path_factory.mktemp("wild") / "set"
     hide("none", out, seed=next(own), lab="wild", repetitions=1)
@@ -350,14 +353,16 @@ def wild_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_robot_and_sand_lie_beside_the_trials_and_are_found_from_anywhere(wild_folder: Path) -> None:
     answer = open_answer(wild_folder)
     lab = wild(answer["seed"], load_robot(), load_soil())
-    for log in sorted(wild_folder.glob("*.csv")):
+    logs = sorted(wild_folder.glob("*.csv"))
+    assert len(logs) == 4
+    for log in logs:
         trial = read_trial(log)
         assert not trial.warnings
-        assert load_robot(trial.info.robot or "") == lab.filed
-        assert load_soil(trial.info.soil or "") == lab.filed_soil
-        rolled = trial.wheels.angle[-1].mean() * lab.filed.wheels.radius
+        assert load_robot(trial.info.robot or "") == lab.robot.filed
+        assert load_soil(trial.info.soil or "") == lab.soil.filed
+        rolled = trial.wheels.angle[-1].mean() * lab.robot.filed.wheels.radius
         assert rolled == pytest.approx(trial.info.distance, rel=0.02)
-    assert lab.filed.imu.x != lab.robot.imu.x
+    assert lab.robot.filed.imu.x != lab.robot.real.imu.x
 
 
 def test_the_sealed_answer_holds_what_was_drawn(wild_folder: Path) -> None:
@@ -373,7 +378,7 @@ def test_the_offset_of_the_clocks_is_told_as_the_stamps_show_it() -> None:
     """An IMU that is late itself adds to encoders that are early."""
     lab = labs()[3]
     _, answer = one("clock_offset", 3, lab="wild", sizes=(("clock_offset.offset", -0.03),))
-    late = lab.late + 0.5 / lab.robot.imu_grade.rate
+    late = lab.logger.late + 0.5 / lab.robot.real.imu_grade.rate
     told = answer["effects"][0]["parameters"]["offset"]["value"]
     assert told == pytest.approx(-0.03 - late)
     assert late > 0.001

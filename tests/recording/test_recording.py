@@ -200,7 +200,9 @@ def test_there_is_sand_under_a_robot_that_drives_backward_or_far(trial: TrialRes
 
 
 def test_nothing_in_the_scene_is_not_a_number(back: ReadBack) -> None:
-    for batch in (b for entity in back.batches if "/scene" in entity for b in back.batches[entity]):
+    batches = [b for entity in back.batches if "/scene" in entity for b in back.batches[entity]]
+    assert batches
+    for batch in batches:
         for name in (name for name in batch.schema.names if ":" in name):
             values = json.dumps(batch.column(name).to_pylist())
             assert not {"NaN", "Infinity", "-Infinity"} & set(re.findall(r"-?[A-Z]\w+", values)), name

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks import rk4
-from granite_lab.hidden.contact import contact, slip_ratio
-from granite_lab.hidden.sensors import rotation, vibration
+from granite_lab.hidden.contact import Stance, contact, slip_ratio
+from granite_lab.hidden.sensors import Logger, rotation, vibration
 from granite_lab.hidden.simulator import DT
 from granite_lab.parameters import GRAVITY, Variant, load_grade, load_robot, load_soil, variant_of
 from tests.truth import faults, generate
@@ -17,10 +17,10 @@ from tests.truth.trials import quiet
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_faultless_readings_integrate_back_to_the_truth(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("granite_lab.hidden.sensors.IMU_JITTER", 0.0)
+def test_faultless_readings_integrate_back_to_the_truth(seed: int) -> None:
     faultless = quiet(load_robot())
-    truth = generate(seed, velocity=0.7, robot=faultless, scale_error=0.0, wobble=0.0)
+    exact = Logger(jitter=0.0, gain=0.0)
+    truth = generate(seed, velocity=0.7, robot=faultless, logger=exact, wobble=0.0)
     imu, arm = truth.trial.imu, faultless.imu
     dt, q = 0.005, imu.angular_rate[:, 1]
     ends = imu.t + 0.5 * dt  # a reading is the mean over the window around its stamp
@@ -151,10 +151,8 @@ def test_forces_on_the_arc_match_quadrature(
 ) -> None:
     ground, k92, z0 = replace(build(variant_of(0.5)).ground, harden=harden, harden_speed=0.02), 0.4, 0.017
     one = np.ones(1)
-    c = contact(
-        ground, v_o=v_o * one, v=v * one, z0=z0 * one, dz0=0.01 * one, k92=k92, intervals=256,
-        radius=None if radius is None else radius * one,
-    )  # fmt: skip
+    at = Stance(v_o * one, v * one, z0 * one, 0.01 * one, None if radius is None else radius * one)
+    c = contact(ground, at, k92, intervals=256)
     W, R, F, M = forces(
         load_robot().wheels, load_soil(), v_o=v_o, v=v, z=z0, k92=k92, harden=harden, radius=radius
     )
@@ -168,10 +166,10 @@ def test_forces_on_the_arc_match_quadrature(
 def test_no_force_without_contact_and_no_pull() -> None:
     truth = build(variant_of(0.3), k92=0.26)
     one = np.ones(2)
-    lifted = contact(truth.ground, v_o=0.3 * one, v=0.2 * one, z0=-0.01 * one, dz0=one, k92=0.3)
+    lifted = contact(truth.ground, Stance(0.3 * one, 0.2 * one, -0.01 * one, one), 0.3)
     for force in (lifted.W, lifted.R, lifted.F, lifted.M, lifted.normal):
         assert not force.any()
-    rising = contact(truth.ground, v_o=0.3 * one, v=0.2 * one, z0=0.01 * one, dz0=-5 * one, k92=0.3)
+    rising = contact(truth.ground, Stance(0.3 * one, 0.2 * one, 0.01 * one, -5 * one), 0.3)
     assert not rising.normal.any()
 
 

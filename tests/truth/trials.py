@@ -18,7 +18,7 @@ from scipy.signal import bilinear, lfilter
 from granite_lab.estimation.motion import Motion
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.parts import Trapezoid
-from granite_lab.hidden.sensors import read_currents, read_imu, read_wheels, wander
+from granite_lab.hidden.sensors import Logger, read_currents, read_imu, read_wheels, wander
 from granite_lab.hidden.simulator import DT, Body
 from granite_lab.logs.trial import Series, Trial, TrialInfo
 from granite_lab.parameters import ImuGrade, Robot, load_robot
@@ -168,6 +168,9 @@ def random_body(
 SCALE_ERROR = {"industrial": 0.0005, "consumer": 0.002}
 """Std of the scale error of each IMU axis; a residual after the maker's calibration."""
 
+RIPPLE = 0.03
+"""Relative std of the slow fluctuation of the currents while the wheels turn."""
+
 ACCELERATION = {0.2: 0.6, 0.3: 1.2, 0.5: 1.2, 0.7: 2.4}
 """Acceleration [m/s^2] over velocity [m/s] (Table 2)."""
 
@@ -249,7 +252,7 @@ def observe(
     *,
     name: str,
     info: TrialInfo,
-    scale_error: float,
+    logger: Logger,
     clock_offset: float = 0.0,
     reference: bool = False,
 ) -> TruthTrial:
@@ -260,17 +263,17 @@ def observe(
         body: what really happened.
         robot: with an IMU grade.
         name, info: of the trial.
-        scale_error: std of the scale error of each IMU axis.
+        logger: errors that no record of a robot states.
         clock_offset: by which the encoders' stamps lie behind the IMU's [s].
         reference: log the true position and velocity as an external reference.
     """
-    imu, accel_bias, gyro_bias, mounting = read_imu(rng, body, robot, scale_error=scale_error)
+    imu, accel_bias, gyro_bias, mounting = read_imu(rng, body, robot, logger)
     trial = Trial(
         name=name,
         info=info,
         imu=imu,
         wheels=read_wheels(rng, body, robot, clock_offset),
-        currents=read_currents(rng, body, robot, clock_offset),
+        currents=read_currents(rng, body, robot, clock_offset, logger),
         reference_x=Series(body.t[::10], body.x[::10]) if reference else None,
         reference_v=Series(body.t[::10], body.v[::10]) if reference else None,
     )
@@ -284,7 +287,7 @@ def generate(
     grade: str = "industrial",
     robot: Robot | None = None,
     clock_offset: float = 0.0,
-    scale_error: float | None = None,
+    logger: Logger | None = None,
     reference: bool = False,
     **motion: Any,
 ) -> TruthTrial:
@@ -296,7 +299,7 @@ def generate(
         grade: of the IMU.
         robot: the sample robot with an IMU of the grade by default.
         clock_offset: by which the encoders' stamps lie behind the IMU's [s].
-        scale_error: std of the scale error of each IMU axis; by default that of the grade.
+        logger: errors that no record of a robot states; by default with the scale error of the grade.
         reference: log the truth as an external reference too.
         motion: duration, still, slip and wobble as for `random_body`.
     """
@@ -314,7 +317,7 @@ def generate(
     return observe(
         np.random.default_rng(sensor_seed), body, rig, name=f"truth-{velocity:g}-{grade}-{seed}", info=info,
         clock_offset=clock_offset, reference=reference,
-        scale_error=SCALE_ERROR.get(grade, 0.001) if scale_error is None else scale_error,
+        logger=logger or Logger(gain=SCALE_ERROR.get(grade, 0.001), ripple=RIPPLE),
     )  # fmt: skip
 
 
@@ -333,5 +336,5 @@ def log_run(seed: int, run: Result, *, clock_offset: float = 0.0) -> TruthTrial:
     return observe(
         np.random.default_rng(seed), body, robot(), name=f"run-{v:g}-{seed}",
         info=TrialInfo(robot="granite", v_desired=v, distance=float(run.s_d[-1]), virtual=True),
-        clock_offset=clock_offset, scale_error=SCALE_ERROR["industrial"],
+        clock_offset=clock_offset, logger=Logger(gain=SCALE_ERROR["industrial"], ripple=RIPPLE),
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The model's graphs as machine code: runs by `rosenbrock.run`, outputs over whole columns of samples."""
+"""The model's graphs as machine code: runs by `rosenbrock.integrate`, outputs over columns of samples."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from granite_lab.model.native import (
 from granite_lab.parameters import Variant
 
 Array = npt.NDArray[np.float64]
-_POINTER, _WHOLE, _REAL = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+_POINTER, _WHOLE = ctypes.c_void_p, ctypes.c_int64
 
 LARGE = 3_000_000
 """Numbers in a block of memory larger than those of any usual run."""
@@ -71,7 +71,7 @@ def _routines() -> machine.Library:
         )
 
     symbols = [writer.symbol(name, lanes) for name in writer.ELEMENTARY for lanes in (0, program.LANES)]
-    library = _library(machine.key(_version()), [*symbols, "run"], text, 2)
+    library = _library(machine.key(_version()), [*symbols, "integrate"], text, 2)
     for name in symbols:
         binding.add_symbol(name, library.address[name])
     return library
@@ -135,15 +135,14 @@ def run(
 ) -> Array:
     """Integrate, anew from each corner of the command on; see `engine.Engine`."""
     equations = _equations(effects).address
-    grid = instants(variant, accuracy)
-    t, ends = np.append(grid, np.inf), np.append(corners(variant), grid[-1])
-    n, samples, state = start.size, grid.size, start.copy()
-    work, out = np.zeros(rosenbrock.work_size(n)), np.empty((n, samples))
-    status = _integrator()(
-        n, equations["rates"], equations["slopes"], ends.ctypes.data, ends.size, t.ctypes.data, samples,
-        state.ctypes.data, vector.ctypes.data, accuracy.relative, accuracy.absolute, most_steps(samples),
-        rosenbrock.TABLE.ctypes.data, work.ctypes.data, out.ctypes.data,
-    )  # fmt: skip
+    grid, bends = instants(variant, accuracy), corners(variant)
+    times = np.concatenate([grid, [np.inf], bends, grid[-1:]])
+    record = rosenbrock.record(
+        start.size, grid.size, len(bends) + 1, accuracy.relative, accuracy.absolute, most_steps(grid.size)
+    )
+    work, out = rosenbrock.work_space(start), np.empty((start.size, grid.size))
+    arrays = (array.ctypes.data for array in (record, times, vector, work, out))
+    status = _integrator()(equations["rates"], equations["slopes"], *arrays)
     if status == rosenbrock.TOO_MANY and not accuracy.lean:
         # a very stiff and all but rigid part, followed very closely, is easier for CVODES
         return interpreted.run(effects, variant, accuracy, start, vector)
@@ -162,10 +161,7 @@ _TROUBLE = {
 
 @cache
 def _integrator() -> Any:
-    kinds: dict[str, Any] = {"int": _WHOLE, "float": _REAL}
-    names = list(rosenbrock.run.__annotations__.values())[:-1]
-    arguments: list[Any] = [kinds.get(name, _POINTER) for name in names]
-    return ctypes.CFUNCTYPE(_WHOLE, *arguments)(_routines().address["run"])
+    return ctypes.CFUNCTYPE(_WHOLE, *[_POINTER] * 7)(_routines().address["integrate"])
 
 
 @lru_cache(maxsize=256)

@@ -68,9 +68,34 @@ FIRST = 1e-4
 """First step of a piece [s]."""
 
 
-def work_size(n: int) -> int:
-    """Return how many numbers `run` needs as work space."""
-    return 2 * n * n + 11 * n
+N, SAMPLES, PIECES, RELATIVE, ABSOLUTE, MOST, NOW, END, SAMPLE, STEPS, COEFFICIENTS = range(11)
+"""Places in the record of a run, which is an array because the machine code knows no other record: numbers of
+states, of instants and of pieces, tolerances, most steps; where the run is: t and end of the piece [s],
+instants written, steps taken; and behind them `TABLE`."""
+
+
+def record(states: int, samples: int, pieces: int, relative: float, absolute: float, most: int) -> Floats:
+    """Return the record of a run that has not begun.
+
+    Args:
+        states: how many.
+        samples: instants of the output.
+        pieces: of the interval, each between two corners of the equations.
+        relative, absolute: tolerances.
+        most: steps, rejected ones included.
+    """
+    head = (states, samples, pieces, relative, absolute, most, 0.0, 0.0, 0.0, 0.0)
+    return np.concatenate([np.array(head, dtype=np.float64), TABLE])
+
+
+def work_space(start: Floats) -> Floats:
+    """Return the work space of a run from a state (n,).
+
+    It holds, one behind the other, the state, the next one, six stages, J by columns, ∂f/∂t, f, the matrix of
+    the linear equations, its row exchanges and a rate.
+    """
+    n = start.size
+    return np.concatenate([start, np.zeros(2 * n * n + 11 * n)])
 
 
 def factor(n: int, a: Floats, pivots: Floats) -> int:
@@ -131,50 +156,30 @@ def combine(n: int, stages: int, scale: float, weights: Floats, u: Floats, total
             total[i] = total[i] + share * u[n * j + i]
 
 
-def step(
-    n: int,
-    rates: Equations,
-    now: float,
-    h: float,
-    y: Floats,
-    p: Floats,
-    relative: float,
-    absolute: float,
-    table: Floats,
-    jacobian: Floats,
-    w: Floats,
-    u: Floats,
-    at: Floats,
-) -> float:
-    """Try a step; leave the stages in u and the new state in `at`, return its error against the tolerances.
-
-    Args:
-        n: states.
-        rates: f.
-        now: t [s].
-        h: the step [s].
-        y: the state.
-        p: parameters.
-        relative: tolerance.
-        absolute: tolerance.
-        table: `TABLE`.
-        jacobian: J at the state, behind it ∂f/∂t and f.
-        w: work space, n (n + 2).
-        u: six stages.
-        at: the new state.
-    """
-    ft = jacobian[n * n :]
-    f = jacobian[n * n + n :]
-    pivots = w[n * n :]
-    g = w[n * n + n :]
+def factored(h: float, run: Floats, work: Floats) -> int:
+    """Split I/(h γ) − J; return 0 where it is singular."""
+    n = int(run[N])
+    jacobian = work[8 * n :]
+    w = work[n * n + 10 * n :]
     for k in range(n * n):
         w[k] = -jacobian[k]
     for k in range(n):
         w[k + n * k] = w[k + n * k] + 1.0 / (GAMMA * h)
-    if factor(n, w, pivots) == 0:
-        return HOPELESS
+    return factor(n, w, w[n * n :])
+
+
+def stages(rates: Equations, h: float, run: Floats, p: Floats, work: Floats) -> None:
+    """Write the six stages of a step, and the state at which the last one was evaluated."""
+    n = int(run[N])
+    table = run[COEFFICIENTS:]
+    y = work[0:]
+    at = work[n:]
+    u = work[2 * n :]
+    ft = work[n * n + 8 * n :]
+    w = work[n * n + 10 * n :]
+    g = work[2 * n * n + 11 * n :]
     for i in range(n):
-        g[i] = f[i]
+        g[i] = ft[n + i]  # f
     for stage in range(6):
         if stage > 0:
             if stage < 5:
@@ -183,17 +188,36 @@ def step(
                 combine(n, stage, 1.0, table[5 * stage :], u, at)
             else:
                 combine(n, 1, 1.0, table[82:], u[4 * n :], at)
-            rates(now + table[60 + stage] * h, at, p, g)
+            rates(run[NOW] + table[60 + stage] * h, at, p, g)
         part = u[n * stage :]
         slope = h * table[66 + stage]
         for i in range(n):
             part[i] = g[i] + slope * ft[i]
         combine(n, stage, 1.0 / h, table[30 + 5 * stage :], u, part)
-        solve(n, w, pivots, part)
+        solve(n, w, w[n * n :], part)
+
+
+def step(rates: Equations, h: float, run: Floats, p: Floats, work: Floats) -> float:
+    """Try a step; leave stages and new state in the work space, return its error against the tolerances.
+
+    Args:
+        rates: f.
+        h: the step [s].
+        run: of `record`.
+        p: parameters.
+        work: of `work_space`, with J, ∂f/∂t and f at the state.
+    """
+    n = int(run[N])
+    y = work[0:]
+    at = work[n:]
+    last = work[7 * n :]
+    if factored(h, run, work) == 0:
+        return HOPELESS
+    stages(rates, h, run, p, work)
     error = 0.0
     for i in range(n):
-        at[i] = at[i] + u[5 * n + i]
-        scaled = u[5 * n + i] / (absolute + relative * max(abs(y[i]), abs(at[i])))
+        at[i] = at[i] + last[i]
+        scaled = last[i] / (run[ABSOLUTE] + run[RELATIVE] * max(abs(y[i]), abs(at[i])))
         error = error + scaled * scaled
     error = sqrt(error / n)
     if error < HOPELESS:
@@ -201,10 +225,13 @@ def step(
     return HOPELESS
 
 
-def between(
-    n: int, part: float, y: Floats, after: Floats, table: Floats, u: Floats, out: Floats, samples: int
-) -> None:
+def between(part: float, run: Floats, work: Floats, out: Floats) -> None:
     """Write the state a part of the last step on, by the method's polynomial of order 3."""
+    n = int(run[N])
+    samples = int(run[SAMPLES])
+    table = run[COEFFICIENTS:]
+    after = work[n:]
+    u = work[2 * n :]
     left = 1.0 - part
     for i in range(n):
         a = 0.0
@@ -212,101 +239,97 @@ def between(
         for j in range(5):
             a = a + table[72 + j] * u[n * j + i]
             b = b + table[77 + j] * u[n * j + i]
-        out[samples * i] = y[i] * left + part * (after[i] + left * (a + part * b))
+        out[samples * i] = work[i] * left + part * (after[i] + left * (a + part * b))
 
 
-def run(
-    n: int,
-    rates: Equations,
-    slopes: Equations,
-    ends: Floats,
-    pieces: int,
-    t: Floats,
-    samples: int,
-    y: Floats,
-    p: Floats,
-    relative: float,
-    absolute: float,
-    most: int,
-    table: Floats,
-    work: Floats,
-    out: Floats,
+def accept(h: float, run: Floats, t: Floats, work: Floats, out: Floats) -> None:
+    """Take the step that was tried: write the instants within it, and go on."""
+    n = int(run[N])
+    after = run[NOW] + h
+    if run[END] - after < 1e-12:
+        after = run[END]
+    sample = int(run[SAMPLE])
+    while t[sample] <= after:
+        between((t[sample] - run[NOW]) / h, run, work, out[sample:])
+        sample = sample + 1
+    run[SAMPLE] = sample
+    for i in range(n):
+        work[i] = work[n + i]
+    run[NOW] = after
+
+
+def piece(
+    rates: Equations, slopes: Equations, run: Floats, t: Floats, p: Floats, work: Floats, out: Floats
+) -> int:
+    """Integrate to the end of a piece; arguments and result are those of `integrate`."""
+    jacobian = work[8 * int(run[N]) :]
+    h = FIRST
+    last_h = 0.0
+    last_error = 1.0
+    rejected = 1
+    slopes(run[NOW], work, p, jacobian)
+    while run[NOW] < run[END]:
+        run[STEPS] = run[STEPS] + 1.0
+        if run[STEPS] > run[MOST]:
+            return TOO_MANY
+        if run[NOW] + 1.001 * h >= run[END]:
+            h = run[END] - run[NOW]
+        error = step(rates, h, run, p, work)
+        grow = 0.9 * power(error, -0.25)
+        if error <= 1.0:
+            # the next error as the last two lead to expect it
+            if last_h > 0.0:
+                grow = min(grow, grow * (h / last_h) * power(last_error / error, 0.25))
+            grow = max(0.2, min(grow, 1.0 if rejected == 1 and last_h > 0.0 else 6.0))
+            accept(h, run, t, work, out)
+            last_h = h
+            last_error = max(error, 1e-2)
+            rejected = 0
+            if run[NOW] < run[END]:
+                slopes(run[NOW], work, p, jacobian)
+        else:
+            grow = max(0.1, min(grow, 0.9))
+            rejected = 1
+            if h < SHORTEST:
+                return TOO_SMALL if error < HOPELESS else NO_NUMBER
+        h = h * grow
+    return int(run[STEPS])
+
+
+def integrate(
+    rates: Equations, slopes: Equations, run: Floats, t: Floats, p: Floats, work: Floats, out: Floats
 ) -> int:
     """Integrate, anew from each corner on.
 
     Args:
-        n: states.
         rates: f.
         slopes: J, by columns, behind it ∂f/∂t, and f; zeros of J need not be written.
-        ends: corners of the equations within the interval, in order, and its end [s].
-        pieces: how many ends.
-        t: instants of the output [s]; the first is the start. Behind the last stands infinity.
-        samples: how many instants.
-        y: the state; the last one is left in it.
+        run: of `record`.
+        t: instants of the output [s], the first of which is the start; infinity; corners of the equations
+            within the interval, in order, and its end.
         p: parameters.
-        relative: tolerance.
-        absolute: tolerance.
-        most: steps, rejected ones included.
-        table: `TABLE`.
-        work: work space, `work_size` zeros.
+        work: of `work_space`; the last state is left in it.
         out: (n, samples) states.
 
     Returns:
         number of steps, or why it gave up.
     """
-    jacobian = work[0:]
-    u = work[n * n + 2 * n :]
-    at = work[n * n + 8 * n :]
-    w = work[n * n + 9 * n :]
+    n = int(run[N])
+    samples = int(run[SAMPLES])
+    ends = t[samples + 1 :]
     for i in range(n):
-        out[samples * i] = y[i]
-    now = t[0]
-    sample = 1
-    steps = 0
-    for piece in range(pieces):
-        end = ends[piece]
-        if piece > 0:
-            now = now + AFTER
-        h = FIRST
-        last_h = 0.0
-        last_error = 1.0
-        rejected = 1
-        slopes(now, y, p, jacobian)
-        while now < end:
-            steps = steps + 1
-            if steps > most:
-                return TOO_MANY
-            if now + 1.001 * h >= end:
-                h = end - now
-            error = step(n, rates, now, h, y, p, relative, absolute, table, jacobian, w, u, at)
-            grow = 0.9 * power(error, -0.25)
-            if error <= 1.0:
-                # the next error as the last two lead to expect it
-                if last_h > 0.0:
-                    grow = min(grow, grow * (h / last_h) * power(last_error / error, 0.25))
-                grow = max(0.2, min(grow, 1.0 if rejected == 1 and last_h > 0.0 else 6.0))
-                after = now + h
-                if end - after < 1e-12:
-                    after = end
-                while t[sample] <= after:
-                    between(n, (t[sample] - now) / h, y, at, table, u, out[sample:], samples)
-                    sample = sample + 1
-                for i in range(n):
-                    y[i] = at[i]
-                now = after
-                last_h = h
-                last_error = max(error, 1e-2)
-                rejected = 0
-                if now < end:
-                    slopes(now, y, p, jacobian)
-            else:
-                grow = max(0.1, min(grow, 0.9))
-                rejected = 1
-                if h < SHORTEST:
-                    return TOO_SMALL if error < HOPELESS else NO_NUMBER
-            h = h * grow
-    return steps
+        out[samples * i] = work[i]
+    run[NOW] = t[0]
+    run[SAMPLE] = 1.0
+    for k in range(int(run[PIECES])):
+        if k > 0:
+            run[NOW] = run[NOW] + AFTER
+        run[END] = ends[k]
+        status = piece(rates, slopes, run, t, p, work, out)
+        if status < 0:
+            return status
+    return int(run[STEPS])
 
 
-ROUTINES = (factor, solve, combine, step, between, run)
+ROUTINES = (factor, solve, combine, factored, stages, step, between, accept, piece, integrate)
 """All functions, each before those that call it."""

@@ -340,11 +340,10 @@ def run(
     k: float = STIFF,
     tolerance: float = 1e-6,
 ) -> tuple[int, Floats]:
-    n, out = len(start), np.full((len(start), t.size), np.nan)
-    status = rosenbrock.run(
-        n, rates, slopes, np.array([t[-1]]), 1, np.append(t, np.inf), t.size, np.array(start), np.array([k]),
-        tolerance, tolerance, 2000, rosenbrock.TABLE, np.zeros(rosenbrock.work_size(n)), out.ravel(),
-    )  # fmt: skip
+    out = np.full((len(start), t.size), np.nan)
+    record = rosenbrock.record(len(start), t.size, 1, tolerance, tolerance, 2000)
+    times, work = np.concatenate([t, [np.inf], t[-1:]]), rosenbrock.work_space(np.array(start))
+    status = rosenbrock.integrate(rates, slopes, record, times, np.array([k]), work, out.ravel())
     return status, out
 
 

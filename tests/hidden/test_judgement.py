@@ -1,157 +1,45 @@
-"""A kit for strangers is checked and sealed; every outcome of a judgement, from a table of answers."""
+"""Answers, sealed and open, are read; every outcome of a judgement, from a table of answers."""
 
 import base64
 import hashlib
 import json
 import shutil
-import subprocess
-import sys
 import tracemalloc
 import zlib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import granite_lab as gl
-from granite_lab.effects import library
-from granite_lab.errors import InputError, UsageError
-from granite_lab.hidden import kit_check
-from granite_lab.hidden.kit_check import HEAD
+from granite_lab.api.hidden import hide
+from granite_lab.errors import InputError
 from granite_lab.hidden.scoring import SCHEMA, read_finding, score
-from granite_lab.hidden.sealed import LARGEST, open_answer, seal, unseal
-from granite_lab.logs import read_trial
-from tests.corpus.cli import SAMPLES, lab, refused, succeeded, told
+from granite_lab.hidden.sealed import HEAD, LARGEST, open_answer, seal, unseal
+from tests.corpus.cli import lab, refused, succeeded
 
 OUTSIDE = Path(__file__).parent.parent / "data" / "outside" / "o03"
 REACTION = [{"id": "drive_reaction", "parameters": {"share": 0.8}}]
 
 
 @pytest.fixture
-def kit(tmp_path: Path) -> Path:
-    """Return a kit that a stranger filled with trials of a simulator in C."""
-    folder = tmp_path / "kit"
-    gl.kit(folder)
-    for log in OUTSIDE.glob("*.csv"):
-        shutil.copy(log, folder / "trials")
-    answered(folder, REACTION)
-    return folder
+def folder(tmp_path: Path) -> Path:
+    """Return trials of a simulator in C with their answer, as another laboratory hands them over."""
+    shutil.copytree(OUTSIDE, tmp_path / "trials")
+    written(tmp_path / "trials", REACTION)
+    return tmp_path / "trials"
 
 
-def answered(kit: Path, effects: object, **more: object) -> None:
-    told = json.loads((kit / "answer.json").read_text())
-    told |= {"made_by": "planar simulator in C", "virtual": True, "effects": effects} | more
-    (kit / "answer.json").write_text(json.dumps(told))
+def written(folder: Path, effects: object) -> None:
+    (folder / "answer.json").write_text(json.dumps({"effects": effects}))
 
 
-def check(kit: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """Run the checker as a stranger does: no site-packages, no granite-lab."""
-    command = [sys.executable, "-I", "-S", str(kit / "check.py"), *words]
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=kit.parent)
-
-
-def sealed(kit: Path, *, keep: bool = False) -> Path:
-    done = check(kit, "--seal")
-    assert done.returncode == 0, done.stdout + done.stderr
-    if not keep:
-        (kit / "answer.json").unlink()
-    return kit
-
-
-def finding(kit: Path, verdict: str, *ids: str) -> None:
+def finding(folder: Path, verdict: str, *ids: str) -> Path:
     effects = [{"id": i, "parameters": {"share": {"value": 0.78, "std": 0.05}}} for i in ids]
-    (kit / "finding").mkdir()
     gap = {"train": {"before": 3.0, "after": 1.0}}
     document = {"schema": SCHEMA, "verdict": verdict, "effects": effects, "gap": gap}
-    (kit / "finding" / "finding.json").write_text(json.dumps(document))
-
-
-def test_an_empty_kit_holds_readme_template_checker_and_the_allowed_names(tmp_path: Path) -> None:
-    assert told("kit", tmp_path / "told")["folder"] == str(tmp_path / "told")
-    made = gl.kit(tmp_path / "new")
-    assert {path.relative_to(made.folder).as_posix() for path in made.files} == {
-        "README.md", "check.py", "answer.json", "allowed.json", "trials/robot.toml", "trials/soil.toml",
-    }  # fmt: skip
-    # one text seals kits and hidden sets
-    assert (made.folder / "check.py").read_text() == Path(kit_check.__file__).read_text()
-    allowed = json.loads((made.folder / "allowed.json").read_text())["effects"]
-    assert set(allowed) == set(library())
-    high = allowed["drive_reaction"]["parameters"]["share"]["high"]
-    assert high == library()["drive_reaction"].parameters[0].high
-    assert set(made.to_frame()["effect"]) == set(library())
-    with pytest.raises(UsageError, match="not empty"):
-        gl.kit(tmp_path / "new")
-    done = check(made.folder)
-    assert done.returncode == 3
-    assert "made_by is empty" in done.stdout
-    assert "contains no log" in done.stdout
-
-
-def test_the_log_that_the_readme_shows_is_one_that_can_be_read(kit: Path) -> None:
-    """Its header above the rows of a sample; robot and soil are the kit's files."""
-    text = (kit / "README.md").read_text()
-    block = [line.strip() for line in text.splitlines() if line.startswith(("    # ", "    t_s"))]
-    rows = (SAMPLES / "virtual_v0.3_r1.csv").read_text().splitlines()
-    first = next(k for k, line in enumerate(rows) if line.startswith("t_s"))
-    assert block[-1] == rows[first]
-    log = kit / "trials" / "from_readme.csv"
-    log.write_text("\n".join(block + rows[first + 1 :]) + "\n")
-    assert check(kit).returncode == 0
-    trial = read_trial(log)
-    assert trial.info.v_desired == 0.3
-    assert Path(str(trial.info.robot)).name == "robot.toml"
-
-
-def test_a_good_kit_is_sealed_and_its_hash_holds(kit: Path) -> None:
-    sealed(kit, keep=True)
-    digest = (kit / "seal.sha256").read_text().split()[0]
-    assert digest == hashlib.sha256((kit / "sealed.bin").read_bytes()).hexdigest()
-    assert "drive_reaction" not in (kit / "sealed.bin").read_text()
-    sealed(kit)  # the salt is new: equal answers have other hashes
-    assert digest != (kit / "seal.sha256").read_text().split()[0]
-
-
-BREACHES: list[tuple[Callable[[Path], Any], str]] = [
-    (lambda k: (k / "answer.json").write_text("{"), "not valid"),
-    (lambda k: (k / "answer.json").unlink(), "answer.json: cannot be read"),
-    (lambda k: (k / "answer.json").write_text('{"schema": "x"}'), "schema is not"),
-    (lambda k: answered(k, "none"), "effects is not a list"),
-    (lambda k: answered(k, [], virtual="yes"), "neither true"),
-    (lambda k: answered(k, [{"id": "tire_windup"}]), "'tire_windup' is not an id"),
-    (lambda k: answered(k, [{"id": "unknown"}]), "needs a title"),
-    (lambda k: answered(k, [{"id": "drive_reaction", "parameters": {"size": 1}}]), "known: share"),
-    (lambda k: answered(k, [{"id": "drive_reaction", "parameters": {"share": "1"}}]), "is not a number"),
-    (lambda k: answered(k, [{"id": "drive_reaction", "parameters": {"share": 99}}]), "is out of range"),
-    (lambda k: (k / "trials" / "a.csv").write_text("# x = 1\nt_s,ax\n"), "no column for imu_ax"),
-    (lambda k: (k / "trials" / "a.csv").write_text("t_s\n0\n"), "'# v_desired_mps = …' is missing"),
-    (lambda k: edit(k, "0.2_1", lambda rows: [*rows[:-1], "x" + rows[-1]]), "not a number"),
-    (lambda k: edit(k, "0.2_1", lambda rows: [*rows, rows[-300]]), "time runs backwards"),
-    (lambda k: edit(k, "0.2_1", lambda rows: rows[:50]), "rows"),
-]  # fmt: skip
-
-
-def edit(kit: Path, name: str, change: Callable[[list[str]], list[str]]) -> None:
-    log = kit / "trials" / f"trial_{name}.csv"
-    log.write_text("\n".join(change(log.read_text().splitlines())) + "\n")
-
-
-@pytest.mark.parametrize(("breach", "said"), BREACHES, ids=[said for _, said in BREACHES])
-def test_what_is_wrong_is_told_and_not_sealed(kit: Path, breach: Callable[[Path], Any], said: str) -> None:
-    breach(kit)
-    done = check(kit, "--seal")
-    assert done.returncode == 3
-    assert said in done.stdout
-    assert not (kit / "sealed.bin").exists()
-
-
-def test_few_logs_at_one_speed_are_warned_of(kit: Path) -> None:
-    for log in (kit / "trials").glob("trial_0.[57]_*.csv"):
-        log.unlink()
-    done = check(kit)
-    assert done.returncode == 0
-    assert "2 logs; a small effect needs more" in done.stdout
-    assert "all at one speed" in done.stdout
+    (folder / "finding.json").write_text(json.dumps(document))
+    return folder / "finding.json"
 
 
 @pytest.mark.parametrize(
@@ -162,18 +50,16 @@ def test_few_logs_at_one_speed_are_warned_of(kit: Path) -> None:
         ([{"id": "unknown", "title": "magnets"}], "unknown", (), "abstained"),
     ],
 )
-def test_a_finding_in_the_kit_is_judged(
-    kit: Path, effects: list[dict[str, Any]], verdict: str, ids: tuple[str, ...], outcome: str
+def test_a_folder_with_logs_and_an_open_answer_is_enough_for_a_judgement(
+    folder: Path, effects: list[dict[str, Any]], verdict: str, ids: tuple[str, ...], outcome: str
 ) -> None:
-    answered(kit, effects)
-    sealed(kit)
-    finding(kit, verdict, *ids)
-    opened = gl.reveal(kit)
-    said = succeeded("reveal", kit).out
-    assert "made by planar simulator in C" in said
-    assert "judgement: right" in said
-    assert "gap closed, trials in the fit: 100.0 %" in said
-    assert "[-]" not in said
+    written(folder, effects)
+    file = finding(folder, verdict, *ids)
+    opened = gl.reveal(folder, file)
+    printed = succeeded("reveal", folder, "--finding", file).out
+    assert "judgement: right" in printed
+    assert "gap closed, trials in the fit: 100.0 %" in printed
+    assert "[-]" not in printed
     assert opened.score.outcome == outcome
     assert opened.warnings == ()
     if outcome == "right" and ids:
@@ -181,48 +67,43 @@ def test_a_finding_in_the_kit_is_judged(
         assert opened.score.parameters[0].z == pytest.approx(-0.4)
 
 
-def test_a_kit_without_finding_is_searched_with_its_files(kit: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: dict[str, Any] = {}
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "no answer that can be used"),
+        ("[]", "no answer that can be used"),
+        ('{"effects": "none"}', "no answer that can be used"),
+        ('{"effects": [{"id": "drive_reaction", "parameters": [1]}]}', "no answer that can be used"),
+        ('{"effects": [{"id": "tire_windup"}]}', "unknown effect 'tire_windup'"),
+        ('{"effects": [{"id": "unknown"}]}', "'unknown' has no title"),
+        ('{"effects": [{"id": "drive_reaction", "parameters": {"size": 1}}]}', "has no parameter 'size'"),
+        ('{"effects": [{"id": "drive_reaction", "parameters": {"share": "1"}}]}', "'1' is not a number"),
+        ('{"effects": [{"id": "drive_reaction", "parameters": {"share": NaN}}]}', "nan is not a number"),
+    ],
+)
+def test_an_open_answer_that_cannot_be_used_is_refused(folder: Path, text: str, message: str) -> None:
+    (folder / "answer.json").write_text(text)
+    done = lab("reveal", folder)
+    refused(done, 3, message)
+    assert f"{folder / 'answer.json'}: " in done.error
 
-    def discover(logs: list[Path], **options: Any) -> None:
-        asked.update(options, logs=logs)
-        finding(kit, "named", "drive_reaction")
 
-    monkeypatch.setattr("granite_lab.api.trials.discover", discover)
-    (kit / "trials" / "soil.toml").unlink()
-    opened = gl.reveal(sealed(kit), jobs=2)
-    assert opened.score.right
-    assert len(asked["logs"]) == 6
-    assert (asked["robot"], asked["soil"]) == (kit / "trials" / "robot.toml", None)
-    assert (asked["out"], asked["jobs"]) == (kit / "finding", 2)
-
-
-def test_an_answer_that_was_not_promised_is_refused_and_changed_logs_are_told(kit: Path) -> None:
-    sealed(kit, keep=True)
-    finding(kit, "none")
-    old = (kit / "seal.sha256").read_text()
-    edit(kit, "0.2_1", lambda rows: rows[:-1])
-    (kit / "trials" / "trial_0.5_1.csv").unlink()
-    lines = gl.reveal(kit).warnings
-    assert any("answer.json: lies open" in line for line in lines)
-    assert any("trial_0.2_1.csv: has changed" in line for line in lines)
-    assert any("trial_0.5_1.csv: is missing" in line for line in lines)
-    sealed(kit)
-    (kit / "seal.sha256").write_text(old)
-    with pytest.raises(InputError, match="does not match the hash in seal"):
-        gl.reveal(kit)
-    (kit / "seal.sha256").write_text("")
-    with pytest.raises(InputError, match="contains no hash"):
-        gl.reveal(kit)
-    (kit / "sealed.bin").unlink()
-    with pytest.raises(InputError, match=r"sealed\.bin: is missing, only its hash"):
-        gl.reveal(kit)
-    (kit / "seal.sha256").unlink()
+def test_of_two_answers_the_sealed_one_counts_and_changed_logs_are_told(folder: Path, tmp_path: Path) -> None:
+    made = hide("none", tmp_path / "set", repetitions=1)
+    written(tmp_path / "set", REACTION)
+    made.trials[0].write_text("changed")
+    made.trials[1].unlink()
+    opened = gl.reveal(tmp_path / "set")
+    assert opened.answer["effects"] == []
+    assert opened.warnings == (
+        f"{made.trials[0]}: has changed since it was written", f"{made.trials[1]}: is missing",
+    )  # fmt: skip
+    (folder / "answer.json").unlink()
     with pytest.raises(InputError, match=r"sealed\.bin: .*does not exist"):
-        gl.reveal(kit)
-    (kit / "sealed.bin").write_bytes(b"something else")
+        gl.reveal(folder)
+    (folder / "sealed.bin").write_bytes(b"something else")
     with pytest.raises(InputError, match="not a sealed answer"):
-        open_answer(kit)
+        open_answer(folder)
 
 
 def answer(*ids: str, library: bool = True) -> dict[str, Any]:
@@ -370,8 +251,8 @@ def test_a_sealed_answer_that_would_fill_the_memory_is_refused() -> None:
 
 def _answer(**changes: Any) -> dict[str, Any]:
     effect = {"id": "x", "title": "", "account": "", "library": True, "parameters": {}}
-    trials = {"a": {"file": "trials/a.csv", "sha256": "0"}}
-    return {"made_by": "me", "effects": [effect], "trials": trials} | changes
+    settings = {"seed": 1, "strength": 1.0, "noise": 1.0, "sand_off": {}}
+    return settings | {"effects": [effect], "trials": {"a": {"sha256": "0"}}} | changes
 
 
 @pytest.mark.parametrize(
