@@ -76,7 +76,7 @@ def judged(line: Line, answer: Mapping[str, Any]) -> Line:
 def wrong_name(line: Mapping[str, Any]) -> bool:
     """Tell whether something was named that is not hidden."""
     wrong = ("wrong_name", "near_twin", "spurious", "false_alarm")
-    return line.get("verdict") == "named" and line["outcome"] in wrong
+    return line.get("verdict") in ("named", "partly named") and line["outcome"] in wrong
 
 
 def named(line: Mapping[str, Any]) -> str:

@@ -57,7 +57,11 @@ def summary(lines: Sequence[Line], answers: Sequence[Mapping[str, Any]]) -> str:
     """Return the shares with their 95 % Wilson intervals."""
     both = list(zip(lines, answers, strict=True))
     nulls = [line for line, answer in both if not answer["effects"]]
-    closed = [c for line in lines if line.get("verdict") == "named" and (c := line.get("closed")) is not None]
+    closed = [
+        c
+        for line in lines
+        if line.get("verdict") in ("named", "partly named") and (c := line.get("closed")) is not None
+    ]
 
     closing = "held-out gap closed where named: –"
     if closed:

@@ -286,7 +286,7 @@ def discover(
             jobs=jobs, scheduler=scheduler, cache=cache, progress=watch.stage,
         )  # fmt: skip
     printer, written = Printer(as_json), finding.origin.written
-    printer.json("discovery/2", finding_as_json(finding, written.model) | warn_of(finding.origin))
+    printer.json("discovery/3", finding_as_json(finding, written.model) | warn_of(finding.origin))
     reporting.terminal.show_study(of_search(finding, out), printer.shown, str(out), written.model)
     for what, path in (("report", written.page), ("model with what was found", written.model)):
         if path is not None:

@@ -8,11 +8,14 @@ from typing import Any
 from granite_lab.discovery.finding import Confusion, Finding, FoundEffect, Gap
 from granite_lab.shown import jsonable, picked
 
-SCHEMA = "granite-lab/discovery/2"
+SCHEMA = "granite-lab/discovery/3"
 
 
 def finding_as_json(finding: Finding, model: Path | str | None = None) -> dict[str, Any]:
     """Return the finding as the document of ``discover --json``; NaN becomes None.
+
+    What is not computed is None: the ``ceiling`` of what any force could close, and ``a_theta`` with the
+    uncertainty of soil and wheels.
 
     Args:
         finding: the record.
@@ -23,8 +26,13 @@ def finding_as_json(finding: Finding, model: Path | str | None = None) -> dict[s
         "schema": SCHEMA,
         **picked(finding, "verdict", "sentence", "probability", "provisional"),
         "effects": [_effect(e) for e in finding.effects],
+        "description": {"terms": [_effect(e) for e in finding.description]},
         "small": [_effect(e) for e in finding.small],
-        **picked(finding, "remainder", "tolerance"),
+        **picked(finding, "closed"),
+        "ceiling": None,
+        **picked(finding, "remainder", "strained"),
+        "a_theta": None,
+        **picked(finding, "tolerance"),
         "latency_s": finding.latency,
         "gap": _gap(finding.gap),
         "channels": {g.channel: _gap(g) for g in finding.gaps},
@@ -55,9 +63,10 @@ def _gap(gap: Gap) -> dict[str, Any]:
 
 
 def _effect(e: FoundEffect) -> dict[str, Any]:
-    return picked(e, "id", "empirical", "probability", "closes") | {
+    return picked(e, "id", "formula", "empirical", "probability", "closes", "speeds") | {
         "parameters": {
             p.name: p.estimate.as_json()
+            | {"ci95": [p.estimate.value - 1.96 * p.estimate.std, p.estimate.value + 1.96 * p.estimate.std]}
             | {"unit": p.unit}
             | ({"per_trial": p.per_trial} if p.per_trial else {})
             for p in e.parameters

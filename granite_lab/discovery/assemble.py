@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from granite_lab.discovery.attempts import Attempts
+from granite_lab.discovery.empirical import TARGETS, TERMS
 from granite_lab.discovery.finding import (
     Candidate,
     Confusion,
@@ -20,7 +21,7 @@ from granite_lab.discovery.finding import (
     Status,
 )
 from granite_lab.discovery.search import Model, Search, is_empirical
-from granite_lab.discovery.verdict import Judgement, Named, holding
+from granite_lab.discovery.verdict import AT_BOUND, OPEN, Judgement, Named, holding
 from granite_lab.discovery.where import disagreements
 from granite_lab.discovery.words import notes, provisional, sentence
 from granite_lab.estimate import Estimate
@@ -34,9 +35,6 @@ from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active, Effect
 from granite_lab.parameters import load_paper
-
-AT_BOUND = 1e-3
-"""Share of a parameter's range within which it counts as being at its bound."""
 
 
 def assemble(
@@ -71,11 +69,17 @@ def assemble(
     before, after = search.model(()), judgement.model
     assert before is not None
     late = _latency(search.best.fit, problem, moved)
-    found = tuple(_effect(problem, after, n, effects) for n in judgement.named)
+    found, described = (
+        tuple(_effect(problem, after, n, effects) for n in of)
+        for of in (judgement.named, judgement.described)
+    )
     verdict, clock = judgement.verdict, _clock(late, latency, effects)
     active = _active(problem, after.fit)
     if clock is not None:
-        found = (*found, clock)
+        if verdict == "unknown":  # what is missing may look like an offset
+            described = (*described, clock)
+        else:
+            found = (*found, clock)
         active = (*active, Active(effects[clock.id], (-late.value,)))
         verdict = "named" if verdict == "none" else verdict
     none: list[Discrepancy] = []
@@ -85,11 +89,14 @@ def assemble(
     reasons = provisional(problem)
     return Finding(
         verdict=verdict,
-        sentence=sentence(verdict, found, judgement, reasons, tolerance),
+        sentence=sentence(verdict, found, described, judgement, reasons, tolerance),
         probability=judgement.probability,
         provisional=reasons,
         effects=found,
+        description=described,
         small=tuple(_small(problem, search, n, effects) for n in judgement.small),
+        closed={"trials": judgement.closed, "speeds": judgement.speeds},
+        strained=_strained(problem, judgement),
         remainder=judgement.remainder,
         tolerance=tolerance,
         latency=late,
@@ -147,7 +154,7 @@ def _clock(late: Estimate, limit: float, effects: Mapping[str, Effect]) -> Found
         return None
     effect = effects["clock_offset"]
     number = FoundParameter("offset", "s", Estimate(-late.value, late.std))
-    return FoundEffect(effect.id, effect.title, (number,), (), 1.0, Estimate(float("nan")))
+    return FoundEffect(effect.id, effect.title, effect.equation, (number,), (), 1.0, OPEN, OPEN)
 
 
 def _clock_detectable(late: Estimate, limit: float, effects: Mapping[str, Effect]) -> tuple[Detectable, ...]:
@@ -158,11 +165,13 @@ def _clock_detectable(late: Estimate, limit: float, effects: Mapping[str, Effect
 
 
 def _effect(problem: Problem, model: Model, named: Named, effects: Mapping[str, Effect]) -> FoundEffect:
-    title = effects[named.id].title if named.id in effects else _term(named.id)
+    own = effects.get(named.id)
+    title, formula = (own.title, own.equation) if own else _term(named.id)
     numbers = _numbers(problem, model.fit, named.id) if named.id in model.effects else ()
     return FoundEffect(
-        named.id, title, numbers, named.twins, named.probability, named.closes, is_empirical(named.id)
-    )
+        named.id, title, formula, numbers, named.twins, named.probability, named.closes, named.speeds,
+        is_empirical(named.id),
+    )  # fmt: skip
 
 
 def _small(problem: Problem, search: Search, named: Named, effects: Mapping[str, Effect]) -> FoundEffect:
@@ -170,10 +179,22 @@ def _small(problem: Problem, search: Search, named: Named, effects: Mapping[str,
     return _effect(problem, model, named, effects)
 
 
-def _term(id_: str) -> str:
-    """Return the words for a term of the empirical law."""
-    target, _, term = id_.partition(".")[2].replace("torque_", "torque-").partition("_")
-    return f"empirical law: {target.replace('-', ' ')} by {term.replace('_', ' ')}"
+def _term(id_: str) -> tuple[str, str]:
+    """Return words and formula of a term of the empirical law."""
+    name = id_.partition(".")[2]
+    target, of = next((t, o) for t, o in TARGETS.items() if name.startswith(f"{t}_"))
+    term = name.removeprefix(f"{target}_")
+    product = " · ".join(part for part in (name, TERMS[term].formula) if part)
+    title = f"empirical law: {target.replace('_', '-')} by {term.replace('_', ' ')}"
+    return title, f"{of.words} [{of.unit}] = {product}"
+
+
+def _strained(problem: Problem, judgement: Judgement) -> tuple[str, ...]:
+    """Name the numbers of effects and sand that are not as expected."""
+    named = (*judgement.named, *judgement.described)
+    found = [f"{n.id}.{name}" for n in named for name in n.strained]
+    sand = zip(SAND, judgement.model.fit.point.shared, problem.sand_std, strict=False)
+    return (*found, *(name for name, value, std in sand if abs(value) > 2 * std))
 
 
 def _numbers(problem: Problem, fit: Fit, id_: str) -> tuple[FoundParameter, ...]:
@@ -239,11 +260,12 @@ def _candidates(
     alone = search.model(())
     assert alone is not None
     named = {n.id for n in judgement.named}
+    described = {n.id for n in judgement.described}
     twins = {t for n in judgement.named for t in n.twins}
     small = {n.id for n in judgement.small}
     left, floor = beyond(problem, alone.fit, tolerance)
     gains: dict[str, float] = {}
-    for look in search.looks.get((), ()):
+    for look in (k for k in search.looks.get((), ()) if not k.tolerated):
         for score in look.scores:
             gains[score.candidate] = max(gains.get(score.candidate, -np.inf), score.gain)
     found = []
@@ -260,7 +282,10 @@ def _candidates(
                 closes = (left - beyond(problem, model.fit, tolerance)[0]) / (left - floor)
         if bounds and id_ not in named:
             status = "at a bound"
-        status = "named" if id_ in named else "twin" if id_ in twins else "small" if id_ in small else status
+        fates: tuple[tuple[Status, set[str]], ...] = (
+            ("named", named), ("twin", twins), ("described", described), ("small", small),
+        )  # fmt: skip
+        status = next((fate for fate, ids in fates if id_ in ids), status)
         found.append(Candidate(id_, gain, probability, closes, status, bounds))
     return tuple(sorted(found, key=lambda c: (-c.probability, -c.gain)))
 

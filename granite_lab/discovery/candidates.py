@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from granite_lab.inference.bench import Task
 from granite_lab.inference.fit import Fit
-from granite_lab.inference.normal import Posterior, posterior
+from granite_lab.inference.normal import Normal, Posterior, posterior
 from granite_lab.inference.point import Further, stacked
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.strengths import width_of
@@ -53,6 +53,7 @@ class Screen:
         posterior: of the model without them; its `rest` holds the columns, first `probes`, then per trial
             those of `own`, then the residual.
         marginal: the normal equations it is of, and the log determinant of the discrepancy.
+        normal: from which both follow under other scales.
         trials: number of trials.
         raw: of the first trial of each command, its (C n, k) columns before whitening: the trial's own
             parameters, the shared ones, `probes`, then the trial's columns of `own`.
@@ -62,6 +63,7 @@ class Screen:
     own: Mapping[str, tuple[Probe, ...]]
     posterior: Posterior
     marginal: tuple[Array, float]
+    normal: Normal
     trials: int
     raw: Mapping[int, Array]
 
@@ -156,16 +158,26 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int = 99) ->
     first = [everyone[0] for everyone in problem.commands]
     raw = {i: problem.columns(i, fit.point, fit.slopes, further) for i in first}
     normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=further, known=raw)
-    std, mean = problem.prior(fit.point, fit.scales)
-    marginal = normal.marginal(fit.scales)
     return Screen(
         tuple(probes[k] for k in shared),
         {id_: tuple(probes[k] for k in group) for id_, group in own.items()},
-        posterior(*marginal, std**-2.0, mean - fit.point.vector),
-        marginal,
+        *_reduced(problem, normal, fit),
+        normal.alone(),
         len(problem.trials),
         raw,
     )
+
+
+def rescreened(problem: Problem, screened: Screen, fit: Fit) -> Screen:
+    """Return a screen about the same point under the scales of another fit there."""
+    found, marginal = _reduced(problem, screened.normal, fit)
+    return replace(screened, posterior=found, marginal=marginal)
+
+
+def _reduced(problem: Problem, normal: Normal, fit: Fit) -> tuple[Posterior, tuple[Array, float]]:
+    std, mean = problem.prior(fit.point, fit.scales)
+    marginal = normal.marginal(fit.scales)
+    return posterior(*marginal, std**-2.0, mean - fit.point.vector), marginal
 
 
 def gain(rest: Array, places: Sequence[int], variances: Array) -> tuple[float, Array]:
@@ -216,6 +228,29 @@ def _shared(problem: Problem, screened: Screen, id_: str) -> Score:
                 if allowed and value > best.gain:
                     best = Score(id_, value, tuple(values))
     return best
+
+
+def rivals(screened: Screen, id_: str) -> list[str]:
+    """Return the candidates that may stand for another one, linear about the fit.
+
+    Beside the same effects they promise at least half of what it does, for full fits have changed the order
+    of candidates by factors of up to two; and of what they promise it leaves less than half.
+    """
+    rest = screened.posterior.rest
+    best: dict[str, tuple[float, int, float]] = {}
+    for k, p in enumerate(screened.probes):
+        variance = (width_of(p.parameter) / p.size) ** 2
+        alone, _ = gain(rest, [k], np.array([variance]))
+        best[p.candidate] = max(best.get(p.candidate, (-np.inf, k, variance)), (alone, k, variance))
+    if id_ not in best:
+        return []
+    own, first, variance = best[id_]
+    found = []
+    for other, (alone, k, wide) in best.items():
+        if other != id_ and alone >= own / 2:
+            both, _ = gain(rest, [first, k], np.array([variance, wide]))
+            found += [other] if both - own < alone / 2 else []
+    return found
 
 
 def others_of(problem: Problem) -> list[list[int]]:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 MODEL, DESIGN = "model.toml", "design.json"
 """Files beside a report: the model with what was found, and what a plan needs of the search."""
 
-Verdict = Literal["none", "named", "unknown"]
-Status = Literal["named", "twin", "small", "less likely", "screened", "at a bound"]
+Verdict = Literal["none", "named", "partly named", "unknown"]
+Status = Literal["named", "twin", "described", "small", "less likely", "screened", "at a bound"]
 
 
 @dataclass(frozen=True)
@@ -46,20 +46,23 @@ class FoundEffect:
     """An effect that the trials show.
 
     Attributes:
-        id, title: of the effect.
+        id, title, formula: of the effect.
         parameters: as fitted together with everything else.
         twins: candidates that explain these trials as well in its place.
         probability: posterior probability that it, or one of its twins, is in the model.
-        closes: share of the gap that it closes on trials that were left out, with its standard error.
+        closes, speeds: share of the gap that it closes on trials and on speeds that were left out, with its
+            standard error.
         empirical: not a physical effect but a term of an empirical law.
     """
 
     id: str
     title: str
+    formula: str
     parameters: tuple[FoundParameter, ...]
     twins: tuple[str, ...]
     probability: float
     closes: Estimate
+    speeds: Estimate
     empirical: bool = False
 
 
@@ -223,12 +226,16 @@ class Finding(Shown):
     """What the trials say about the model.
 
     Attributes:
-        verdict: "none", "named" or "unknown".
+        verdict: "none", "named", "partly named" or "unknown".
         sentence: the verdict in plain words.
         probability: posterior probability of the verdict.
         provisional: why the verdict is provisional; empty where it is not.
-        effects: what was named, or the empirical law.
+        effects: what was named.
+        description: what the likeliest model holds besides, effects that are not sure and terms of the
+            empirical law: no cause, but trials left out are predicted better.
         small: effects that the trials may show and that do not matter, likeliest first.
+        closed: share of the gap that is closed on "trials" and on "speeds" that were left out.
+        strained: numbers that ended at a bound, or two standard deviations off their file or range.
         remainder: share of the gap that is left on trials that were left out; NaN without a gap.
         tolerance: discrepancy that does not matter, as a share of a channel's rms.
         latency: by how much the stamps of the IMU come later than those of wheels and currents [s].
@@ -262,7 +269,10 @@ class Finding(Shown):
     probability: float
     provisional: tuple[str, ...]
     effects: tuple[FoundEffect, ...]
+    description: tuple[FoundEffect, ...]
     small: tuple[FoundEffect, ...]
+    closed: Mapping[str, Estimate]
+    strained: tuple[str, ...]
     remainder: float
     tolerance: float
     latency: Estimate
@@ -291,6 +301,11 @@ class Finding(Shown):
     failures: tuple[str, ...] = field(default=())
     tracebacks: tuple[str, ...] = field(default=())
     origin: Origin = NOWHERE
+
+    @property
+    def terms(self) -> tuple[FoundEffect, ...]:
+        """All that the likeliest model holds and that matters, named or not."""
+        return (*self.effects, *self.description)
 
     def __repr__(self) -> str:
         found = ", ".join(effect.id for effect in self.effects)

@@ -105,6 +105,31 @@ def _misfit(
     return float(squares + precision @ pull**2 - right @ solved)
 
 
+FEWEST_SPEEDS = 3
+"""Speeds from which on they are left out in place of trials: a law in speed has one number more than a
+line."""
+
+
+def transferred(problem: Problem, predicted: Predicted) -> Array:
+    """Return the misfits of the speeds that were left out, of the trials where there are few speeds.
+
+    They are those of the fit itself where nothing could be left out.
+    """
+    speeds = len({t.observation.variant.velocity for t in problem.trials})
+    if speeds >= FEWEST_SPEEDS and np.isfinite(predicted.speed_left_out).any():
+        return predicted.speed_left_out
+    return predicted.left_out if np.isfinite(predicted.left_out).any() else predicted.own
+
+
+def predicts_better(problem: Problem, before: Predicted, after: Predicted) -> bool:
+    """Tell whether a model predicts what was left out better by more than a standard error."""
+    drop = transferred(problem, before) - transferred(problem, after)
+    drop = drop[np.isfinite(drop)]
+    if drop.size < 2:
+        return True
+    return bool(drop.sum() > np.sqrt(drop.size) * np.std(drop, ddof=1))
+
+
 def closed(before: Array, after: Array, gap: Array) -> Estimate:
     """Return the share of a gap that is closed, summed over trials, with its standard error.
 

@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from granite_lab.discovery.candidates import Score, Screen, scores, screen
+from granite_lab.discovery.candidates import Score, Screen, rescreened, rivals, scores, screen
 from granite_lab.discovery.empirical import EmpiricalLaw
+from granite_lab.discovery.heldout import predict, predicts_better
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
 from granite_lab.inference.constants import EFFECT_ODDS, LEFT, SPREAD, TOLERANCE, WORTH
-from granite_lab.inference.fit import Fit, fit, under
-from granite_lab.inference.gap import moved, shares
+from granite_lab.inference.fit import Fit, fit, taken, under
+from granite_lab.inference.gap import moved, shares, tolerated
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
 
-MOST = 3
+MOST = 6
 """Effects in a set at most."""
 
-TRIED = 3
-"""Candidates of a screen that are fitted in full."""
+MOST_TERMS = 2
+"""Terms of the empirical law among them: with more it follows any curve at the speeds that were driven."""
+
+TRIED, TRIED_HELD = 3, 2
+"""Candidates of a screen that are fitted in full: with the discrepancy as learnt, and as tolerated."""
 
 FEW, ALL = 2, 99
 """Sizes of a strength that are probed, the smallest first."""
@@ -57,11 +60,14 @@ class Look:
         origin: the fit about which it is linear.
         screened: the columns.
         scores: what each candidate would bring, the best first.
+        tolerated: the discrepancy was taken to be of the tolerated size, so that it hides no effect, in place
+            of what it was learnt to be.
     """
 
     origin: Fit
     screened: Screen
     scores: tuple[Score, ...]
+    tolerated: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +77,7 @@ class Search:
     Attributes:
         models: fitted sets, the likeliest first.
         looks: sets beside which candidates were screened, to the screens.
-        small: sets whose last effect changes no channel by more than the tolerance.
+        small: sets whose last effect does not stay: it changes little, or does not predict what is left out.
     """
 
     models: tuple[Model, ...]
@@ -114,7 +120,8 @@ def search(
 ) -> Search:
     """Extend the model effect by effect, then exchange each effect of the best set for its rivals.
 
-    Beside effects that leave no discrepancy the empirical law is not looked for.
+    Candidates are screened under the discrepancy as learnt and under one of the tolerated size. Beside
+    effects that leave no discrepancy the empirical law is not looked for.
 
     Args:
         problem: the trials, with the noise.
@@ -123,82 +130,162 @@ def search(
         tolerance: discrepancy that does not matter, as a share of a channel's rms.
         tell: told what is being done.
     """
-    found: dict[tuple[str, ...], Model] = {(): _model((), base, candidates)}
-    looks: dict[tuple[str, ...], tuple[Look, ...]] = {}
-    own = frozenset(c for c in candidates if any(p.per_trial for p in problem.parameters_of(c)))
-
-    def fitted(starts: Sequence[tuple[Point, Fit]]) -> None:
-        """Fit the sets of some points that are not fitted yet, each with the scales of a fit nearby."""
-        new = [(start, near.scales) for start, near in starts if _set(start) not in found]
-        if new:
-            tell(f"fitting {', '.join(dict.fromkeys(_words(_set(start)) for start, _ in new))}")
-        fits = fit_sets(problem, new, {k: m.fit for k, m in found.items()})
-        found.update({k: _model(k, f, candidates) for k, f in fits.items()})
-
-    def extended(model: Model, wanted: Callable[[str, float], bool], most: int = TRIED) -> list[Score]:
-        """Fit the promising ones of the wanted candidates beside those of a model, and return them."""
-        if model.effects not in looks:
-            tell(f"screening candidates beside {_words(model.effects)}")
-            closed = bool(model.effects) and settled(model)
-            others = [c for c in candidates if c not in model.effects and not (closed and is_empirical(c))]
-            sizes = FEW if model.effects else ALL
-            origins = _origins(problem, model.fit)
-            screens = problem.bench.side_by_side(
-                lambda k: _screened(problem, origins[k], others, sizes), len(origins)
-            )
-            looks[model.effects] = tuple(
-                Look(origin, *found) for origin, found in zip(origins, screens, strict=True)
-            )
-        promises = _promises(looks[model.effects])
-        promising = _promising({c: p for c, p in promises.items() if wanted(c, p.gain)}, most)
-        starts = [_with(problem, o.point, score) for p in promising for o, score in p.starts]
-        if len(promising) == 1:  # it will be in the set: the exchange asks for it beside the others
-            without = [problem.without_effect(starts[0], id_) for id_ in model.effects]
-            starts += [_where_alone(problem, point, found) for point in without]
-        fitted([(start, model.fit) for start in starts])
-        return [p.score for p in promising]
-
-    @cache
-    def settled(model: Model) -> bool:
-        return good(problem, model.fit, tolerance) and not strained(problem, model.fit)
-
-    def sets(model: Model, tried: Sequence[Score]) -> list[tuple[str, ...]]:
-        every = [tuple(sorted((*model.effects, s.candidate))) for s in tried]
-        return [e for e in every if e in found]
-
-    def best_of(model: Model, tried: Sequence[Score]) -> Model:
-        own = [found[e] for e in sets(model, tried) if e not in small]
-        return max(own, key=lambda m: m.log_posterior, default=model)
-
-    current = found[()]
-    small: set[tuple[str, ...]] = set()
-    path: list[tuple[str, list[Score]]] = []
-    for _ in range(MOST):
-        fine = settled(current)
-        wanted = left_open(current, base, own) if fine and current.effects else lambda *_: True
-        tried = extended(current, wanted, 1 if fine else TRIED)
-        best = best_of(current, tried)
-        if fine and best is not current:
-            tried = extended(current, wanted)
-            for effects in sets(current, tried):
-                if not matters(problem, current.fit, found[effects].fit, tolerance):
-                    small.add(effects)  # it cannot be named; it is listed
-            best = best_of(current, tried)
-        if best.log_posterior <= current.log_posterior + WORTH:
+    steps = _Steps(problem, candidates, tolerance, tell, {(): _model((), base, candidates)})
+    current = steps.models[()]
+    path: list[tuple[Model, Model, list[Score]]] = []
+    while len(current.effects) < MOST:
+        best, tried = steps.extended(current)
+        if best is current:
             break
-        path.append((next(e for e in best.effects if e not in current.effects), tried))
+        path.append((current, best, tried))
         current = best
-    exchanged: list[Point] = []
-    closed = len(path) > 1 and settled(current)
-    for id_, tried in path[:-1]:  # those of the last stood beside the same effects
-        without = problem.without_effect(current.fit.point, id_)
-        exchanged.append(_where_alone(problem, without, found))
-        rivals = [s for s in tried if s.candidate not in current.effects]
-        rivals = [s for s in rivals if not (closed and is_empirical(s.candidate))]
-        exchanged += [_with(problem, without, score) for score in rivals]
-    fitted([(point, current.fit) for point in exchanged])
-    models = sorted(found.values(), key=lambda m: -m.log_posterior)
-    return Search(tuple(models), looks, frozenset(small))
+    steps.exchange(current, path)
+    models = sorted(steps.models.values(), key=lambda m: -m.log_posterior)
+    return Search(tuple(models), steps.looks, frozenset(steps.small))
+
+
+@dataclass
+class _Steps:
+    """The steps of a search, with what it has fitted so far.
+
+    Attributes:
+        problem, candidates, tolerance, tell: as `search` has them.
+        models: fitted sets.
+        looks: sets to the screens beside them.
+        small: sets whose last effect does not stay, see `stays`.
+    """
+
+    problem: Problem
+    candidates: Sequence[str]
+    tolerance: float
+    tell: Callable[[str], None]
+    models: dict[tuple[str, ...], Model]
+    looks: dict[tuple[str, ...], tuple[Look, ...]] = field(default_factory=dict)
+    small: set[tuple[str, ...]] = field(default_factory=set)
+
+    def extended(self, model: Model) -> tuple[Model, list[Score]]:
+        """Return the best set with one more effect, the set itself if none is better, and what was tried.
+
+        Beside effects that leave no discrepancy the leaders are fitted one by one until one of them stays,
+        for most often none does. Beside those that leave little only a candidate without a rival is fitted.
+        """
+        fine = self.settled(model)
+        leaders = self.leaders(model, fine)
+        if len(leaders) > 1 and not self.is_open(model):
+            return model, []
+        tried: list[_Promise] = []
+        for group in [[p] for p in leaders] if fine else [leaders]:
+            tried += group
+            self.fit(model, group)
+            if (best := self.best_of(model, tried)) is not model and fine:
+                self.fit(model, leaders)
+                tried = leaders
+                best = self.best_of(model, tried)
+            if best is not model:
+                return best, [p.score for p in tried]
+        return model, [p.score for p in tried]
+
+    def leaders(self, model: Model, fine: bool) -> list[_Promise]:
+        """Return the candidates to be fitted beside a model, those of the scales as learnt first."""
+        if model.effects not in self.looks:
+            self.tell(f"screening candidates beside {_words(model.effects)}")
+            closed = bool(model.effects) and fine
+            others = [c for c in self.candidates if c not in model.effects]
+            closed |= sum(map(is_empirical, model.effects)) >= MOST_TERMS
+            others = [c for c in others if not (closed and is_empirical(c))]
+            sizes = FEW if model.effects else ALL
+            origins = [model.fit] if model.effects else _origins(self.problem, model.fit)
+            blind = model.fit.scales.largest > self.tolerance or model.fit.scales.loud
+            screens = self.problem.bench.side_by_side(
+                lambda k: _screened(
+                    self.problem, origins[k], others, sizes, self.tolerance if blind else None
+                ),
+                len(origins),
+            )
+            self.looks[model.effects] = tuple(look for looks in screens for look in looks)
+        looks = self.looks[model.effects]
+        found = _leaders([k for k in looks if not k.tolerated], TRIED)
+        if held := [k for k in looks if k.tolerated]:
+            found += [p for p in _leaders(held, TRIED_HELD) if not is_empirical(p.score.candidate)]
+        return list({p.score.candidate: p for p in reversed(found)}.values())[::-1]
+
+    def fit(self, model: Model, group: Sequence[_Promise]) -> None:
+        """Fit some leaders beside a model."""
+        starts = [_with(self.problem, o.point, score) for p in group for o, score in p.starts]
+        self.fitted([(start, model.fit) for start in starts])
+
+    def fitted(self, starts: Sequence[tuple[Point, Fit]]) -> None:
+        """Fit the sets of some points that are not fitted yet, each with the scales of a fit nearby."""
+        new = [(start, near.scales) for start, near in starts if _set(start) not in self.models]
+        if new:
+            self.tell(f"fitting {', '.join(dict.fromkeys(_words(_set(start)) for start, _ in new))}")
+        fits = fit_sets(self.problem, new, {k: m.fit for k, m in self.models.items()})
+        self.models.update({k: _model(k, f, self.candidates) for k, f in fits.items()})
+
+    def best_of(self, model: Model, tried: Sequence[_Promise]) -> Model:
+        """Return the likeliest set with one of the tried whose new effect stays; the set itself if none."""
+        keys = [tuple(sorted((*model.effects, p.score.candidate))) for p in tried]
+        better = [self.models[k] for k in keys if k in self.models and k not in self.small]
+        least = model.log_posterior + WORTH
+        for other in sorted(better, key=lambda m: -m.log_posterior):
+            if other.log_posterior <= least:
+                break
+            if self.stays(model, other):
+                return other
+            self.small.add(other.effects)  # it cannot be named; it is listed
+        return model
+
+    def stays(self, model: Model, other: Model) -> bool:
+        """Tell whether the last effect of a set stays: it matters, and predicts what is left out."""
+        problem = self.problem
+        if max(moved(problem, model.fit, other.fit).values(), default=0.0) <= self.tolerance:
+            return False
+        alone = under(problem, model.fit, other.fit.scales)
+        before, after = (predict(problem, f, self.tolerance) for f in (alone, other.fit))
+        return predicts_better(problem, before, after)
+
+    def is_open(self, model: Model) -> bool:
+        """Tell whether a set leaves so much that candidates may compete.
+
+        Not so where it leaves less than `LEFT` of what noise and tolerance leave of a right model, as an rms:
+        there the errors of noise and formulas decide which of several rivals comes first.
+        """
+        if not model.effects:
+            return True
+        predicted = predict(self.problem, model.fit, self.tolerance)
+        left = predicted.left_out if np.isfinite(predicted.left_out).any() else predicted.own
+        return bool(not left.sum() < (1 + LEFT**2) * predicted.expected.sum())
+
+    def settled(self, model: Model) -> bool:
+        """Tell whether a model leaves no discrepancy that matters."""
+        return good(self.problem, model.fit, self.tolerance) and not strained(self.problem, model.fit)
+
+    def exchange(self, best: Model, path: Sequence[tuple[Model, Model, Sequence[Score]]]) -> None:
+        """Fit the best set with each of its effects exchanged for rivals that were tried in its place.
+
+        A rival must have gained `LEFT` of what the effect did: the sets beside which they stood differ.
+
+        Args:
+            best: the set.
+            path: per effect the set before it, that with it, and what was tried.
+        """
+        points: list[Point] = []
+        closed = len(path) > 1 and self.settled(best)
+        for before, after, tried in path[:-1]:  # those of the last stood beside the same effects
+            (id_,) = set(after.effects) - set(before.effects)
+            without = self.problem.without_effect(best.fit.point, id_)
+            points.append(_where_alone(self.problem, without, self.models))
+            least = before.log_posterior + LEFT * (after.log_posterior - before.log_posterior)
+            for score in (s for s in tried if s.candidate not in best.effects):
+                own = self.models.get(tuple(sorted((*before.effects, score.candidate))))
+                if own and own.log_posterior > least and not (closed and is_empirical(score.candidate)):
+                    points.append(_with(self.problem, without, score))
+        self.fitted([(point, best.fit) for point in points])
+        for key in map(_set, points):
+            rest, rival = (self.models.get(k) for k in (tuple(e for e in key if e in best.effects), key))
+            better = rest and rival and rest is not rival and rival.log_posterior > best.log_posterior
+            if rest and rival and better and not self.stays(rest, rival):
+                self.small.add(key)
 
 
 def _with(problem: Problem, point: Point, score: Score) -> Point:
@@ -266,21 +353,6 @@ def _set(point: Point) -> tuple[str, ...]:
     return tuple(sorted(point.effects))
 
 
-def left_open(model: Model, base: Fit, own: Collection[str]) -> Callable[[str, float], bool]:
-    """Return which candidates, by their gain, are of interest beside a model that leaves no discrepancy.
-
-    Such a model says nothing of what differs from trial to trial. Of the rest, a candidate that promises no
-    more than the errors of the formulas in the model may have left is not of interest.
-
-    Args:
-        model: the effects with their fit.
-        base: the fit without effects.
-        own: candidates with numbers of their own in each trial.
-    """
-    least = LEFT**2 * (model.fit.evidence - base.evidence)
-    return lambda c, gain: c in own or (gain > least and not is_empirical(c))
-
-
 def good(problem: Problem, result: Fit, tolerance: float) -> bool:
     """Tell whether a fit leaves no discrepancy beyond the tolerance and no louder noise."""
     return max(shares(problem, result).values(), default=0.0) <= tolerance and not result.scales.loud
@@ -321,10 +393,16 @@ def _origins(problem: Problem, result: Fit) -> list[Fit]:
 
 
 def _screened(
-    problem: Problem, origin: Fit, candidates: Sequence[str], sizes: int
-) -> tuple[Screen, tuple[Score, ...]]:
+    problem: Problem, origin: Fit, candidates: Sequence[str], sizes: int, tolerance: float | None
+) -> list[Look]:
+    """Return the screens about a fit: with the scales as learnt, and with a tolerated discrepancy."""
     screened = screen(problem, origin, candidates, most=sizes)
-    return screened, tuple(scores(problem, screened))
+    looks = [Look(origin, screened, tuple(scores(problem, screened)))]
+    if tolerance is not None:
+        held = taken(problem, origin, tolerated(origin.scales, tolerance))
+        other = rescreened(problem, screened, held)
+        looks.append(Look(held, other, tuple(scores(problem, other)), True))
+    return looks
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,15 +438,29 @@ def _promises(looks: Sequence[Look]) -> dict[str, _Promise]:
 def _promising(promises: Mapping[str, _Promise], most: int) -> list[_Promise]:
     """Return what is promised by the candidates to be fitted.
 
-    They are the `most` best effects of the library, and the best term of the empirical law. A rival must
-    promise `LEFT` of what the best one does: the screen is linear, and full fits have changed the order of
-    candidates by factors of up to two.
+    They are the `most` best effects of the library, and the best term of the empirical law if it promises
+    more than these. A rival must promise `LEFT` of what the best one does: the screen is linear, and full
+    fits have changed the order of candidates by factors of up to two.
     """
     least = max(WORTH, LEFT * max((p.gain for p in promises.values()), default=0.0))
     ranked = sorted((p for p in promises.values() if p.gain > least), key=lambda p: -p.gain)
     library = [p for p in ranked if not is_empirical(p.score.candidate)][:most]
-    law = [p for p in ranked if is_empirical(p.score.candidate)][: most // 2]
+    law = [] if ranked[:1] == library[:1] else ranked[:1]
     return law + library  # a fit of the law takes longest
+
+
+def _leaders(looks: Sequence[Look], most: int) -> list[_Promise]:
+    """Return what is promised by the best candidate and its rivals, and by the best empirical term.
+
+    What adds to the best candidate in place of being its rival has its turn beside it.
+    """
+    ranked = _promising(_promises(looks), most)
+    library = [p for p in ranked if not is_empirical(p.score.candidate)]
+    if not library or library[0].score.own is not None:
+        return ranked
+    first = library[0].score.candidate
+    close = {first, *(c for look in looks for c in rivals(look.screened, first))}
+    return [p for p in ranked if is_empirical(p.score.candidate) or p.score.candidate in close]
 
 
 def _model(effects: tuple[str, ...], result: Fit, candidates: Sequence[str]) -> Model:

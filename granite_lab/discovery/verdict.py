@@ -1,4 +1,4 @@
-"""From the posterior over sets to a verdict: none, named (alone or as twins), or unknown."""
+"""From the posterior over sets to a verdict: none, named (alone or as twins), partly named, or unknown."""
 
 from __future__ import annotations
 
@@ -12,14 +12,21 @@ from granite_lab.discovery.heldout import Predicted, closed, predict
 from granite_lab.discovery.search import Model, Search, good, is_empirical, matters
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import CREDIBLE, LEAST_SHARE, LEFT
-from granite_lab.inference.fit import FORMULAS, under
+from granite_lab.inference.fit import FORMULAS, Fit, under
 from granite_lab.inference.gap import moved, scatter
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 
 LARGEST_SET = 3
 """Most effects that cannot be told apart in an answer that still is one."""
+
+OPEN = Estimate(float("nan"))
+"""A share that is not known."""
+
+AT_BOUND = 1e-3
+"""Share of a parameter's range within which it counts as being at its bound."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +37,8 @@ class Named:
         id: of the effect.
         twins: effects that may stand in its place.
         probability: that it or one of its twins is in the model.
-        closes: share of the gap on trials left out.
+        closes, speeds: share of the gap on trials and on speeds left out.
+        strained: its numbers that ended at a bound, or two standard deviations outside what is expected.
         channel: of which it makes the largest share of what the set changes, and that share.
         changes: channel to how far it moves the prediction, as a share of the channel's rms in motion.
     """
@@ -39,6 +47,8 @@ class Named:
     twins: tuple[str, ...]
     probability: float
     closes: Estimate
+    speeds: Estimate = OPEN
+    strained: tuple[str, ...] = ()
     channel: tuple[str, float] = ("", float("nan"))
     changes: Mapping[str, float] = field(default_factory=dict)
 
@@ -66,20 +76,43 @@ class Named:
         seen = formula < FORMULAS[1] and made >= max(LEAST_SHARE, 2 * formula)
         return bool(closes >= LEFT or seen)
 
+    def is_shown(self) -> bool:
+        """Tell whether trials left out show it."""
+        return bool(self.closes.value >= 2 * self.closes.std)
+
+    def is_sure(self) -> bool:
+        """Tell whether it, alone or with its twins, may be named where little else is missing."""
+        return not is_empirical(self.id) and self.probability >= CREDIBLE and len(self.twins) < LARGEST_SET
+
+    def is_sure_beside(self, unexplained: float, scales: Scales) -> bool:
+        """Tell whether it may be named though more is missing, for which it could stand in.
+
+        Of what it closes and of what is left unexplained together, less than `LEFT` must be left: what stands
+        in for another cause leaves more. Speeds left out must show it. Its numbers must be as expected; so
+        must the error of its formula in the channel that it changes most.
+        """
+        speeds = self.speeds.value >= 2 * self.speeds.std
+        most = max(self.changes, key=lambda c: self.changes[c], default="")
+        more = unexplained < LEFT * (self.closes.value + unexplained)
+        usual = not self.strained and scales.formula_of(most) < FORMULAS[1]
+        return self.is_sure() and more and speeds and usual
+
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
     """What follows from a search.
 
     Attributes:
-        verdict: "none", "named" or "unknown".
+        verdict: "none", "named", "partly named" or "unknown".
         probability: posterior probability of the verdict.
-        model: the likeliest; the model alone where nothing is named.
-        named: what is named; the terms of the empirical law for "unknown".
-        small: what the best set holds besides and does not matter.
+        model: the likeliest; the model alone where nothing is missing.
+        named: what is named.
+        described: what the likeliest model holds besides and trials left out show; no cause.
+        small: what it holds besides and does not matter.
         before, after: predictions without and with the effects.
         gap: (trials,) misfit of the model alone beyond what noise and the tolerance explain, left out.
-        remainder: share of the gap that is left.
+        closed: share of the gap that is closed on trials left out.
+        speeds: the same on speeds left out.
         scatter: channel to how far repetitions differ, where that is more than `LEAST_SHARE`; see
             `inference.gap.scatter`.
     """
@@ -88,19 +121,26 @@ class Judgement:
     probability: float
     model: Model
     named: tuple[Named, ...]
+    described: tuple[Named, ...]
     small: tuple[Named, ...]
     before: Predicted
     after: Predicted
     gap: Array
-    remainder: float
+    closed: Estimate = OPEN
+    speeds: Estimate = OPEN
     scatter: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def remainder(self) -> float:
+        """Share of the gap that is left on trials left out; NaN without a gap."""
+        return 1 - self.closed.value
 
 
 def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     """Decide by what repetitions share, see `_judged`, and by how they differ.
 
-    It is ``unknown`` where they differ by more than `LEAST_SHARE`, and the model explains all that they share
-    or a named effect changes no channel by more than they differ: what acts there acts on the mean, too.
+    It is ``unknown`` where they differ by more than `LEAST_SHARE`, and the model explains all they share. A
+    named effect must change some channel by more than they differ: what acts there acts on the mean, too.
     """
     every = scatter(problem, search.best.fit)
     differ = {c: share for c, share in every.items() if share > LEAST_SHARE}
@@ -117,9 +157,12 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     * Effects of the likeliest set are named that trials left out show, and that close at least `LEFT` of the
       gap or show in a channel, see `Named.matters`, by more than the tolerance. Alone,
       or with at most two others that cannot be told from them, they must have a posterior probability of
-      `CREDIBLE`. Together they must leave less than `LEFT` of the gap, as an rms; or not more by two standard
-      errors, if errors of their formulas within `FORMULA_ERROR` and the tolerance explain what they leave.
-    * ``unknown`` otherwise, and where repetitions differ and one of those effects does not stand out.
+      `CREDIBLE`. Where more is missing, see `Named.is_sure_beside`, too.
+    * ``named`` where these are all that matters, and together leave less than `LEFT` of the gap, as an rms;
+      or not more by two standard errors, if errors of their formulas within `FORMULA_ERROR` and the tolerance
+      explain what they leave.
+    * ``partly named`` where some are named and more is missing, ``unknown`` where none is. What else trials
+      left out show is a description.
 
     Args:
         problem, search, tolerance: as in `judge`.
@@ -130,40 +173,34 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     alone = replace(alone, fit=under(problem, alone.fit, search.best.fit.scales))
     fits, together = (alone.fit, search.best.fit), problem.bench.side_by_side
     before, after = together(lambda k: predict(problem, fits[k], tolerance), 2)
-    beside = _held(search, search.beside)
-    if not matters(problem, alone.fit, search.best.fit, tolerance):
-        small = (*beside, *_held(search, search.best.effects))
+    beside, best = _held(search, search.beside), search.best
+    if not matters(problem, alone.fit, best.fit, tolerance):
+        small = (*beside, *_held(search, best.effects))
         gap = np.zeros_like(before.own)
-        return Judgement("none", 1.0, alone, (), small, before, before, gap, float("nan"))
-    best = search.best
-    base = before.left_out if np.isfinite(before.left_out).any() else before.own
-    floor = np.fmin(after.expected, before.expected)
-    gap = base - (floor if floor.sum() < _left(after).sum() else _left(after))
-    whole_closes = closed(base, _left(after), gap)
-    remainder = 1 - whole_closes.value
-    beyond = remainder - 2 * whole_closes.std > LEFT**2  # not so where the standard error is not known
-    whole = _Whole(base, gap, after, remainder)
+        return Judgement("none", 1.0, alone, (), (), small, before, before, gap)
+    whole = _whole(before, after)
     parts = together(lambda k: _named(problem, search, best.effects[k], whole, tolerance), len(best.effects))
-    relevant = [n for n in parts if n.matters(remainder, best.fit.scales)]
-    small = (*beside, *(n for n in parts if n not in relevant))
+    scales, remainder = best.fit.scales, 1 - whole.closed.value
+    relevant = [n for n in parts if n.matters(remainder, scales)]
     library = [n for n in relevant if not is_empirical(n.id)]
-    law = [n for n in relevant if is_empirical(n.id)]
-    sure = [n for n in library if n.probability >= CREDIBLE and len(n.twins) < LARGEST_SET]
-    by_law = sum(n.closes.value for n in law)
-    explained = not law and not beyond and good(problem, best.fit, tolerance)
+    by_law = sum(n.closes.value for n in relevant if is_empirical(n.id))
+    beyond = remainder - 2 * whole.closed.std > LEFT**2  # not so where the standard error is not known
+    explained = len(library) == len(relevant) and not beyond and good(problem, best.fit, tolerance)
     enough = remainder + by_law < LEFT**2 or explained
-    known = bool(sure) and len(sure) == len(library) and enough
-    nothing = Judgement("unknown", 1.0, alone, (), (*beside, *parts), before, before, gap, 1.0)
-    if differ and not all(n.stands_out(differ, tolerance) for n in (sure if known else law)):
-        return nothing
-    if known:
-        probability = float(min(n.probability for n in sure))
-        return Judgement("named", probability, best, tuple(sure), small, before, after, gap, remainder)
-    if not law:
-        doubt = 1 - float(min((n.probability for n in library), default=0.0)) if not enough else 0.0
-        return replace(nothing, probability=doubt or 1.0)
-    small = (*beside, *(n for n in parts if n not in law))
-    return Judgement("unknown", 1.0, best, tuple(law), small, before, after, gap, remainder)
+    stand_out = [n for n in library if not differ or n.stands_out(differ, tolerance)]
+    named = [n for n in stand_out if n.is_sure()]
+    verdict: Verdict = "named"
+    if not (enough and named and len(named) == len(library)):
+        named = [n for n in named if n.is_sure_beside(remainder + by_law, scales)]
+        verdict = "partly named" if named else "unknown"
+    rest = [n for n in parts if n not in named]
+    described = tuple(n for n in rest if verdict != "named" and n.is_shown())
+    small = (*beside, *(n for n in rest if n not in described))
+    probability = float(min((n.probability for n in named), default=1.0))
+    return Judgement(
+        verdict, probability, best, tuple(named), described, small, before, after,
+        whole.gap, whole.closed, whole.speeds,
+    )  # fmt: skip
 
 
 def _held(search: Search, effects: Sequence[str]) -> tuple[Named, ...]:
@@ -180,17 +217,36 @@ def by_posterior(problem: Problem, search: Search) -> Judgement:
     sure = all(n.probability >= CREDIBLE and not is_empirical(n.id) for n in named)
     verdict: Verdict = "none" if not named else "named" if sure else "unknown"
     probability = min((n.probability for n in named), default=1.0)
-    return Judgement(verdict, probability, best, named, (), unseen, unseen, nothing, float("nan"))
+    names, terms = (named, ()) if sure else ((), named)
+    return Judgement(verdict, probability, best, names, terms, (), unseen, unseen, nothing)
 
 
 @dataclass(frozen=True, eq=False)
 class _Whole:
-    """How the best set does on trials left out: misfits without it, the gap, its own, what it leaves."""
+    """How the best set does on trials left out.
+
+    Attributes:
+        base: (trials,) misfits without it.
+        gap, gap_speeds: (trials,) misfits beyond what noise and the tolerance explain; with speeds left out.
+        after: predictions with it.
+        closed, speeds: share of either gap that it closes.
+    """
 
     base: Array
     gap: Array
+    gap_speeds: Array
     after: Predicted
-    remainder: float
+    closed: Estimate
+    speeds: Estimate
+
+
+def _whole(before: Predicted, after: Predicted) -> _Whole:
+    floor = np.fmin(after.expected, before.expected)
+    base, left = before.left_out if np.isfinite(before.left_out).any() else before.own, _left(after)
+    pairs = ((base, left), (before.speed_left_out, after.speed_left_out))
+    gap, other = (b - (floor if floor.sum() < np.nansum(a) else a) for b, a in pairs)
+    speeds = closed(before.speed_left_out, after.speed_left_out, other)
+    return _Whole(base, gap, other, after, closed(base, left, gap), speeds)
 
 
 def _left(predicted: Predicted) -> Array:
@@ -212,17 +268,20 @@ def _named(problem: Problem, search: Search, id_: str, whole: _Whole, tolerance:
     Rivals in its place are twins where the posterior does not exclude them. The likeliest come first, until
     half of the doubt that a name may carry is left; a rival that holds less than a tenth of this doubt is no
     twin. Rivals are twins, too, where they leave less than twice what the best set leaves of the gap, both as
-    an rms: a formula that is off by that much cannot exclude another that is off by as much more.
+    an rms, and close nearly as much: a formula that is off by that much cannot exclude another that is off by
+    as much more.
     """
     best = search.best
     rest = tuple(e for e in best.effects if e != id_)
     without = search.model(rest) or next(m for m in search.models if set(m.effects) <= set(rest))
 
-    def left_by(model: Model) -> Array:
-        return _left(predict(problem, under(problem, model.fit, best.fit.scales), tolerance))
+    def predicted(model: Model) -> Predicted:
+        return predict(problem, under(problem, model.fit, best.fit.scales), tolerance)
 
-    changes = moved(problem, without.fit, best.fit)
-    closes = closed(left_by(without), _left(whole.after), whole.gap)
+    changes, lacking = moved(problem, without.fit, best.fit), predicted(without)
+    closes = closed(_left(lacking), _left(whole.after), whole.gap)
+    speeds = closed(lacking.speed_left_out, whole.after.speed_left_out, whole.gap_speeds)
+    remainder = 1 - whole.closed.value
     probability = search.probability(holding(id_))
     rivals: list[tuple[float, str, Model]] = []
     for model in search.models:
@@ -233,14 +292,31 @@ def _named(problem: Problem, search: Search, id_: str, whole: _Whole, tolerance:
     doubt = 1 - CREDIBLE
     for share, rival, model in sorted(rivals, key=lambda r: r[:2], reverse=True):
         likely = 1 - probability > doubt / 2 and share >= LEAST_SHARE * doubt
-        if not likely and not is_empirical(rival) and whole.remainder > 0:
-            left = 1 - closed(whole.base, left_by(model), whole.gap).value
-            likely = left < 4 * whole.remainder
+        if not likely and not is_empirical(rival) and remainder > 0:
+            left = 1 - closed(whole.base, _left(predicted(model)), whole.gap).value
+            likely = left < 4 * remainder and left - remainder < LEFT * closes.value
         if likely:
             twins.append(rival)
             probability += share
     channel = _channel(problem, search, changes, tolerance)
-    return Named(id_, tuple(twins), min(probability, 1.0), closes, channel, changes)
+    tight = strained_numbers(problem, best.fit, id_)
+    return Named(id_, tuple(twins), min(probability, 1.0), closes, speeds, tight, channel, changes)
+
+
+def strained_numbers(problem: Problem, fit: Fit, id_: str) -> tuple[str, ...]:
+    """Name the strengths of an effect that ended at a bound, or two standard deviations outside their prior.
+
+    A strength at its neutral value is no strain: the effect is then not there. Nor is a shape at its bound,
+    of which trials with little of the effect say nothing.
+    """
+    found = []
+    common = problem.parameters(fit.point.effects, per_trial=False)
+    for (e, p), value in zip(common, fit.point.common, strict=True):
+        margin = AT_BOUND * (p.high - p.low)
+        bound = any(abs(value - b) < margin for b in (p.low, p.high) if abs(b - p.neutral) > margin)
+        if e == id_ and not p.shape and (bound or abs(value - p.neutral) > 2 * width_of(p)):
+            found.append(p.name)
+    return tuple(found)
 
 
 def _channel(

@@ -7,12 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from granite_lab.discovery.finding import FoundEffect, Verdict
+from granite_lab.discovery.heldout import FEWEST_SPEEDS
 from granite_lab.discovery.verdict import Judgement
 from granite_lab.inference.constants import LEAST_SHARE
 from granite_lab.inference.problem import Problem
-
-FEWEST_SPEEDS = 3
-"""Speeds that a verdict needs to be more than provisional: a law in speed has one number more than a line."""
 
 
 def provisional(problem: Problem) -> tuple[str, ...]:
@@ -29,27 +27,30 @@ def provisional(problem: Problem) -> tuple[str, ...]:
 def sentence(
     verdict: Verdict,
     effects: Sequence[FoundEffect],
+    description: Sequence[FoundEffect],
     judgement: Judgement,
     reasons: Sequence[str],
     tolerance: float,
 ) -> str:
-    """Say the verdict in one to three sentences."""
+    """Say the verdict in one to four sentences."""
     head = f"Provisional ({'; '.join(reasons)}): " if reasons else ""
     if verdict == "none":
         text = f"the model explains the trials within the tolerance of {100 * tolerance:g} % and the noise."
-    elif verdict == "named":
-        join = ", and " if any(e.twins for e in effects) else " and "
-        text = f"missing from the model: {join.join(_name(e) for e in effects)}. {_shrinks(judgement)}"
     elif effects:
-        terms = ", ".join(e.title.partition(": ")[2] or e.id for e in effects)
-        text = (
-            "something is missing from the model. No candidate explains it; an empirical law describes it "
-            f"({terms}). {_shrinks(judgement)}"
-        )
-    elif judgement.scatter:
+        join = ", and " if any(e.twins for e in effects) else " and "
+        text = f"missing from the model: {join.join(_name(e) for e in effects)}."
+        text += " More is missing that no candidate explains." if verdict == "partly named" else ""
+    elif judgement.scatter and not description:
         text = f"something is missing from the model that changes from trial to trial. {differing(judgement)}"
+    elif description:
+        text = "something is missing from the model. No candidate explains it for certain."
     else:
         text = "something is missing from the model. Neither a candidate nor an empirical law explains it."
+    if description and verdict != "none":
+        terms = ", ".join(e.title.partition(": ")[2] or e.id for e in description)
+        text += f" A description without a cause: {terms}."
+    if verdict != "none" and (effects or description) and (shrinks := _shrinks(judgement)):
+        text += f" {shrinks}"
     return head + (text if head else text[0].upper() + text[1:])
 
 
@@ -102,6 +103,10 @@ def notes(
     if judgement.verdict == "unknown" and judgement.small:
         best = ", ".join(n.id for n in judgement.small)
         found.append(f"The likeliest candidates ({best}) do not explain enough to be named.")
+    known = problem.bench.world.effects
+    laws = [e.id for e in effects if e.id in known and known[e.id].law]
+    if laws:
+        found.append(f"The soil follows another law than the model's: {' and '.join(laws)}.")
     if judgement.scatter:
         found.append(differing(judgement))
     for n in judgement.named:

@@ -9,7 +9,8 @@ from granite_lab.model.effect import Effect, EffectParameter
 
 AREAS = {
     "Soil": (
-        "bulldozing", "slip_sinkage", "multi_pass", "rate_dependent_soil", "tread_ripple",
+        "bulldozing", "slip_sinkage", "stress_ahead", "shear_softening", "multi_pass",
+        "rate_dependent_soil", "tread_ripple",
         "contact_angle_lag", "contact_angle_actual_speed", "sand_throw",
     ),
     "Tyre": ("tyre_windup", "radial_tyre_compliance"),
@@ -50,7 +51,9 @@ that receive a quantity as a CasADi expression and return it changed.
 | `wheel` | motion of a wheel relative to the soil |
 | `soil` | soil under a wheel |
 | `contact_angles` | ends of the contact arc |
+| `bearing` | angle whose depth sets the pressure at a point of the contact arc |
 | `pressure` | pressure at a point of the contact arc |
+| `shear` | share of the shear strength that a shear displacement mobilises |
 | `wheel_forces` | forces and moment of the ground on a wheel |
 | `drive_torque`, `rim_load` | torques on a rim |
 | `rim_acceleration` | angular acceleration of a rim |

@@ -20,6 +20,7 @@ class RateDependentSoil(Effect):
     """The pressure of (9) rises with the speed at which that part of the wheel drives into the soil."""
 
     id = "rate_dependent_soil"
+    law = True
     name = "rate-dependent soil"
     title = "soil pressure that rises with penetration speed"
     equation = "(9) with σ (1 + stiffening · (v_p / 0.1 m/s)^exponent), v_p = max(0, v sin ϑ)"

@@ -18,6 +18,7 @@ class SlipSinkage(Effect):
     """A slipping wheel moves soil backward from under itself; the exponent of (8) follows the slip."""
 
     id = "slip_sinkage"
+    law = True
     title = "sinkage that grows with slip"
     equation = "(8) with n = n0 + n1 |λ|"
     source = (

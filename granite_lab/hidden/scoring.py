@@ -33,7 +33,9 @@ LARGEST_SET = 3
 REMAINDER = 0.1
 """Share of the gap from which on a discovery must say that it is left: what closes less is small."""
 
-SCHEMA = "granite-lab/discovery/2"
+SCHEMA = "granite-lab/discovery/3"
+
+VERDICTS = ("none", "named", "partly named", "unknown")
 
 
 FILES = ("finding.json", "report.json")
@@ -116,8 +118,8 @@ def read_finding(place: Path) -> dict[str, Any]:
             )
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         raise InputError(f"{path}: not a discovery, expected schema '{SCHEMA}'", "see `discover --json`")
-    if document.get("verdict") not in ("none", "named", "unknown"):
-        raise InputError(f"{path}: verdict is {document.get('verdict')!r}, expected none, named or unknown")
+    if document.get("verdict") not in VERDICTS:
+        raise InputError(f"{path}: verdict is {document.get('verdict')!r}, expected {', '.join(VERDICTS)}")
     try:
         for effect in document.get("effects", []):
             _set_of(effect)
@@ -133,7 +135,7 @@ def score(answer: Mapping[str, Any], finding: Mapping[str, Any]) -> Score:
         answer: as `granite_lab.hidden.sealed` opens it.
         finding: as `discover --json` prints it, of which `verdict`, `effects`, `gap` and `remainder` count.
     """
-    effects = finding.get("effects", []) if finding["verdict"] == "named" else []
+    effects = finding.get("effects", []) if finding["verdict"] in ("named", "partly named") else []
     hidden = tuple(effect["id"] for effect in answer["effects"])
     outside = {effect["id"] for effect in answer["effects"] if not effect["library"]}
     inside = tuple(name for name in hidden if name not in outside)

@@ -101,9 +101,13 @@ class _Group:
     sensor: int
     to_bins: Any
 
-    def to_stamps(self, t: Array, shift: float) -> Any:
-        """Return the matrix from a simulation's grid to what the sensor shows at its stamps."""
-        at, half = self.stamps - shift, self.window / 2
+    def to_stamps(self, t: Array, shift: float, spread: float) -> Any:
+        """Return the matrix from a simulation's grid to what the sensor shows at its stamps.
+
+        A low-pass is a longer window of the same variance: of its response, mean and variance show in what is
+        slower than its cut-off.
+        """
+        at, half = self.stamps - shift, float(np.sqrt(self.window**2 + 12 * spread)) / 2
         if not half:
             return values(t, np.clip(at, t[0], t[-1]))
         # accelerations jump: what the sensor shows of a corner depends on where its window lies
@@ -127,7 +131,7 @@ class Binning:
             alike.setdefault((s.t.tobytes(), s.is_angle, s.window), []).append(name)
         self._groups = [self._group(names, streams, edges, t_start) for names in alike.values()]
         self._order = tuple(streams)
-        self._known: dict[tuple[int, float, int], tuple[Any, Any]] = {}
+        self._known: dict[tuple[int, tuple[float, float], int], tuple[Any, Any]] = {}
 
     @staticmethod
     def _group(names: list[str], streams: Mapping[str, Stream], edges: Array, t_start: float) -> _Group:
@@ -144,6 +148,7 @@ class Binning:
         start: float,
         late: Sequence[float] = (0.0, 0.0, 0.0),
         only: Sequence[str] = (),
+        spread: float = 0.0,
     ) -> dict[str, Array]:
         """Return channel to its (n,) bins, or to the (n, k) bins of k responses.
 
@@ -153,6 +158,7 @@ class Binning:
             start: by how much the command starts later than `t_start` [s].
             late: by how much the stamps of each sensor of `SENSOR_OF` are late [s].
             only: channels that are wanted; all by default.
+            spread: variance of the impulse response of the IMU's low-pass [s^2].
         """
         wanted = only or self._order
         found: dict[str, Array] = {}
@@ -160,7 +166,7 @@ class Binning:
             own = [(name, w) for name, w in zip(group.names, group.weights, strict=True) if name in wanted]
             if own:
                 signals = [sum(w[k] * response[k] for k in np.flatnonzero(w)) for _, w in own]
-                shift = start + late[group.sensor]
+                shift = start + late[group.sensor], spread if group.sensor == IMU else 0.0
                 if response.ndim == 2:
                     bins = list(self._in_bins(number, t, shift, np.column_stack(signals), few=True).T)
                 else:
@@ -168,13 +174,15 @@ class Binning:
                 found.update(zip((name for name, _ in own), bins, strict=True))
         return {name: found[name] for name in wanted}
 
-    def _in_bins(self, number: int, t: Array, shift: float, signals: Array, *, few: bool) -> Array:
+    def _in_bins(
+        self, number: int, t: Array, shift: tuple[float, float], signals: Array, *, few: bool
+    ) -> Array:
         """Return the (n, k) bins of (M, k) signals; the matrices are multiplied first unless they are few."""
         group, key = self._groups[number], (number, shift, t.size)
         if key not in self._known:
             while len(self._known) >= KEPT * len(self._groups):
                 del self._known[next(iter(self._known))]
-            self._known[key] = group.to_stamps(t, shift), None
+            self._known[key] = group.to_stamps(t, *shift), None
         to_stamps, product = self._known[key]
         if few:
             return np.asarray(group.to_bins @ (to_stamps @ signals))

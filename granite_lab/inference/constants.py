@@ -34,6 +34,10 @@ CURRENT_LATENCY_STD = LATENCY_LIMIT / 2
 """Std of the latency of the motor currents behind the encoders, which share a clock [s]: controllers poll
 and filter them."""
 
+LOW_PASS_STD = 1 / (2 * math.pi * 10) ** 2
+"""Std of the variance of the impulse response of the IMU's low-pass [s^2]: that of a first order at 10 Hz.
+Loggers set 10 to 50 Hz; a second order, or a mean over samples, of the same variance shows the same."""
+
 SMOOTH = (0.1, 0.5)
 """Time over which the discrepancy of the model is smooth [s]: the pitch and slip transients of the robot last
 0.1 s, its way to steady slip 0.35 s."""

@@ -16,7 +16,7 @@ from granite_lab.inference.problem import Problem
 from granite_lab.inference.strengths import own_name, width_of
 from granite_lab.logs.trial import Array
 
-LEAST = 0.5
+LEAST = 0.2
 """Drop of the objective at which an iteration ends: a quarter of a unit of log likelihood."""
 
 LEAST_OF_LOUD = 0.01
@@ -60,7 +60,7 @@ class Fit:
         normal: the normal equations at the point.
         posterior: of the parameters.
         evidence: logarithm of the marginal likelihood with the priors of the scales, up to a constant; at the
-            mean of the posterior if the fit converged, else at the point.
+            mean of the posterior within the bounds if the fit converged, else at the point.
         converged: an undamped step would be small.
     """
 
@@ -163,8 +163,8 @@ def fit(
         scales = learn(problem, state, scales)
     post = _posterior(problem, state.point, state.normal, scales)
     evidence = post.evidence + log_prior(problem, scales, bool(state.point.effects))
-    if rounds and not converged:  # what the derivatives promise was not found
-        evidence -= post.promised / 2
+    if rounds:  # nothing is credited beyond a bound, nor what the derivatives promise and was not found
+        evidence -= (post.promised - (_within_bounds(problem, state, scales) if converged else 0.0)) / 2
     slopes, normal = replace(state.slopes), state.normal.alone()  # without what was kept for a next step
     return Fit(
         state.point, scales, slopes, state.responses, state.residuals, normal, post, evidence, converged
@@ -182,6 +182,11 @@ def under(problem: Problem, fitted: Fit, scales: Scales) -> Fit:
     post = _posterior(problem, fitted.point, fitted.normal, own)
     evidence = post.evidence + log_prior(problem, own, bool(fitted.point.effects))
     return replace(fitted, scales=own, posterior=post, evidence=evidence)
+
+
+def taken(problem: Problem, fitted: Fit, scales: Scales) -> Fit:
+    """Return a fit, linear about its point, under scales that are taken for granted."""
+    return replace(fitted, scales=scales, posterior=_posterior(problem, fitted.point, fitted.normal, scales))
 
 
 def simulated(problem: Problem, point: Point) -> tuple[Array, ...] | None:
@@ -211,6 +216,14 @@ def _aim(problem: Problem, point: Point, M: Array, std: Array, pull: Array, damp
             return aim
         free &= ~beyond
         step = np.where(free, step, reached)
+
+
+def _within_bounds(problem: Problem, state: _State, scales: Scales) -> float:
+    """Return the drop of the objective that the derivatives promise at a point, the bounds kept."""
+    M, _ = state.normal.marginal(scales)
+    std, mean = problem.prior(state.point, scales)
+    aim = _aim(problem, state.point, M, std, mean - state.point.vector, 0.0)
+    return _linear(M, std, mean, state.point, state.point) - _linear(M, std, mean, state.point, aim)
 
 
 def _linear(M: Array, std: Array, mean: Array, point: Point, aim: Point) -> float:

@@ -13,17 +13,27 @@ import numpy as np
 
 from granite_lab.inference.bench import ACCURACY, RAKED, SAND
 from granite_lab.inference.binning import CURRENTS, IMU, WHEELS
-from granite_lab.inference.constants import CURRENT_LATENCY_STD, LATENCY_STD, RAKING, SENSOR_STD
+from granite_lab.inference.constants import (
+    CURRENT_LATENCY_STD,
+    LATENCY_STD,
+    LOW_PASS_STD,
+    RAKING,
+    SENSOR_STD,
+)
 from granite_lab.inference.observation import Observation
 from granite_lab.logs.trial import Array
 from granite_lab.model.instants import instants
 from granite_lab.parameters import Robot
 
-SENSORS = ("latency", "arm_x", "arm_z", "current_latency")
+SENSORS = ("latency", "arm_x", "arm_z", "current_latency", "spread")
 """What all trials share of the sensors: latency of the IMU's stamps behind those of the wheels [s], its place
-off the file [m], latency of the currents behind the wheels [s]."""
+off the file [m], latency of the currents behind the wheels [s], variance of the impulse response of the IMU's
+low-pass [s^2]."""
 
-SENSORS_STD = np.array([LATENCY_STD, SENSOR_STD["arm"], SENSOR_STD["arm"], CURRENT_LATENCY_STD])
+SENSORS_STD = np.array([LATENCY_STD, SENSOR_STD["arm"], SENSOR_STD["arm"], CURRENT_LATENCY_STD, LOW_PASS_STD])
+
+SENSORS_LEAST = np.array([-np.inf, -np.inf, -np.inf, -np.inf, 0.0])
+"""Their lower bounds."""
 
 LATENCY_OF = {IMU: "latency", CURRENTS: "current_latency"}
 """The number of `SENSORS` by which a sensor is late."""
@@ -31,7 +41,8 @@ LATENCY_OF = {IMU: "latency", CURRENTS: "current_latency"}
 ARM_OF = {"accel_x": "arm_z", "accel_z": "arm_x"}
 """The number of `SENSORS` by which turning shows in a channel."""
 
-_SHIFT_STEP = 1e-3
+_SHIFT_STEP, _SPREAD_STEP = 1e-3, 1e-6
+"""Steps of derivatives by time [s] and by the variance of a low-pass [s^2]."""
 
 
 @dataclass(frozen=True)
@@ -80,8 +91,10 @@ class TrialModel:
         self, response: Array, x: Array, sensors: Array, only: Sequence[str] = ()
     ) -> dict[str, Array]:
         """Return channel to the (n,) bins of an (8, M) response, or (n, k) of (8, M, k); all by default."""
-        imu, currents = (float(sensors[SENSORS.index(name)]) for name in ("latency", "current_latency"))
-        return self.observation.binned(self.t, response, float(x[RAKED]), (0.0, imu, currents), only)
+        imu, currents, spread = (
+            float(sensors[SENSORS.index(name)]) for name in ("latency", "current_latency", "spread")
+        )
+        return self.observation.binned(self.t, response, float(x[RAKED]), (0.0, imu, currents), only, spread)
 
     def predict(self, response: Array, x: Array, sensors: Array) -> Array:
         """Return the (C, n) bins that the trial should show."""
@@ -124,7 +137,7 @@ class TrialModel:
             sensors: numbers of the sensors that all trials share.
 
         Returns:
-            (C n, p) by the trial's numbers, (C n, 4) by `SENSORS`, (C n, k) by what the others are of.
+            (C n, p) by the trial's numbers, (C n, 5) by `SENSORS`, (C n, k) by what the others are of.
         """
         bins = self.bins_of(changes, x, sensors)
         shown = self._shown(bins, x)
@@ -136,6 +149,8 @@ class TrialModel:
             sensor = self.observation.streams[c].sensor
             if sensor != WHEELS:
                 by_sensor[k, :, SENSORS.index(LATENCY_OF[sensor])] = shown[c][:, 2]
+        for c, by_spread in self._spread(changes[..., 0], bins, x, sensors).items():
+            by_sensor[self.channels.index(c), :, SENSORS.index("spread")] = by_spread
         for felt in ARM_OF if "accel_x" in bins else ():
             turning = self._shown({c: bins[c][:, 1] * (c == felt) for c in ARM_OF}, x)
             for c in ARM_OF:
@@ -159,6 +174,16 @@ class TrialModel:
         """Return the (C n, k) bins of k changes of the response, (8, M, k)."""
         shown = self._shown(self.bins_of(changes, x, sensors), x)
         return np.concatenate([shown[c] for c in self.channels])
+
+    def _spread(
+        self, response: Array, bins: Mapping[str, Array], x: Array, sensors: Array
+    ) -> dict[str, Array]:
+        """Return channel of the IMU to the (n,) derivative of its bins by the variance of the low-pass."""
+        own = [c for c in self.channels if self.observation.streams[c].sensor == IMU]
+        wider = sensors + _SPREAD_STEP * (np.array(SENSORS) == "spread")
+        there = self.bins_of(response, x, wider, own) if own else {}
+        shown = self._shown({c: (there[c] - bins[c][:, 0]) / _SPREAD_STEP for c in own}, x)
+        return {c: shown[c] for c in own}
 
     def _turning(self, response: Array) -> Array:
         """Return how specific force changes with the place of the IMU: Θ̈ along x, −Θ̈ along z."""

@@ -9,11 +9,11 @@ from functools import partial
 import numpy as np
 
 from granite_lab.inference.bench import RAKED, SAND, Bench, Setting, Task, Values
-from granite_lab.inference.constants import SAND_STD
+from granite_lab.inference.constants import SAND_STD, TOLERANCE
 from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, joined, modulated, scale_of
 from granite_lab.inference.noise import Whitener
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
-from granite_lab.inference.nuisances import SENSORS, SENSORS_STD, TrialModel
+from granite_lab.inference.nuisances import SENSORS, SENSORS_LEAST, SENSORS_STD, TrialModel
 from granite_lab.inference.point import SHARED, Further, Point, Slopes, stacked
 from granite_lab.inference.strengths import centre_of, own_name, step_of, width_of
 from granite_lab.logs.trial import Array
@@ -109,12 +109,13 @@ class Problem:
             trials.append(own)
             k += x.size
         shared = whole[k : k + len(SHARED)]
-        sand = np.array([*(3 * self.sand_std), *np.full(len(SENSORS), np.inf)])
+        most = np.array([*(3 * self.sand_std), *np.full(len(SENSORS), np.inf)])
+        least = np.array([*(-3 * self.sand_std), *SENSORS_LEAST])
         common = whole[k + len(SHARED) :]
         bounds = [p for _, p in self.parameters(point.effects, per_trial=False)]
         if bounds:
             common = np.clip(common, [p.low for p in bounds], [p.high for p in bounds])
-        return Point(np.clip(shared, -sand, sand), point.effects, common, tuple(trials))
+        return Point(np.clip(shared, least, most), point.effects, common, tuple(trials))
 
     def prior(self, point: Point, scales: Scales) -> tuple[Array, Array]:
         """Return standard deviations and means of the priors of `Point.vector`."""
@@ -281,7 +282,7 @@ class Problem:
             t, x = self.trials[own[0]], point.trials[own[0]]
             bins = t.bins_of(slopes.response[command], x, point.sensors)
             size, moving, resting = scale_of(t, slopes.response[command], bins)
-            size = {c: max(level, self._shaken(own, c, moving)) for c, level in size.items()}
+            size = {c: max(level, self._least_size(own, c, moving)) for c, level in size.items()}
             plain = {}
             for c in dict.fromkeys(c for i in own for c in self.trials[i].channels):
                 level, width = size.get(c, 0.0), t.observation.width
@@ -290,10 +291,16 @@ class Problem:
             self._plain.append(plain)
             self._sizes.append({c: (size.get(c, 0.0), moving, resting) for c in plain})
 
-    def _shaken(self, own: Sequence[int], channel: str, moving: Array) -> float:
-        """Return the rms in motion as measured, vibration included; 0 for wheels, which follow a command."""
+    def _least_size(self, own: Sequence[int], channel: str, moving: Array) -> float:
+        """Return the least that the discrepancy of a channel is a share of.
+
+        It is the rms in motion as measured, vibration included. Wheels follow a command; theirs is such that
+        the rounding of the encoders, which repetitions and wheels that roll alike share, is within the
+        tolerance.
+        """
         if channel.startswith("wheel"):
-            return 0.0
+            step = max(self.trials[i].observation.step for i in own)
+            return float(step / np.sqrt(12) / TOLERANCE)
         squares = []
         for t in (self.trials[i] for i in own if channel in self.trials[i].channels):
             values = t.measured[t.channels.index(channel)]

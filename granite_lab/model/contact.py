@@ -112,20 +112,35 @@ def contact_angles(state: WheelState, k92: Any) -> ContactAngles:
     return ContactAngles(front, k92 * front)
 
 
+@dataclass(frozen=True)
+class ArcLaws:
+    """How effects rewrite the laws along the contact arc; the defaults are the paper's.
+
+    Attributes:
+        bearing: angle ϑ [rad] to the angle whose depth (7) sets the pressure at ϑ.
+        pressure: pressure σ [Pa] of (9) and angle ϑ [rad] to the pressure at ϑ.
+        shear: share of τ_max that (11) mobilises and shear displacement |j| [m] to that share.
+    """
+
+    bearing: Callable[[Any], Any] = lambda ϑ: ϑ
+    pressure: Callable[[Any, Any], Any] = lambda σ, _: σ
+    shear: Callable[[Any, Any], Any] = lambda share, _: share
+
+
+PAPER = ArcLaws()
+
+
 def arc_stresses(
-    state: WheelState,
-    angles: ContactAngles,
-    soil: Soil,
-    pressure: Callable[[Any, Any], Any] = lambda σ, _: σ,
-) -> Callable[[Any, Any], tuple[Any, Any]]:
-    """Return a function that gives σ and τ [Pa] at an angle ϑ [rad] and a depth z [m], (6) and (8)-(11).
+    state: WheelState, angles: ContactAngles, soil: Soil, laws: ArcLaws = PAPER
+) -> Callable[[Any], tuple[Any, Any]]:
+    """Return a function that gives σ and τ [Pa] at an angle ϑ [rad], (6)-(11).
 
     The part of the shear displacement (6) that does not depend on slip fades to zero at
     standstill, or a robot at rest would creep. (11) is continued as an odd function for wheels
     that brake.
 
     Args:
-        state, angles, soil, pressure: as for `wheel_forces`.
+        state, angles, soil, laws: as for `wheel_forces`.
     """
     r, ϑ1, λ = state.arc_radius, angles.front, state.slip
     moving = smoothstep(state.speed / V_FLOOR)
@@ -133,12 +148,14 @@ def arc_stresses(
     tan_φ = ca.tan(soil.friction_angle * np.pi / 180)
     sin_ϑ1 = ca.sin(ϑ1)
 
-    def stresses(ϑ: Any, z: Any) -> tuple[Any, Any]:
+    def stresses(ϑ: Any) -> tuple[Any, Any]:
         rolled = sin_ϑ1 - ca.sin(ϑ)
         j = r * (moving * (ϑ1 - ϑ) - (moving - λ) * rolled)  # (6)
-        σ = pressure(k * ca.fmax(z, 1e-12) ** soil.exponent, ϑ)  # (8), (9)
+        z, _ = outline(state, angles, soil, laws.bearing(ϑ))  # (7)
+        σ = laws.pressure(k * ca.fmax(z, 1e-12) ** soil.exponent, ϑ)  # (8), (9)
         τ_max = ca.fmin(soil.tyre_friction * σ, soil.cohesion + tan_φ * σ)  # (10)
-        return σ, ca.sign(j) * τ_max * (1 - ca.exp(-ca.fabs(j) / soil.shear_modulus))  # (11)
+        share = laws.shear(1 - ca.exp(-ca.fabs(j) / soil.shear_modulus), ca.fabs(j))
+        return σ, ca.sign(j) * τ_max * share  # (11)
 
     return stresses
 
@@ -163,7 +180,7 @@ def wheel_forces(
     angles: ContactAngles,
     soil: Soil,
     damping: Any,
-    pressure: Callable[[Any, Any], Any] = lambda σ, _: σ,
+    laws: ArcLaws = PAPER,
 ) -> WheelForces:
     """Integrate the stresses over the contact arc, (6)-(17).
 
@@ -174,19 +191,19 @@ def wheel_forces(
         angles: ends of the arc [-ϑ_2, ϑ_1].
         soil: pressure-sinkage and shear parameters, Table 1.
         damping: c_t [N s/m].
-        pressure: rewrites the pressure σ [Pa] at an angle ϑ [rad]; by default (9) as it is.
+        laws: along the arc; by default those of the paper.
     """
     r, b = state.arc_radius, state.width
     ϑ1, ϑ2 = angles.front, angles.rear
-    strength = arc_stresses(state, angles, soil, pressure)
+    strength = arc_stresses(state, angles, soil, laws)
 
-    def stresses(ϑ: Any, z: Any, slope: Any) -> Any:
-        """Return W, R, F and M/r per area at each ϑ of an outline: its depth and the sine of its slope."""
-        cos_ϑ = ca.cos(ϑ)
-        σ, τ = strength(ϑ, z)
+    def stresses(ϑ: Any) -> Any:
+        """Return W, R, F and M/r per area at each ϑ."""
+        cos_ϑ, (_, slope) = ca.cos(ϑ), outline(state, angles, soil, ϑ)
+        σ, τ = strength(ϑ)
         return ca.horzcat(σ * cos_ϑ + τ * slope, -σ * slope, τ * cos_ϑ, τ)  # (12)-(15)
 
-    total = _over(lambda ϑ: stresses(ϑ, *outline(state, angles, soil, ϑ)), -ϑ2, ϑ1, b * r)
+    total = _over(stresses, -ϑ2, ϑ1, b * r)
     W, R, F, S = (total[k] for k in range(4))
     M = -state.radius * S  # (15)
     touching = ca.if_else(state.sinkage > 0, 1, 0)

@@ -130,6 +130,7 @@ class Effect:
         title: a few words.
         name: as a sentence calls it, where the id with spaces does not read as words.
         fault: True for an error of the measurement, which no model lacks.
+        law: True for another law of the soil in place of the paper's.
         equation: the formula, as text.
         source: where the formula comes from.
         signature: what an observer sees, in words.
@@ -146,6 +147,7 @@ class Effect:
     parameters: ClassVar[tuple[EffectParameter, ...]]
     name: ClassVar[str] = ""
     fault: ClassVar[bool] = False
+    law: ClassVar[bool] = False
     states: ClassVar[tuple[str, ...]] = ()
     circles: ClassVar[tuple[tuple[str, str], ...]] = ()
 
@@ -190,9 +192,17 @@ class Effect:
         """Rewrite the ends of the contact arc."""
         return angles
 
+    def bearing(self, angle: Any, angles: ContactAngles, state: WheelState, own: Own) -> Any:
+        """Rewrite the angle [rad] whose depth sets the pressure at one place of the contact arc."""
+        return angle
+
     def pressure(self, pressure: Any, angle: Any, state: WheelState, own: Own) -> Any:
         """Rewrite the pressure [Pa] at one place of the contact arc, `angle` ϑ [rad] ahead of the lowest."""
         return pressure
+
+    def shear(self, share: Any, displacement: Any, own: Own) -> Any:
+        """Rewrite the share of the shear strength that a shear displacement [m] mobilises, (11)."""
+        return share
 
     def wheel_forces(
         self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own

@@ -20,6 +20,7 @@ from granite_lab.model import body as bd
 from granite_lab.model import kept
 from granite_lab.model.command import contact_angle_ratio, desired_distance, desired_velocity
 from granite_lab.model.contact import (
+    ArcLaws,
     ContactAngles,
     WheelForces,
     WheelState,
@@ -267,14 +268,14 @@ class OnGround:
 
     Attributes:
         state, soil, angles, forces: as the effects leave them.
-        stresses: gives σ and τ [Pa] at an angle [rad] and a depth [m].
+        stresses: gives σ and τ [Pa] at an angle [rad].
     """
 
     state: WheelState
     soil: Soil
     angles: ContactAngles
     forces: WheelForces
-    stresses: Callable[[Any, Any], tuple[Any, Any]]
+    stresses: Callable[[Any], tuple[Any, Any]]
 
 
 def on_ground(
@@ -289,15 +290,26 @@ def on_ground(
     for e, own in hooks:
         angles = e.contact_angles(angles, wheel, own)
 
+    def bearing(ϑ: Any) -> Any:
+        for e, own in hooks:
+            ϑ = e.bearing(ϑ, angles, wheel, own)
+        return ϑ
+
     def pressure(σ: Any, ϑ: Any) -> Any:
         for e, own in hooks:
             σ = e.pressure(σ, ϑ, wheel, own)
         return σ
 
-    forces = wheel_forces(wheel, angles, soil, damping, pressure)
+    def shear(share: Any, j: Any) -> Any:
+        for e, own in hooks:
+            share = e.shear(share, j, own)
+        return share
+
+    laws = ArcLaws(bearing, pressure, shear)
+    forces = wheel_forces(wheel, angles, soil, damping, laws)
     for e, own in hooks:
         forces = e.wheel_forces(forces, wheel, angles, soil, own)
-    return OnGround(wheel, soil, angles, forces, arc_stresses(wheel, angles, soil, pressure))
+    return OnGround(wheel, soil, angles, forces, arc_stresses(wheel, angles, soil, laws))
 
 
 def _axle(

@@ -21,7 +21,7 @@ import scipy
 from granite_lab.columns import Column, Table
 from granite_lab.errors import EstimateError, InputError, UsageError
 from granite_lab.model.command import V_FLOOR, contact_angle_ratio
-from granite_lab.model.contact import WheelState, outline
+from granite_lab.model.contact import WheelState
 from granite_lab.model.effect import Active, Axle, Effect
 from granite_lab.model.graph import OnGround, hooks_of, on_ground, own_parameters
 from granite_lab.model.symbols import ModelParameters, symbolic, symbols_of, vector_of
@@ -32,7 +32,9 @@ Array = npt.NDArray[np.float64]
 NODES = 101
 """Places of the contact arc at which stresses are told."""
 
-HOOKS = ("desired_velocity", "wheel", "soil", "contact_angles", "pressure", "wheel_forces")
+HOOKS = (
+    "desired_velocity", "wheel", "soil", "contact_angles", "bearing", "pressure", "shear", "wheel_forces",
+)  # fmt: skip
 """Hooks by which an effect acts on a single wheel; the others need a robot, motors or sensors."""
 
 FORCES = (
@@ -353,8 +355,7 @@ def _functions(effects: tuple[Effect, ...]) -> tuple[Any, Any, Any]:
         angles.front, angles.rear,
     )  # fmt: skip
     ϑ = -angles.rear + (angles.front + angles.rear) * ca.DM(np.linspace(0, 1, NODES))
-    depth, _ = outline(one.state, angles, one.soil, ϑ)
-    σ, τ = one.stresses(ϑ, depth)
+    σ, τ = one.stresses(ϑ)
     axles = tuple(
         Axle(0.0, g.state, g.angles, g.forces, ca.SX(0.0), -g.forces.moment, g.forces.moment)
         for g in (one, other)

@@ -83,7 +83,7 @@ def question(design: Design, known: Mapping[str, Effect]) -> Question:
     gains = [c.value for c in possible[:MOST]]
     if design.verdict == "unknown" and len(rivals) > 1:
         return Question("apart", rivals, gains=tuple(max(gain, DECISIVE) for gain in gains))
-    if (design.provisional or design.verdict == "unknown") and rivals:
+    if (design.provisional or design.verdict in ("partly named", "unknown")) and rivals:
         if named:
             return Question("apart", (ids[-1], *rivals[: MOST - 1]), named)
         return Question("show", rivals, gains=tuple(max(gain, DECISIVE / 2) for gain in gains))

@@ -273,21 +273,21 @@ def missing_answer(finding: Finding | None, reason: str = "") -> Answer:
         text = "No effect of the library and no other disagreement exceeds noise and tolerance."
         return Answer("missing", question, "Nothing that these trials show", text, tone)
     sizes = "; ".join(describe(e) for e in finding.effects)
+    more = "; ".join(describe(e) for e in finding.description)
+    describes = [f"A description of the rest, not its cause: {more}."] if more else []
     if finding.verdict == "unknown":
-        text = (
-            f"No effect of the library explains the disagreement. An empirical law stands in for it: {sizes}."
-            if finding.effects
-            else in_plain_words(finding.sentence, finding)
-        )
+        text = f"No effect of the library explains the disagreement. {' '.join(describes)}"
+        text = text if describes else in_plain_words(finding.sentence, finding)
         return Answer("missing", question, "Something unknown", text, "bad")
     twins = [
         f"These trials cannot tell {plain(e.id)} from {listed([plain(t) for t in e.twins], 'or')}."
         for e in finding.effects
         if e.twins
     ]
-    verdict = capital(listed([plain(e.id) for e in finding.effects]))
-    tone = "fair" if twins or finding.provisional or finding.remainder > MUCH else "good"
-    return Answer("missing", question, verdict, " ".join([f"{capital(sizes)}.", *twins]), tone)
+    whole = finding.verdict == "named"
+    verdict = capital(listed([plain(e.id) for e in finding.effects] + ([] if whole else ["more"])))
+    tone = "fair" if twins or finding.provisional or finding.remainder > MUCH or not whole else "good"
+    return Answer("missing", question, verdict, " ".join([f"{capital(sizes)}.", *twins, *describes]), tone)
 
 
 def gap_pair(finding: Finding) -> tuple[float, float, str]:
@@ -301,7 +301,7 @@ def closes_answer(finding: Finding) -> Answer:
     """Say how much of the gap between sensors and model closes with what was found."""
     question = "How much of the gap does it close?"
     before, after, where = gap_pair(finding)
-    if not finding.effects:
+    if not finding.terms:
         verdict = "No gap" if finding.verdict == "none" else "Nothing"
         return Answer("closes", question, verdict, _differ(finding, before))
     text = (

@@ -33,6 +33,7 @@ STATUS: Mapping[Status, str] = {
     "named": "named",
     "twin": "fits as well as the named one",
     "small": "small",
+    "described": "described",
     "less likely": "less likely",
     "screened": "screened out",
     "at a bound": "ended at a limit",
@@ -126,8 +127,8 @@ def _shown(effect: FoundEffect) -> list[FoundParameter]:
 
 def with_found(finding: Finding) -> str:
     """Say what the model has more than the paper's, as a legend does."""
-    if finding.verdict == "unknown":
-        return "with the empirical law"
+    if not finding.effects:
+        return "with the description"
     return "with the effect found" if len(finding.effects) == 1 else "with the effects found"
 
 
@@ -183,7 +184,7 @@ def capital(text: str) -> str:
 def in_plain_words(note: str, finding: Finding) -> str:
     """Return a sentence of the search with the effects and channels in it as words."""
     ids = {c.id for c in finding.candidates} | {d.effect for d in finding.detectable}
-    for e in (*finding.effects, *finding.small):
+    for e in (*finding.terms, *finding.small):
         ids |= {e.id, *e.twins}
     for id_ in sorted((i for i in ids if "_" in i), key=len, reverse=True):
         note = re.sub(rf"\b{re.escape(id_)}\b", plain(id_), note)
@@ -226,7 +227,7 @@ def meaning(effect_id: str, name: str) -> str:
 def law_formulas(finding: Finding) -> tuple[str, ...]:
     """Return the empirical law of a finding as one formula per quantity, with its numbers."""
     sums: dict[str, str] = {}
-    for e in finding.effects:
+    for e in finding.terms:
         found = term_of(e.id) if e.empirical else None
         if found is None or not e.parameters:
             continue

@@ -53,7 +53,7 @@ def gap_figure(finding: Finding) -> Figure:
     lines |= {sensor(c): known[c].train for c in channels_of(finding) if c in known}
     before, after, where = gap_pair(finding)
     title = f"Sensors and model differ by {times(before)} times what noise and tolerance explain"
-    if finding.effects:
+    if finding.terms:
         title = (
             f"{capital(with_found(finding))}, the gap falls from {times(before)} to {times(after)} {where}"
         )
@@ -74,7 +74,7 @@ def _dumbbells(lines: Mapping[str, Pair], finding: Finding, rule: int) -> Canvas
     y = np.arange(len(lines))
     axis.axvline(1.0, color=canvas.INK, linewidth=1.0, linestyle=(0, (4, 1.5)))
     axis.plot(before, y, "o", color=BEFORE, markersize=4.5, label="paper's model")
-    if finding.effects:
+    if finding.terms:
         axis.hlines(
             y, np.fmin(before, after), np.fmax(before, after), color=canvas.FAINT, linewidth=1.6, zorder=1
         )
@@ -89,7 +89,10 @@ def _dumbbells(lines: Mapping[str, Pair], finding: Finding, rule: int) -> Canvas
     return figure
 
 
-MARKERS = {"named": "o", "twin": "s", "small": "v", "less likely": "D", "screened": ".", "at a bound": "x"}
+MARKERS = {
+    "named": "o", "twin": "s", "described": "^", "small": "v", "less likely": "D", "screened": ".",
+    "at a bound": "x",
+}  # fmt: skip
 
 
 def candidates_figure(finding: Finding) -> Figure | None:
@@ -101,7 +104,7 @@ def candidates_figure(finding: Finding) -> Figure | None:
     named = [plain(e.id) for e in finding.effects]
     unknown = finding.verdict == "unknown"
     title = "No candidate explains the disagreement" if unknown else "No candidate is needed"
-    if named and finding.verdict == "named":
+    if named:
         are = "is" if len(named) == 1 else "are"
         title = f"Of {len(every)} candidates, {listed(named)} {are} in the model"
     more = len(every) - len(shown)
@@ -188,7 +191,7 @@ def _closer(finding: Finding, drawn: Mapping[str, Residual]) -> str:
     squares = {c: [float(mean_of_known(x, 0)) for x in pair] for c, pair in both.items()}
     factor = {c: math.sqrt(before / after) for c, (before, after) in squares.items() if after > 0}
     best = max(factor, key=lambda c: factor[c], default="")
-    if not finding.effects or not factor.get(best, 0.0) >= 1.1:
+    if not finding.terms or not factor.get(best, 0.0) >= 1.1:
         return "readings of the sensors with the largest gap"
     return f"{sensor(best)} is {significant(factor[best], 2)} times closer {with_found(finding)}"
 
@@ -215,7 +218,7 @@ def _history(finding: Finding, drawn: Mapping[str, Residual]) -> Canvas:
         lines = [
             (mean.measured, canvas.MEASURED_LIGHT, 2.2, "measured"),
             (mean.before, BEFORE, 1.0, "paper's model"),
-            *([(mean.after, AFTER, 1.0, with_found(finding))] if finding.effects else ()),
+            *([(mean.after, AFTER, 1.0, with_found(finding))] if finding.terms else ()),
         ]
         for values, colour, width, label in lines:
             axis.plot(mean.t, scale * (values - zero), color=colour, linewidth=width, label=label)

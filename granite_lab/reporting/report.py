@@ -200,6 +200,12 @@ def _missing(finding: Finding) -> Iterator[Maybe]:
     )
     yield _gallery(plot_search.gap_figure(finding), plot_search.candidates_figure(finding))
     yield search_tables.effects_table(finding, finding.effects)
+    if finding.description:
+        yield (
+            "The rest is described, not explained: these terms predict trials that were left out, but are no "
+            "sure cause."
+        )
+        yield search_tables.effects_table(finding, finding.description, "described")
     formulas = law_formulas(finding)
     yield LAW if formulas else None
     yield list(formulas)
@@ -219,7 +225,7 @@ def _missing(finding: Finding) -> Iterator[Maybe]:
     yield _fold(
         "Candidates, and what these trials could have shown of them",
         search_tables.candidates_table(finding),
-        search_tables.effects_table(finding, finding.small, small=True),
+        search_tables.effects_table(finding, finding.small, "small"),
         search_tables.detectable_table(finding),
         search_tables.confusion_table(finding),
     )

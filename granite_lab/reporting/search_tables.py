@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -84,15 +84,19 @@ class Size(NamedTuple):
         return cell if self.first else Cell("", cell.raw)
 
 
-def effects_table(finding: Finding, effects: Sequence[FoundEffect], *, small: bool = False) -> FilledTable:
-    """List named effects, or `small` ones, and their numbers; what holds for an effect stands once."""
+def effects_table(
+    finding: Finding, effects: Sequence[FoundEffect], kind: Literal["named", "described", "small"] = "named"
+) -> FilledTable:
+    """List effects of one kind and their numbers; what holds for an effect stands once."""
     name, title = "found_effects", "What is missing, with sizes"
     note = (
         f"Fitted together with the sand and the errors of the sensors. The std of a strength includes "
         f"{percent(FORMULA_ERROR[0])} for the error of its formula. Last column: share of the closed gap "
         f"that opens again without the effect, {gap_pair(finding)[2]}."
     )
-    if small:
+    if kind == "described":
+        name, title = "found_description", "What describes the rest"
+    if kind == "small":
         name, title = "found_small", "Small effects"
         note = "Possibly present; they close little of the gap or stay below the tolerance."
 

@@ -62,11 +62,17 @@ def show_study(
 def _search(finding: Finding, console: Console) -> None:
     if finding.virtual and not finding.effects:
         say(console, f"{VIRTUAL}.", "yellow")
-    for title, effects in (("missing", finding.effects), ("small", finding.small)):
-        if effects:
+    effects_table = reporting.search_tables.effects_table
+    named, small = (f"effect{'s' * (len(some) > 1)}" for some in (finding.effects, finding.small))
+    tables = (
+        (f"missing {named}", effects_table(finding, finding.effects)),
+        ("description, not a cause", effects_table(finding, finding.description, "described")),
+        (f"small {small}", effects_table(finding, finding.small, "small")),
+    )
+    for title, table in tables:
+        if table.rows:
             console.print()
-            say(console, f"{title} effect{'s' if len(effects) > 1 else ''}", "bold")
-            table = reporting.search_tables.effects_table(finding, effects, small=title == "small")
+            say(console, title, "bold")
             show_table(table, console, only=("effect", "number", "value ± std", "probability"))
     if latency := reporting.names.latency_in_words(finding.latency):
         say(console, f"{latency}.")

@@ -40,7 +40,7 @@ def test_a_failing_trial_is_told_and_left_out(ended: tuple[Path, Done]) -> None:
 
 def test_it_ends_with_the_search_for_a_missing_effect(ended: tuple[Path, Done]) -> None:
     folder, found = ended[0], json.loads(ended[1].out)["discovery"]
-    assert found["schema"] == "granite-lab/discovery/2"
+    assert found["schema"] == "granite-lab/discovery/3"
     report = json.loads((folder / "reports" / "mine" / "report.json").read_bytes())
     for key in ("verdict", "sentence", "effects", "gap"):
         assert report["discovery"][key] == found[key]

@@ -2,22 +2,22 @@
 
 from dataclasses import dataclass, replace
 from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from granite_lab.discovery.candidates import scores, screen
+from granite_lab.discovery.candidates import rescreened, rivals, scores, screen
+from granite_lab.discovery.finding import FoundEffect
 from granite_lab.discovery.heldout import closed, predict
 from granite_lab.discovery.power import _by_noise_own, _shares
-from granite_lab.discovery.search import Model, Search, fit_sets, left_open, search, strained
-from granite_lab.discovery.verdict import Judgement, Named, by_posterior, judge
+from granite_lab.discovery.search import Search, fit_sets, search, strained
+from granite_lab.discovery.verdict import OPEN, Judgement, Named, by_posterior, judge
 from granite_lab.discovery.words import provisional, sentence
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import REST_SHARE, WORTH
 from granite_lab.inference.discrepancy import MOTION, REST
-from granite_lab.inference.fit import FIRST, Fit, fit
+from granite_lab.inference.fit import FIRST, Fit, fit, taken
 from granite_lab.inference.noise import white
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
@@ -42,6 +42,10 @@ class Answer:
     @property
     def named(self) -> set[str]:
         return {n.id for n in self.judgement.named}
+
+    @property
+    def described(self) -> set[str]:
+        return {n.id for n in self.judgement.described}
 
 
 @cache
@@ -103,22 +107,24 @@ def test_effects_with_the_same_trace_are_twins() -> None:
 def test_what_no_candidate_explains_is_unknown_and_described_by_the_law() -> None:
     answer = ask(hidden=0.3)
     assert answer.judgement.verdict == "unknown"
-    assert "empirical.force_motion" in answer.named
-    assert not answer.named & {"push", "pull", "shake"}
+    assert answer.named == set()
+    assert "empirical.force_motion" in answer.described
+    assert not answer.described & {"push", "pull", "shake"}
     assert answer.judgement.remainder < 0.2
 
 
 def test_what_neither_candidate_nor_law_explains_is_unknown_and_nothing_is_named() -> None:
     answer = ask(discrepancy=0.3, seed=2)
     assert answer.judgement.verdict == "unknown"
-    assert not answer.named - set(LAW)
+    assert answer.named == set()
+    assert not answer.described - set(LAW)
 
 
 def test_what_changes_from_trial_to_trial_by_much_is_unknown_though_repetitions_share_nothing() -> None:
     answer = ask(shake=0.4, candidates=("pull", "push", *LAW))
     assert (answer.judgement.verdict, answer.named) == ("unknown", set())
     assert answer.judgement.scatter
-    text = sentence("unknown", (), answer.judgement, (), TOLERANCE)
+    text = sentence("unknown", (), (), answer.judgement, (), TOLERANCE)
     assert "changes from trial to trial" in text
 
 
@@ -168,6 +174,33 @@ def test_numbers_of_single_trials_must_be_needed_at_more_than_one_speed() -> Non
         assert (score.gain > WORTH) is wanted
 
 
+def test_an_effect_that_the_discrepancy_has_taken_up_is_seen_under_a_tolerated_one() -> None:
+    """The same equations under other scales give what a screen of a fit with those scales gives."""
+    problem, rng = problem_of(SIX), np.random.default_rng(3)
+    put_in = problem.with_effect(drawn(problem, rng, common=0.3), "push", (0.15,))
+    measure(problem, put_in, rng)
+    base = fit(problem, problem.neutral())
+    wide = taken(problem, base, Scales(1.0, 0.1, base.scales.priors))
+    held = taken(problem, base, Scales(TOLERANCE, 0.1, base.scales.priors))
+    screened = screen(problem, wide, ["push"])
+    (hidden,), (seen,) = scores(problem, screened), scores(problem, rescreened(problem, screened, held))
+    (direct,) = scores(problem, screen(problem, held, ["push"]))
+    assert hidden.gain < 0.1 * seen.gain
+    assert seen.gain > 10 * WORTH
+    assert seen.gain == pytest.approx(direct.gain, rel=1e-9)
+    assert seen.values == pytest.approx(direct.values, rel=1e-9)
+
+
+def test_a_candidate_with_the_same_trace_is_a_rival_and_one_that_adds_to_it_is_none() -> None:
+    problem, rng = problem_of(SIX), np.random.default_rng(3)
+    put_in = problem.with_effect(drawn(problem, rng, common=0.3), "push", (0.15,))
+    measure(problem, problem.with_effect(put_in, "pull", (0.15,)), rng)
+    screened = screen(problem, fit(problem, problem.neutral()), ["push", "pull", "shove"])
+    assert rivals(screened, "push") == ["shove"]
+    assert rivals(screened, "pull") == []
+    assert rivals(screened, "shake") == []  # not screened
+
+
 def test_an_effect_that_closes_little_is_small() -> None:
     answer = ask(push=0.5, pull=0.012, discrepancy=0.0, seed=3)
     assert answer.judgement.verdict == "named"
@@ -186,7 +219,8 @@ def test_the_likeliest_model_has_the_highest_posterior_and_probabilities_add_up(
 
 
 def said(answer: Answer) -> str:
-    return sentence(answer.judgement.verdict, (), answer.judgement, provisional(answer.problem), TOLERANCE)
+    push = FoundEffect("push", "a push", "F = a", (), (), 1.0, OPEN, OPEN)
+    return sentence("named", (push,), (), answer.judgement, provisional(answer.problem), TOLERANCE)
 
 
 def test_trials_that_cannot_be_left_out_say_nothing_of_such() -> None:
@@ -213,7 +247,7 @@ def test_trials_that_cannot_be_left_out_say_nothing_of_such() -> None:
 def test_an_effect_matters_by_the_gap_that_it_closes_or_by_a_channel(
     closes: float, channel: float, remainder: float, formula: float, named: bool
 ) -> None:
-    effect = Named("push", (), 1.0, Estimate(closes), ("accel_x", channel))
+    effect = Named("push", (), 1.0, Estimate(closes), channel=("accel_x", channel))
     assert effect.matters(remainder, Scales(0.01, 1.0, formulas={"accel_x": formula})) is named
 
 
@@ -226,10 +260,11 @@ def test_a_second_effect_is_found_where_the_first_leaves_less_than_the_tolerance
 def test_a_small_effect_that_promises_most_does_not_hide_another(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is listed beside the one that is named."""
 
-    def matters(_: Problem, alone: Fit, best: Fit, __: float) -> bool:
-        return "shake" in alone.point.effects or "shake" not in best.point.effects
+    def moved(_: Problem, before: Fit, after: Fit) -> dict[str, float]:
+        little = "shake" in after.point.effects and "shake" not in before.point.effects
+        return {"accel_x": 0.5 * TOLERANCE if little else 1.0}
 
-    for name, told in (("good", lambda *_: True), ("strained", lambda *_: False), ("matters", matters)):
+    for name, told in (("good", lambda *_: True), ("strained", lambda *_: False), ("moved", moved)):
         monkeypatch.setattr(f"granite_lab.discovery.search.{name}", told)
     found = ask.__wrapped__(push=0.3, shake=0.2).search
     assert (found.best.effects, found.beside) == (("push",), ("shake",))
@@ -327,20 +362,34 @@ def test_of_several_starts_the_best_fit_is_kept() -> None:
 
 
 @pytest.mark.parametrize(
-    ("candidate", "gain", "open_"),
+    ("changes", "sure"),
     [
-        ("reaction", 100.0, True),  # more than formulas that are 30 % off leave of a gain of 1000
-        ("friction", 80.0, False),
-        ("drag", 5.0, True),  # differs from trial to trial
-        ("empirical.force_slip", 400.0, False),
+        ({}, True),
+        ({"strained": ("size",)}, False),
+        ({"closes": Estimate(0.3, 0.1)}, False),  # less than what stands in for another cause may
+        ({"speeds": Estimate(0.5, 0.3)}, False),  # speeds left out do not show it
+        ({"speeds": Estimate(np.nan)}, False),
+        ({"twins": ("pull", "shove", "shake")}, False),
+        ({"probability": 0.8}, False),
+        ({"id": "empirical.force_motion"}, False),
+        ({"changes": {"accel_x": 0.1, "accel_z": 0.5}}, False),  # whose formulas may be off by any amount
+        ({"changes": {"accel_x": 0.5, "accel_z": 0.1}}, True),
     ],
 )
-def test_beside_a_whole_model_errors_of_formulas_are_no_effects(
-    candidate: str, gain: float, open_: bool
+def test_beside_what_is_not_explained_a_name_needs_speeds_left_out_and_numbers_as_expected(
+    changes: dict[str, Any], sure: bool
 ) -> None:
-    explained: Any = SimpleNamespace(evidence=1000.0)
-    nothing: Any = SimpleNamespace(evidence=0.0)
-    assert left_open(Model(("play",), explained, 0.0), nothing, {"drag"})(candidate, gain) is open_
+    scales = Scales(0.01, 0.1, formulas={"accel_z": 0.3})
+    effect = Named("push", (), 1.0, Estimate(0.5, 0.1), Estimate(0.5, 0.1), changes={"accel_x": 0.5})
+    assert replace(effect, **changes).is_sure_beside(0.2, scales) is sure
+
+
+def test_an_effect_is_named_beside_another_cause_that_is_only_described() -> None:
+    answer = ask(push=0.5, hidden=0.15)
+    assert answer.judgement.verdict == "partly named"
+    assert answer.named == {"push"}
+    assert answer.described <= set(LAW)
+    assert answer.described
 
 
 CHANNELS = ("pitch_rate", "wheel", "current_f")

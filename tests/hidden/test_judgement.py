@@ -113,7 +113,7 @@ def answer(*ids: str, library: bool = True) -> dict[str, Any]:
 
 def verdict_of(verdict: str, *effects: tuple[str, ...], **gap: Any) -> dict[str, Any]:
     return {
-        "schema": "granite-lab/discovery/2",
+        "schema": "granite-lab/discovery/3",
         "verdict": verdict,
         "effects": [
             {
@@ -201,10 +201,10 @@ def test_the_gap_closed_is_a_share_of_what_is_not_explained(gap: dict[str, Any],
         ("{", "not JSON"),
         ("[]", "expected schema"),
         ('{"schema": "granite-lab/fit/1"}', "expected schema"),
-        ('{"schema": "granite-lab/discovery/2", "verdict": "maybe"}', "verdict is 'maybe'"),
-        ('{"schema": "granite-lab/discovery/2", "verdict": "named", "effects": ["a"]}', "malformed"),
+        ('{"schema": "granite-lab/discovery/3", "verdict": "maybe"}', "verdict is 'maybe'"),
+        ('{"schema": "granite-lab/discovery/3", "verdict": "named", "effects": ["a"]}', "malformed"),
         (
-            '{"schema": "granite-lab/discovery/2", "verdict": "named", "effects": [{"name": "a"}]}',
+            '{"schema": "granite-lab/discovery/3", "verdict": "named", "effects": [{"name": "a"}]}',
             "malformed",
         ),
     ],

@@ -54,12 +54,13 @@ class MadeUp(Effect):
 EFFECTS: dict[str, Effect] = {e.id: e for e in (
     MadeUp("push"), MadeUp("pull"),
     MadeUp("shake", _parameter("size", per_trial=True)),
+    MadeUp("lift", EffectParameter("size", "N", "size", 0.0, 20.0, 0.0, 0.1, 1.0)),  # a push that is no pull
     MadeUp("shove"),  # the same as a push: no trial can tell them apart
     MadeUp("motor"),  # currents larger by a share in every trial, as gains of the sensors might make them
     MadeUp("hidden"),  # no candidate; a term of the empirical law has the same trace
     MadeUp("empirical", _parameter("force_motion"), _parameter("moment_time")),
 )}  # fmt: skip
-TRACES = {"push": 100, "pull": 110, "shake": 120, "shove": 100, "hidden": 140, "empirical": 140}
+TRACES = {"push": 100, "pull": 110, "shake": 120, "shove": 100, "lift": 100, "hidden": 140, "empirical": 140}
 """Number of the trace of an effect's first parameter."""
 
 

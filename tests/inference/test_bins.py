@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import make_interp_spline
-from scipy.signal import lfilter
+from scipy.signal import lfilter, lsim
 
 from granite_lab.effects import get
 from granite_lab.errors import InputError
@@ -369,11 +369,50 @@ def test_all_columns_are_those_of_differences(problem: Problem, off: float) -> N
         names = [*(s.name for s in t.slacks), *SHARED]
         assert columns.shape[1] == len(places)
         for name, place, column in zip(names, places, columns.T, strict=True):
+            if name == "spread":
+                continue  # at its bound
             h = 5e-4
             step = h * (np.arange(point.vector.size) == place)
             up, down = (predicted(problem, problem.moved(point, s * step))[i].ravel() for s in (1, -1))
             wanted = (up - down) / (2 * h)
             assert np.abs(column - wanted).max() < 0.03 * np.abs(wanted).max() + 1e-9, name
+
+
+@pytest.mark.parametrize("spread", [0.0, 2e-5])
+def test_a_low_pass_moves_the_imu_alone_and_its_column_is_a_difference(
+    problem: Problem, spread: float
+) -> None:
+    point, k = problem.neutral(), SHARED.index("spread")
+    point.shared[k] = spread
+    before = int(sum(x.size for x in point.trials))
+    column = problem.columns(1, point, problem.slopes(point))[:, point.trials[1].size + k]
+    step = 1e-6 * (np.arange(point.vector.size) == before + k)
+    up, here = (predicted(problem, problem.moved(point, s * step))[1] for s in (1, 0))
+    wanted = (up - here) / 1e-6
+    assert column.reshape(wanted.shape) == pytest.approx(wanted, abs=1e-6 * np.abs(wanted).max())
+    moved = {c for c, row in zip(problem.trials[1].channels, wanted, strict=True) if np.abs(row).max() > 0}
+    assert moved == set(IMU)
+
+
+@pytest.mark.parametrize("cut_off", [15.0, 30.0])
+def test_a_low_pass_of_first_order_is_a_latency_and_a_spread(
+    logged: TrialModel, shown: Array, cut_off: float
+) -> None:
+    """The signals of the stub are slower than 3 Hz; the filter is integrated by another program."""
+    τ, x, sensors = 1 / (2 * np.pi * cut_off), np.zeros(logged.size), np.zeros(len(SENSORS))
+    fine = np.arange(logged.t[0], logged.t[-1], 1e-4)
+    rate = 0.05 * np.sin(8 * fine) * (fine > 0)
+    _, slow, _ = lsim(([1.0], [τ, 1.0]), rate, fine - fine[0])
+    response, filtered = shown.copy(), shown.copy()
+    response[2], filtered[2] = np.interp(logged.t, fine, rate), np.interp(logged.t, fine, slow)
+    plain = logged.bins_of(response, x, sensors)["pitch_rate"]
+    sensors[SENSORS.index("latency")] = τ
+    late = logged.bins_of(response, x, sensors)["pitch_rate"]
+    sensors[SENSORS.index("spread")] = τ**2
+    both = logged.bins_of(response, x, sensors)["pitch_rate"]
+    wanted = logged.bins_of(filtered, x, np.zeros(len(SENSORS)))["pitch_rate"]
+    errors = [np.sqrt(np.mean((found - wanted) ** 2)) for found in (plain, late, both)]
+    assert errors[2] < 0.4 * errors[1] < 0.4 * errors[0]
 
 
 @pytest.mark.parametrize(("name", "own"), [("latency", IMU), ("current_latency", CURRENTS)])

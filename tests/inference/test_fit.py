@@ -263,3 +263,15 @@ def test_numbers_of_an_effect_in_each_trial_have_the_scale_that_they_show(size: 
     start = problem.with_effect(problem.neutral(), "shake", (0.0,), 0.5 * own[:, None])
     found = fit(problem, start)
     assert found.scales.priors["shake own"] == pytest.approx(np.sqrt(np.mean(own**2)), rel=0.25)
+
+
+def test_no_effect_is_credited_with_what_it_would_gain_beyond_its_bound() -> None:
+    """Trials that ask for a negative size say nothing for an effect that has none."""
+    rng = np.random.default_rng(5)
+    problem = problem_of((0, 0, 1, 1))
+    measure(problem, problem.with_effect(drawn(problem, rng), "push", (-0.3,)), rng)
+    alone = fit(problem, problem.neutral())
+    bounded, free = (fit(problem, problem.with_effect(alone.point, i, (0.0,))) for i in ("lift", "push"))
+    assert bounded.point.common[0] == 0.0
+    assert free.evidence > alone.evidence + 10
+    assert bounded.evidence < alone.evidence + 1

@@ -357,3 +357,19 @@ def test_a_discrepancy_beside_which_noise_is_lost_in_rounding_has_a_factor() -> 
     columns = 1e12 * np.random.default_rng(0).normal(size=(4, 40))  # 1 + its inner products is indefinite
     part = ChannelPart("", columns, np.zeros(40, int), (), np.eye(1), columns.T @ columns, np.zeros((40, 1)))
     assert np.isfinite(part.factor(Scales(1.0, 1.0))[1]).all()
+
+
+@pytest.mark.parametrize("counts", [512, 1024, 4096])
+def test_the_rounding_of_the_encoders_is_within_the_tolerance(counts: int) -> None:
+    """Sawtooth of a wheel that turns evenly: its rms is the step over √12, the same in all repetitions."""
+    problem, step = problem_of((0, 0)), 2 * np.pi / counts
+    plain = problem.size_of(0, "wheel")[0]
+    for t in problem.trials:
+        t.observation = replace(t.observation, step=step)
+    point = problem.neutral()
+    problem.weigh(problem.whiteners, point, problem.slopes(point))
+    angle = np.linspace(0, 20, 100_001)
+    rounding = np.floor(angle / step) * step - angle
+    coarse = problem.size_of(0, "wheel")[0]
+    assert coarse == pytest.approx(max(plain, np.std(rounding) / TOLERANCE), rel=0.02)
+    assert problem.size_of(0, "wheel_split")[0] == coarse

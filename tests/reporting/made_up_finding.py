@@ -71,8 +71,9 @@ def made_up_finding(
     where = tuple(d for d in _where(speeds) if d.channel in channels) if verdict != "none" else ()
     offset = FoundParameter("offset", "s", Estimate(0.001, 0.0004))
     small = FoundEffect(
-        "clock_offset", library()["clock_offset"].title, (offset,), (), 0.3, Estimate(0.02, 0.01)
-    )
+        "clock_offset", library()["clock_offset"].title, "t + offset", (offset,), (), 0.3,
+        Estimate(0.02, 0.01), Estimate(0.02, 0.01),
+    )  # fmt: skip
     # Four candidates; in a tenth of the sets of the first the second comes first, and the last is not seen.
     matrix = np.vstack([[0.85, 0.10, 0.0, 0.0], np.eye(4)[1:3], np.full((1, 4), np.nan)])
     missed = np.array([0.05, 0.0, 0.0, np.nan])
@@ -82,8 +83,11 @@ def made_up_finding(
         sentence=(f"Provisional ({reasons[0]}): " if reasons else "") + SENTENCES[verdict],
         probability=0.97,
         provisional=reasons,
-        effects=found,
+        effects=found if verdict == "named" else (),
+        description=found if verdict == "unknown" else (),
         small=() if verdict == "none" else (small,),
+        closed={"trials": Estimate(0.93, 0.02), "speeds": Estimate(0.9, 0.03)},
+        strained=(),
         remainder={"none": np.nan, "named": 0.07, "unknown": 0.4}[verdict],
         tolerance=0.02,
         latency=Estimate(0.004, 0.001),
@@ -180,10 +184,12 @@ def _effects(verdict: Verdict, twins: tuple[str, ...]) -> tuple[tuple[FoundEffec
         terms = [FoundParameter(name, units[name], Estimate(value, 0.1)) for name, value in LAW.items()]
         share = Estimate(0.6, 0.05)
         return tuple(
-            FoundEffect(f"empirical.{p.name}", law.title, (p,), (), 0.9, share, empirical=True) for p in terms
+            FoundEffect(f"empirical.{p.name}", law.title, p.name, (p,), (), 0.9, share, share, empirical=True)
+            for p in terms
         ), (activate(law, LAW),)
     effect = library()["multi_pass"]
     values = {p.name: p.neutral + 0.3 * (p.prior_high - p.neutral) for p in effect.parameters}
     sizes = tuple(FoundParameter(p.name, p.unit, Estimate(values[p.name], 0.004)) for p in effect.parameters)
-    found = FoundEffect(effect.id, effect.title, sizes, twins, 0.97, Estimate(0.93, 0.02))
+    closes = Estimate(0.93, 0.02)
+    found = FoundEffect(effect.id, effect.title, effect.equation, sizes, twins, 0.97, closes, closes)
     return (found,), (activate(effect, values),)

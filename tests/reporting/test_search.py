@@ -147,7 +147,7 @@ def test_tables_hold_size_twins_probability_share_and_fate(findings: dict[str, F
          {"effect": "multi-pass compaction", "value ± std": "0.300 ± 0.004",
           "cannot be told from": "slip sinkage",
           "probability": "97 %", "share of the gap": "93.0 ± 2.0 %"}),
-        (search_tables.effects_table(finding, finding.small, small=True),
+        (search_tables.effects_table(finding, finding.small, "small"),
          {"effect": "clock offset", "share of the gap": "2.0 ± 1.0 %"}),
         (search_tables.detectable_table(finding),
          {"candidate": "payload mass", "limited by": "tolerance"},
@@ -186,7 +186,8 @@ def found(effect_id: str, **values: tuple[float, float]) -> FoundEffect:
     effect = library()[effect_id]
     units = {p.name: p.unit for p in effect.parameters}
     numbers = tuple(FoundParameter(n, units[n], Estimate(*v)) for n, v in values.items())
-    return FoundEffect(effect.id, effect.title, numbers, (), 0.97, Estimate(0.9, 0.02))
+    closes = Estimate(0.9, 0.02)
+    return FoundEffect(effect.id, effect.title, effect.equation, numbers, (), 0.97, closes, closes)
 
 
 def naming(effect: FoundEffect) -> Finding:

@@ -184,7 +184,7 @@ def _found(finding: Finding, comparison: Comparison) -> Iterator[Line]:
     Wheel angles grow all the time, so that of them the difference to the simulation is drawn.
     """
     effect, later = ("without the effect", "with the effect"), (VERMILION, GREEN)
-    many = 2 if finding.effects else 1
+    many = 2 if finding.terms else 1
     for r in residuals_of(finding, comparison):
         t = r.t + r.t_start - command_start(comparison)
         both = np.column_stack([r.before, r.after][:many])

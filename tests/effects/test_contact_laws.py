@@ -1,0 +1,73 @@
+"""Contact laws other than the paper's: the stresses their papers give, integrated by another quadrature."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from granite_lab.effects import get
+from granite_lab.model.effect import Own, activate
+from granite_lab.model.single_wheel import Ratio, SingleWheel, rolling
+from granite_lab.model.symbols import model_parameters
+from granite_lab.parameters import variant_of
+from tests.effects.runs import ROBOT, SOIL
+
+RIM = ROBOT.wheels
+R, B = RIM.radius, RIM.width
+
+
+def wong_reece(z: float, slip: float, k92: float, c1: float, c2: float) -> tuple[float, float, float]:
+    """Return load [N], drawbar pull [N] and torque [N m] by Wong and Reece's stresses, (6), (10)-(15)."""
+    θ1 = math.acos(1 - z / R)
+    θ2, θm = -k92 * θ1, (c1 + c2 * slip) * θ1
+    k = SOIL.cohesive_modulus / B + SOIL.frictional_modulus
+
+    def σ(θ: float) -> float:
+        front = θ if θ >= θm else θ1 - (θ - θ2) / (θm - θ2) * (θ1 - θm)
+        return float(k * (R * (math.cos(front) - math.cos(θ1))) ** SOIL.exponent)
+
+    def τ(θ: float) -> float:
+        j = R * (θ1 - θ - (1 - slip) * (math.sin(θ1) - math.sin(θ)))
+        strength = min(
+            SOIL.tyre_friction * σ(θ), SOIL.cohesion + math.tan(math.radians(SOIL.friction_angle)) * σ(θ)
+        )
+        return float(strength * (1 - math.exp(-j / SOIL.shear_modulus)))
+
+    def over(f: Callable[[float], float]) -> float:
+        return B * R * sum(float(quad(f, a, b, epsabs=1e-9)[0]) for a, b in ((θ2, θm), (θm, θ1)))
+
+    load = over(lambda θ: σ(θ) * math.cos(θ) + τ(θ) * math.sin(θ))
+    pull = over(lambda θ: τ(θ) * math.cos(θ) - σ(θ) * math.sin(θ))
+    return load, pull, R * over(τ)
+
+
+@pytest.mark.parametrize(("z", "slip", "k92"), [(0.008, 0.1, 0.9), (0.015, 0.2, 0.4), (0.03, 0.5, 0.1)])
+def test_stress_ahead_is_the_law_of_wong_and_reece(z: float, slip: float, k92: float) -> None:
+    law = activate(get("stress_ahead"), {"share": 1.0, "c1": 0.18, "c2": 0.32})
+    p = SingleWheel(RIM, SOIL, [law]).at_sinkage(z, rolling(slip, R), Ratio(k92))
+    load, pull, torque = wong_reece(z, slip, k92, 0.18, 0.32)
+    # 8 nodes over the corner of the stress at ϑm
+    assert p.load == pytest.approx(load, rel=0.01)
+    assert p.drawbar_pull == pytest.approx(pull, abs=0.01 * load)
+    assert p.torque == pytest.approx(torque, abs=0.01 * load * R)
+
+
+def test_stress_ahead_leaves_a_wheel_that_does_not_move_forward_alone() -> None:
+    wheels = [SingleWheel(RIM, SOIL, on) for on in ([activate(get("stress_ahead"), {"share": 1.0})], [])]
+    spinning = rolling(1.0, R)
+    one, other = (w.at_sinkage(0.015, spinning, Ratio(0.4)) for w in wheels)
+    assert one.load == pytest.approx(other.load, rel=1e-12)
+    assert one.drawbar_pull == pytest.approx(other.drawbar_pull, rel=1e-12)
+
+
+@pytest.mark.parametrize("j", [1e-4, 0.01, 0.05, 1.0])
+def test_shear_falls_from_its_peak_to_the_residual_share(j: float) -> None:
+    effect, model = get("shear_softening"), model_parameters(ROBOT, SOIL, variant_of(0.5), a_theta=4.919)
+    own = Own({"loss": 0.4, "peak": 0.02}, {}, 0.0, model)
+    share = float(effect.shear(1.0, j, own))
+    assert 0.6 - 1e-12 <= share <= 1
+    assert share == pytest.approx(1.0, abs=1e-4) or j > 1e-3
+    assert share == pytest.approx(0.6, abs=1e-3) or j < 0.05
+    assert np.all(np.diff([float(effect.shear(1.0, x, own)) for x in np.linspace(0, 0.2, 50)]) <= 0)
