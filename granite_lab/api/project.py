@@ -122,6 +122,8 @@ def named_logs(folder: Path) -> tuple[Path, ...]:
 
 def _projects_of(files: Sequence[Path]) -> dict[Path, tuple[Path, Project]]:
     """Return of each log the folder of the project's file that holds for it, and the project."""
+    if files and not any(map(os.path.exists, files)):
+        refuse_special(files[0])  # which says what is wrong with it
     here = Path()
     mine = project_in(here)
     known = {path.resolve() for path in (trial_files(mine.logs) if mine.logs else ())}
@@ -148,8 +150,6 @@ def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
     """
     forget()
     files = trial_files(logs)
-    if not any(map(os.path.exists, files)):
-        refuse_special(files[0])  # which says what is wrong with it
     project_of = _projects_of(files)
     projects = dict(project_of.values())
     options = replace(

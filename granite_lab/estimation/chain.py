@@ -228,7 +228,7 @@ def solve(
     warnings = [*ready.signs, *ready.doubts, *_complain(problem, offset)]
     if far:
         slip = replace(FAR, steady=soil.slip, limit=FAR.limit if any_slip else soil.slip_std)
-        noise = replace(with_motion_noise(problem, offset.value), gyro=LOST_PITCH)
+        noise = replace(with_motion_noise(problem, offset.value, folding=False), gyro=LOST_PITCH)
         problem = replace(problem, slip=slip, noise=noise)
         where = "far from standstills" if still else "no standstill"
         allowed = "0 to 100 %" if any_slip else f"± {100 * soil.slip_std:.2g} %"

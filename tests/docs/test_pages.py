@@ -279,6 +279,8 @@ def test_the_tutorial_and_what_builds_on_a_study(tmp_path: Path, monkeypatch: py
     assert not CAN_DRAW or Path("run07.png").stat().st_size > 10_000
     for name in ("a", "b", "sand-a", "sand-b"):
         shutil.copytree("reports/mylab", f"reports/{name}")
+    shutil.copytree("reports/mylab-found", "my-trials/finding")
+    Path("my-trials/answer.json").write_text('{"effects": []}', encoding="utf-8")
     for page in STUDIED[1:]:
         follow(page, is_long, prepare)
     assert Path("reports/a-and-b/compared.md").is_file()
@@ -290,10 +292,6 @@ def prepare(line: str) -> None:
         for path in Path("mylab").iterdir():
             if path.stem not in ("run04", "run07"):
                 path.unlink()
-    if line == "granite-lab reveal my-trials --finding my-trials/finding":
-        Path("my-trials").mkdir()
-        shutil.copytree("reports/mylab-found", "my-trials/finding")
-        Path("my-trials/answer.json").write_text('{"effects": []}', encoding="utf-8")
 
 
 def test_the_python_lines_of_the_page_on_estimation() -> None:
