@@ -156,7 +156,8 @@ def wrap_ranges(raw: Array, unit: Unit, given: float, per_rev: float) -> list[fl
     if given:
         return [given]
     if unit.name in ("counts", "counts/s"):
-        of_turn = [per_rev] if per_rev and unit.name == "counts" else []
+        # what reads whole numbers starts again after a whole number of them
+        of_turn = [per_rev] if unit.name == "counts" and per_rev > 0 and per_rev == round(per_rev) else []
         return sorted([*powers(), *of_turn]) if (raw == np.rint(raw)).all() else []
     if unit.quantity not in ("angle", "angular rate"):
         return []

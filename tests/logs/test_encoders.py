@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from granite_lab.errors import InputError
@@ -41,6 +41,7 @@ def counted(angle: np.ndarray, per_rev: float, width: float, start: int, signed:
     bits=st.integers(7, 32), signed=st.booleans(), start=st.floats(0, 1), backwards=st.booleans(),
     hz=st.sampled_from([10, 20, 50, 100, 200]), share=st.floats(0.002, 0.2),
 )  # fmt: skip
+@example(bits=7, signed=False, start=0.0, backwards=False, hz=10, share=0.0546875)
 @settings(max_examples=60, deadline=None)
 def test_a_counter_of_any_power_of_two_is_unwrapped_at_any_rate(
     bits: int, signed: bool, start: float, backwards: bool, hz: float, share: float
