@@ -31,6 +31,11 @@ class Predicted:
     speed_left_out: Array
     expected: Array
 
+    @property
+    def unseen(self) -> Array:
+        """(trials,) left out, or those of the fit itself where nothing can be left out."""
+        return self.left_out if np.isfinite(self.left_out).any() else self.own
+
 
 def predict(problem: Problem, fit: Fit, tolerance: float) -> Predicted:
     """Leave out one trial after the other, then one command after the other.
@@ -118,7 +123,7 @@ def transferred(problem: Problem, predicted: Predicted) -> Array:
     speeds = len({t.observation.variant.velocity for t in problem.trials})
     if speeds >= FEWEST_SPEEDS and np.isfinite(predicted.speed_left_out).any():
         return predicted.speed_left_out
-    return predicted.left_out if np.isfinite(predicted.left_out).any() else predicted.own
+    return predicted.unseen
 
 
 def predicts_better(problem: Problem, before: Predicted, after: Predicted) -> bool:

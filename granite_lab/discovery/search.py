@@ -253,8 +253,7 @@ class _Steps:
         if not model.effects:
             return True
         predicted = predict(self.problem, model.fit, self.tolerance)
-        left = predicted.left_out if np.isfinite(predicted.left_out).any() else predicted.own
-        return bool(not left.sum() < (1 + LEFT**2) * predicted.expected.sum())
+        return bool(not predicted.unseen.sum() < (1 + LEFT**2) * predicted.expected.sum())
 
     def settled(self, model: Model) -> bool:
         """Tell whether a model leaves no discrepancy that matters."""

@@ -242,15 +242,11 @@ class _Whole:
 
 def _whole(before: Predicted, after: Predicted) -> _Whole:
     floor = np.fmin(after.expected, before.expected)
-    base, left = before.left_out if np.isfinite(before.left_out).any() else before.own, _left(after)
+    base, left = before.unseen, after.unseen
     pairs = ((base, left), (before.speed_left_out, after.speed_left_out))
     gap, other = (b - (floor if floor.sum() < np.nansum(a) else a) for b, a in pairs)
     speeds = closed(before.speed_left_out, after.speed_left_out, other)
     return _Whole(base, gap, other, after, closed(base, left, gap), speeds)
-
-
-def _left(predicted: Predicted) -> Array:
-    return predicted.left_out if np.isfinite(predicted.left_out).any() else predicted.own
 
 
 def holding(id_: str, without: str = "") -> Callable[[Model], bool]:
@@ -279,7 +275,7 @@ def _named(problem: Problem, search: Search, id_: str, whole: _Whole, tolerance:
         return predict(problem, under(problem, model.fit, best.fit.scales), tolerance)
 
     changes, lacking = moved(problem, without.fit, best.fit), predicted(without)
-    closes = closed(_left(lacking), _left(whole.after), whole.gap)
+    closes = closed(lacking.unseen, whole.after.unseen, whole.gap)
     speeds = closed(lacking.speed_left_out, whole.after.speed_left_out, whole.gap_speeds)
     remainder = 1 - whole.closed.value
     probability = search.probability(holding(id_))
@@ -293,7 +289,7 @@ def _named(problem: Problem, search: Search, id_: str, whole: _Whole, tolerance:
     for share, rival, model in sorted(rivals, key=lambda r: r[:2], reverse=True):
         likely = 1 - probability > doubt / 2 and share >= LEAST_SHARE * doubt
         if not likely and not is_empirical(rival) and remainder > 0:
-            left = 1 - closed(whole.base, _left(predicted(model)), whole.gap).value
+            left = 1 - closed(whole.base, predicted(model).unseen, whole.gap).value
             likely = left < 4 * remainder and left - remainder < LEFT * closes.value
         if likely:
             twins.append(rival)

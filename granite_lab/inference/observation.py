@@ -71,6 +71,13 @@ class Observation:
     step: float
     gravity_removed: bool
 
+    def rounding(self, channel: str) -> float:
+        """Return the std of the rounding of a channel of the wheels' angles [rad], 0 for others.
+
+        Repetitions are rounded alike and do not show it.
+        """
+        return self.step / float(np.sqrt(12)) if channel.startswith("wheel") else 0.0
+
     @property
     def width(self) -> float:
         """Width of a bin [s]."""

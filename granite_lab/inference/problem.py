@@ -299,8 +299,7 @@ class Problem:
         tolerance.
         """
         if channel.startswith("wheel"):
-            step = max(self.trials[i].observation.step for i in own)
-            return float(step / np.sqrt(12) / TOLERANCE)
+            return max(self.trials[i].observation.rounding(channel) for i in own) / TOLERANCE
         squares = []
         for t in (self.trials[i] for i in own if channel in self.trials[i].channels):
             values = t.measured[t.channels.index(channel)]

@@ -154,7 +154,7 @@ def learnt(problem: Problem, residuals: Sequence[Array]) -> list[list[Whitener]]
                 strength = np.clip(np.abs(shown) / level, 0, 4) * (speed > 0) if level > 0 else speed
             sensor = spectra[_sensor(problem, having[0], c)]
             blows = (REST_SHARE * problem.resting(command, c)) ** 2
-            floor = float(np.hypot(FLOOR[c], max(_rounding(problem, i, c) for i in having)))
+            floor = float(np.hypot(FLOOR[c], max(problem.trials[i].observation.rounding(c) for i in having)))
             found = learn(own_rows, strength, np.gradient(shown), floor, width, sensor, blows)
             for i, w in zip(having, found, strict=True):
                 whiteners[i][place[i]] = w
@@ -165,12 +165,6 @@ def _channels(problem: Problem, own: Sequence[int]) -> list[tuple[str, list[int]
     """Return the channels of a command, each with the trials that have it."""
     names = dict.fromkeys(c for i in own for c in problem.trials[i].channels)
     return [(c, [i for i in own if c in problem.trials[i].channels]) for c in names]
-
-
-def _rounding(problem: Problem, trial: int, channel: str) -> float:
-    """Return the std of the rounding of a wheel's angle; repetitions are rounded alike and do not show it."""
-    step = problem.trials[trial].observation.step if channel.startswith("wheel") else 0.0
-    return step / float(np.sqrt(12))
 
 
 def _sensor(problem: Problem, trial: int, channel: str) -> tuple[str, int]:
