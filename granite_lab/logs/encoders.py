@@ -134,6 +134,8 @@ def lattice(values: Array) -> float:
 
     Unlike `quantum` it finds grids of few levels, and of levels that scatter as stamps do.
     """
+    if not values.size:
+        return 0.0
     size = np.sort(np.abs(values))
     near = _ROUNDING * size[-1]
     cuts = np.flatnonzero(np.diff(size) > near) + 1

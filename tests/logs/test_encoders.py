@@ -296,3 +296,9 @@ def test_the_count_of_a_coarse_angle_shows_though_its_decimals_are_cut(counts: i
     smooth = np.cumsum(speed) * 0.01 + noise
     found = convert(t, smooth, find_unit("rad"), PLAIN, Wheel(0.0, 0.1, 60.0), [])
     assert found.resolution == 0.0
+
+
+def test_a_wheel_of_one_sample_has_no_known_step() -> None:
+    found = convert(np.array([0.0]), np.array([0.3]), find_unit("rad"), PLAIN, Wheel(0.0, 0.1), [])
+    assert found.resolution == 0.0
+    assert found.angle.tolist() == [0.3]
