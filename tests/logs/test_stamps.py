@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import granite_lab as gl
@@ -167,6 +167,8 @@ def test_a_clock_that_was_set_goes_on(size: float, at: float, tmp_path: Path) ->
 )
 @settings(max_examples=150, deadline=None)
 def test_every_step_back_is_found_where_it_is(cut: int, size: float, jitter: float, seed: int) -> None:
+    # by as much as the log lasts, the parts stand end to end, as in a file whose rows were written late
+    assume(abs(size - 10.0) > 0.02)
     rng = np.random.default_rng(seed)
     t = np.arange(1000) / 100 + rng.uniform(-jitter, jitter, 1000)
     t[cut:] -= size
