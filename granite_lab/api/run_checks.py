@@ -13,9 +13,9 @@ import numpy as np
 from granite_lab import estimation
 from granite_lab.chain import read, soil_of
 from granite_lab.errors import EstimateError, InputError, LabError
-from granite_lab.estimation.motion import Motion, mean_known
-from granite_lab.estimation.rest import inside
-from granite_lab.logs.sensors.standstill import COAST
+from granite_lab.estimation.motion import Motion
+from granite_lab.logs.counters import mean_known
+from granite_lab.logs.sensors.standstill import COAST, inside
 from granite_lab.logs.trial import Array, Trial, is_bag
 from granite_lab.options import Options
 from granite_lab.parameters import WHEELS

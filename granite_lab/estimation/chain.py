@@ -11,23 +11,24 @@ import numpy as np
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.clean import clean_trial
-from granite_lab.estimation.clock import GIVEN, agreed, find_offset, ramps, slow_offset
+from granite_lab.estimation.clock import agreed, find_offset, ramps, slow_offset
 from granite_lab.estimation.error_model import FAR, LOST_PITCH, UNKNOWN, SlipModel
-from granite_lab.estimation.faults import Faults, find_faults, find_restarts, without_steps
-from granite_lab.estimation.gross_clock import together
 from granite_lab.estimation.guard import Doubt, common_gaps, guard
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.nodes import Problem
 from granite_lab.estimation.noise import identify, with_motion_noise
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
-from granite_lab.estimation.rest import coasts, find_rests, inside, refuse_moved, turning_of
+from granite_lab.estimation.rest import coasts, find_rests, refuse_moved, turning_of
 from granite_lab.estimation.slip import identify_scatter, with_jumps
 from granite_lab.estimation.smoother import Solution, settle, smooth, with_steady_slip
-from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
+from granite_lab.estimation.wheels import Rolling, roll
 from granite_lab.logs.sensors import mounting
+from granite_lab.logs.sensors.faults import Faults, find_faults, find_restarts, without_steps
 from granite_lab.logs.sensors.imu import despike, mounted
-from granite_lab.logs.sensors.standstill import Interval, coasting
+from granite_lab.logs.sensors.signs import check_signs
+from granite_lab.logs.sensors.standstill import MOVING, Interval, coasting, inside
+from granite_lab.logs.sensors.two_clocks import GIVEN, together
 from granite_lab.logs.trial import Array, ImuStream, Trial, WheelStream, part
 from granite_lab.parameters import ImuGrade, Robot, Soil, Variant, load_soil, load_variants
 

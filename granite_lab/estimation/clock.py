@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+from scipy.ndimage import gaussian_filter1d
 from scipy.special import softmax
 
 from granite_lab.estimate import Estimate
@@ -19,19 +19,18 @@ from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import joined
 from granite_lab.logs.sensors.mounting import BodyImu
 from granite_lab.logs.sensors.standstill import Interval, wheels_still
+from granite_lab.logs.sensors.two_clocks import (
+    FARTHEST,
+    LARGEST,
+    LEAST_RAMP,
+    LONGEST_LAG,
+    RIVAL,
+    SEEN,
+    STEP,
+    changing,
+    correlate,
+)
 from granite_lab.logs.trial import Array
-
-LARGEST, FARTHEST = 0.4, 1.0
-"""Offsets up to this are searched for [s]; the latter where odometry was smoothed."""
-
-STEP = 0.005
-"""Spacing of the correlation [s]."""
-
-GIVEN = 1.0e-3
-"""Std of an offset that was given [s]."""
-
-LEAST_RAMP = 0.1
-"""Wheels that never accelerate by this much show no offset [m/s^2]."""
 
 WIDE, FINE = 0.02, 0.01
 """Spacing of the offsets whose likelihood is compared, at first and about the best of them [s]."""
@@ -42,15 +41,6 @@ TEMPER = 0.5
 LEFT_OVER, RINGS = 2.5e-3, 2.0 * float(np.pi) * 10.0
 """Std of the offset by how the body really sets off and stops in the sand [s], and by play and tyres: a
 robot that rings at 10 Hz [rad/s] follows its wheels so much later, a softer one by its period."""
-
-LONGEST_LAG = 0.25
-"""The body follows the wheels on sand by up to a quarter of a second, and never leads them [s]."""
-
-SEEN = 0.5
-"""Correlation at which the offset of smoothed odometry, or of two computers, counts as found."""
-
-RIVAL = 0.9
-"""Another offset whose correlation is this share of the largest one explains the ramps as well."""
 
 STILL, MOVED = 0.25, 0.5
 """How much of the log judges a clock offset on the standing and the moving side of a change [s]."""
@@ -74,32 +64,10 @@ FAR = LATENCY * float(np.sqrt(2.0 * UNUSUAL))
 """A smaller offset [s] is never that unusual."""
 
 
-def correlate(force: Array, wheel: Array, reach: int) -> tuple[Array, int, float]:
-    """Correlate specific force with the wheels' acceleration, both (M,) on one grid.
-
-    Returns:
-        (2 reach + 1,) the correlation at each lag of the force; the place of its largest value, and that
-        value in shares of what it can be, 0 at the end of the reach.
-    """
-    size = 2 ** int(np.ceil(np.log2(2 * force.size)))
-    values = np.fft.irfft(np.fft.rfft(force, size) * np.conj(np.fft.rfft(wheel, size)), size)
-    values = values[np.arange(-reach, reach + 1)]
-    best = int(np.argmax(values))
-    inner = best not in (0, values.size - 1)
-    whole = float(np.sqrt(np.sum(force**2) * np.sum(wheel**2)))
-    return values, best, float(values[best]) / max(whole, 1e-300) if inner else 0.0
-
-
 def ramps(rolling: Rolling) -> bool:
     """Whether the wheels' speed changes as fast as the clock offset needs it."""
     speed = rolling.speed_at(np.arange(rolling.t[0], rolling.t[-1], STEP))
     return speed.size > 1 and float(np.max(np.abs(changing(np.gradient(speed, STEP))))) >= LEAST_RAMP
-
-
-def changing(acceleration: Array) -> Array:
-    """(K,) acceleration on the grid without vibration, and without what is slower than a ramp."""
-    smooth = uniform_filter1d(acceleration, max(round(0.08 / STEP), 1))
-    return np.asarray(smooth - uniform_filter1d(smooth, round(3.0 / STEP), mode="nearest"))
 
 
 def coarse_offset(imu: BodyImu, rolling: Rolling) -> Estimate:

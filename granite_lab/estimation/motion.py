@@ -10,6 +10,7 @@ import numpy as np
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
+from granite_lab.logs.counters import mean_known
 from granite_lab.logs.trial import Array, Series, Trial
 from granite_lab.parameters import WHEELS, Variant
 from granite_lab.shown import Shown
@@ -234,13 +235,6 @@ def judge(motion: Motion, trial: Trial, reference_std: float = 0.0) -> tuple[Jud
             "a reference is a column ref_v_mps or ref_x_m",
         )
     return tuple(found)
-
-
-def mean_known(values: Array) -> Array:
-    """Mean of each row, as over the wheels; NaN where none is known, without a warning."""
-    n = np.isfinite(values).sum(axis=1)
-    total = np.where(np.isfinite(values), values, 0.0).sum(axis=1)
-    return np.where(n > 0, total / np.maximum(n, 1), NAN)
 
 
 def _compare(quantity: str, t: Array, own: tuple[Array, Array, Array], reference: Series) -> Judgement:

@@ -16,11 +16,11 @@ from granite_lab.estimation.clock import LATENCY
 from granite_lab.estimation.error_model import PD, TH, V_FLOOR, D, G, P, S, V, X, std_of
 from granite_lab.estimation.motion import NAN, Health, Motion, PhaseName
 from granite_lab.estimation.nodes import QUICK, Problem
-from granite_lab.estimation.rest import find_rests, inside
+from granite_lab.estimation.rest import find_rests
 from granite_lab.estimation.smoother import Smoothed, Solution
-from granite_lab.estimation.wheels import MOVING, Rolling
+from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import runs
-from granite_lab.logs.sensors.standstill import Interval, bridged
+from granite_lab.logs.sensors.standstill import MOVING, Interval, bridged, inside
 from granite_lab.logs.trial import Array, Series, Trial, TrialInfo
 from granite_lab.parameters import Robot, Variant
 

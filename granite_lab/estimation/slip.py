@@ -25,11 +25,10 @@ from granite_lab.estimation.clock import STILL
 from granite_lab.estimation.error_model import BA, BM, TH, P, SlipModel, V, X, std_of
 from granite_lab.estimation.nodes import Nodes, Problem, build
 from granite_lab.estimation.nominal import Nominal
-from granite_lab.estimation.rest import inside
 from granite_lab.estimation.smoother import Solution, forward, merged, nominal_of, settle, smooth
-from granite_lab.estimation.wheels import MOVING, Rolling
+from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import joined, runs
-from granite_lab.logs.sensors.standstill import COAST, Interval
+from granite_lab.logs.sensors.standstill import COAST, MOVING, Interval, inside
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY
 

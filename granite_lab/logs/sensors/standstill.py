@@ -16,6 +16,7 @@ Trans. Biomed. Eng. 57 (2010).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,9 @@ from granite_lab.parameters import ImuGrade, Robot
 COAST = 0.01
 """Slip velocity goes with the wheel speed down to this [m/s]: below, play and settling move the body. A
 body whose wheels coast to rest is then as slow as they are."""
+
+MOVING = 0.02
+"""Wheel velocity [m/s] above which a wheel certainly rolls."""
 
 Interval = tuple[float, float]
 
@@ -446,3 +450,11 @@ def bridged(t: np.ndarray, mask: Mask, longest: float) -> Mask:
         if a > 0 and b < mask.size and t[b] - t[a - 1] <= longest:
             closed[a:b] = True
     return closed
+
+
+def inside(t: Array, intervals: Sequence[Interval]) -> np.ndarray:
+    """(N,) True where a stamp lies in one of the intervals."""
+    mask = np.zeros(t.size, dtype=bool)
+    for begin, end in intervals:
+        mask |= (t >= begin) & (t <= end)
+    return mask
