@@ -128,7 +128,7 @@ def _log(trial: Trial, path: Path) -> Check:
 
     spans = [s.t for s in (trial.imu, trial.wheels, trial.currents) if s is not None and len(s.t) > 1]
     seconds = max(t[-1] for t in spans) - min(t[0] for t in spans) if spans else 0.0
-    dead = [line for line in trial.warnings if line.endswith(ZERO)]
+    dead = [str(doubt) for doubt in trial.doubts if doubt.what == ZERO]
     if dead and not is_bag(path):  # messages of ROS hold zeros where nothing is measured
         return Check("log", False, "; ".join(dead), "check plug and driver of the sensor")
     doubts = f"; warnings: {len(trial.warnings)}, see granite-lab inspect" if trial.warnings else ""

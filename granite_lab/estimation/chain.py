@@ -13,7 +13,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation.clean import clean_trial
 from granite_lab.estimation.clock import agreed, find_offset, ramps, slow_offset
 from granite_lab.estimation.error_model import FAR, LOST_PITCH, UNKNOWN, SlipModel
-from granite_lab.estimation.guard import Doubt, common_gaps, guard
+from granite_lab.estimation.guard import common_gaps, guard
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.nodes import Problem
@@ -24,26 +24,23 @@ from granite_lab.estimation.slip import identify_scatter, with_jumps
 from granite_lab.estimation.smoother import Solution, settle, smooth, with_steady_slip
 from granite_lab.estimation.wheels import Rolling, roll
 from granite_lab.logs.sensors import mounting
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.faults import Faults, find_faults, find_restarts, without_steps
 from granite_lab.logs.sensors.imu import despike, mounted
 from granite_lab.logs.sensors.signs import check_signs
-from granite_lab.logs.sensors.standstill import MOVING, Interval, coasting, inside
+from granite_lab.logs.sensors.standstill import LONGEST_GAP, MOVING, Interval, inside, unbridged
 from granite_lab.logs.sensors.two_clocks import GIVEN, together
 from granite_lab.logs.trial import Array, ImuStream, Trial, WheelStream, part
 from granite_lab.parameters import ImuGrade, Robot, Soil, Variant, load_soil, load_variants
-
-LONGEST_GAP = 0.5
-"""IMU samples missing for longer than this in motion end the estimate [s]."""
 
 SPIN = 0.2
 """Random walk of the slip ratio where wheels turned in a standstill that was named: it reached 100 % once, in
 a trial of half a minute [1/sqrt(s)]."""
 
-ALONE = "without encoders, noise that only motion makes cannot be told from the motion"
-"""Why an estimate by the IMU alone is fair at best."""
-
-UNMATCHED = "the ramps of the wheels are not found in the IMU: their clocks may be apart by any time"
-"""Why an estimate near standstills is poor where its clock offset does not show."""
+ALONE = Doubt("without encoders, noise that only motion makes cannot be told from the motion", grade="fair")
+UNMATCHED = Doubt(
+    "the ramps of the wheels are not found in the IMU: their clocks may be apart by any time", grade="poor"
+)
 
 LONG = 60.0
 """Motion longer than this [s] without a standstill leans on the wheels."""
@@ -110,7 +107,8 @@ def correct(
     solved = solve(trial, robot, rests=rests, distance_measured=distance_measured, soil=soil, apart=apart)
     clean, motion = finish(trial, robot, solved, known)
     gaps = common_gaps(motion, solved.problem.faults.gaps, solved.wheels)
-    motion = guard(motion, load_soil() if soil is None else soil, (*solved.limits, *gaps))
+    limits = [doubt for doubt in solved.doubts if doubt.grade != "good"]
+    motion = guard(motion, load_soil() if soil is None else soil, (*limits, *solved.limits, *gaps))
     offset = replace(motion.clock_offset, value=motion.clock_offset.value + moved)
     return clean, replace(motion, clock_offset=offset, clock_applied=motion.clock_applied + moved)
 
@@ -122,14 +120,14 @@ class Solved:
     Attributes:
         problem, solution: what the filter was given, and what the smoother found.
         wheels: the encoders as corrected.
-        warnings: what limits the estimate, one line each.
-        limits: what keeps its grade from "good".
+        doubts: what limits the estimate; those that make its grade less than "good" or its std larger, too.
+        limits: what does so without a warning.
     """
 
     problem: Problem
     solution: Solution
     wheels: WheelStream | None
-    warnings: tuple[str, ...]
+    doubts: tuple[Doubt, ...]
     limits: tuple[Doubt, ...] = ()
 
 
@@ -144,7 +142,7 @@ class Ready:
         grade: of the IMU.
         faults: of the IMU's samples.
         still, unseen: standstills [s], and (N,) std of the velocity that may be left where each begins [m/s].
-        signs, doubts: what was corrected in the encoders, and in the mounting, one line each.
+        doubts: what was corrected in the encoders and in the mounting, or is doubtful.
     """
 
     stream: ImuStream
@@ -156,8 +154,7 @@ class Ready:
     faults: Faults
     still: tuple[Interval, ...]
     unseen: Array
-    signs: tuple[str, ...]
-    doubts: tuple[str, ...]
+    doubts: tuple[Doubt, ...]
 
 
 def stand(trial: Trial, robot: Robot, rests: Sequence[Interval] = ()) -> Ready:
@@ -182,8 +179,8 @@ def stand(trial: Trial, robot: Robot, rests: Sequence[Interval] = ()) -> Ready:
             "let the robot stand for 0.5 s at start or end, or name a standstill by hand (--rest start:end)",
         )
     return Ready(
-        level.stream, level.imu, wheels, rolling, level.robot, grade, faults, still, unseen, signs,
-        level.doubts,
+        level.stream, level.imu, wheels, rolling, level.robot, grade, faults, still, unseen,
+        (*signs, *level.doubts),
     )  # fmt: skip
 
 
@@ -226,17 +223,15 @@ def solve(
         stepless = mounting.to_body(without_steps(stream, restarts), imu.rotation, levelled=imu.levelled)
         imu = replace(stepless, scale=imu.scale, scale_std=imu.scale_std)
     problem = replace(problem, imu=imu, faults=faults, slip=SlipModel(fades=True))
-    warnings = [*ready.signs, *ready.doubts, *_complain(problem, offset)]
+    doubts = [*ready.doubts, *_complain(problem, offset)]
     if far:
         slip = replace(FAR, steady=soil.slip, limit=FAR.limit if any_slip else soil.slip_std)
         noise = replace(with_motion_noise(problem, offset.value, folding=False), gyro=LOST_PITCH)
         problem = replace(problem, slip=slip, noise=noise)
         where = "far from standstills" if still else "no standstill"
         allowed = "0 to 100 %" if any_slip else f"± {100 * soil.slip_std:.2g} %"
-        warnings.append(
-            f"{where}: slow changes of velocity follow the wheels; steady slip is not measured there, "
-            f"the std allows for {allowed}"
-        )
+        follows = "slow changes of velocity follow the wheels; steady slip is not measured there"
+        doubts.append(Doubt(f"{follows}, the std allows for {allowed}", where))
     else:
         least = SPIN if _spun(problem, offset.value) else 0.0
         if rolling is not None:
@@ -249,16 +244,15 @@ def solve(
     solution = replace(solution, offset=seen, applied=0.0 if far else offset.value)
     if far and any_slip:
         solution = replace(solution, smoothed=with_steady_slip(solution.nodes, solution.smoothed))
-    limits = [Doubt(line, "fair") for line in ready.doubts]
-    return Solved(problem, solution, ready.wheels, tuple(warnings), (*limits, *_limits(rolling, offset, far)))
+    return Solved(problem, solution, ready.wheels, tuple(doubts), _limits(rolling, offset, far))
 
 
 def _limits(rolling: Rolling | None, offset: Estimate, far: bool) -> tuple[Doubt, ...]:
     """Return what the estimate lacks for want of wheels, or of their clock."""
     if rolling is None:
-        return (Doubt(ALONE, "fair"),)
+        return (ALONE,)
     if not far and not np.isfinite(offset.std) and ramps(rolling):
-        return (Doubt(UNMATCHED, "poor"),)
+        return (UNMATCHED,)
     return ()
 
 
@@ -266,7 +260,7 @@ def finish(trial: Trial, robot: Robot, solved: Solved, known: Sequence[Variant])
     """Return the corrected trial and its motion, as `correct` does, from what the smoother found."""
     problem, solution = solved.problem, solved.solution
     health = assess(solution, problem.imu.t, problem.rests, problem.faults, problem.noise)
-    motion = motion_of(trial, problem, solution, health, known, solved.warnings)
+    motion = motion_of(trial, problem, solution, health, known, solved.doubts)
     clean = clean_trial(
         trial, robot, motion, wheels=solved.wheels, rolling=problem.rolling, imu=problem.imu,
         faults=problem.faults, solution=solution,
@@ -283,19 +277,19 @@ def _feels_thrust(imu: ImuStream | None, robot: Robot) -> bool:
 
 def _roll(
     trial: Trial, imu: mounting.BodyImu | None, robot: Robot
-) -> tuple[WheelStream | None, Rolling | None, tuple[str, ...]]:
+) -> tuple[WheelStream | None, Rolling | None, tuple[Doubt, ...]]:
     """Put the encoders right and roll the wheels; also what was corrected or is doubtful."""
     if trial.wheels is None or trial.wheels.t.size <= 2:
         return trial.wheels, None, ()
     known = imu is not None and (robot.imu.forward != "find" or bool(trial.imu and trial.imu.robot_axes))
     try:
-        wheels, said = check_signs(trial.wheels, imu, robot, forward_known=known)
+        wheels, turned = check_signs(trial.wheels, imu, robot, forward_known=known)
     except EstimateError as refusal:
         raise EstimateError(f"{trial.name}: {refusal.message}", refusal.hint) from None
     rolling = roll(wheels, robot)
     if imu is None:
-        rolling = replace(rolling, warnings=(*said, *rolling.warnings))
-    return wheels, rolling, said
+        rolling = replace(rolling, doubts=(*turned, *rolling.doubts))
+    return wheels, rolling, turned
 
 
 def _clock(trial: Trial, problem: Problem, far: bool, apart: bool) -> tuple[Estimate, Estimate, float]:
@@ -352,44 +346,31 @@ def _far_from_rest(still: Sequence[Interval], imu: mounting.BodyImu) -> bool:
 def _refuse_gaps(trial: Trial, problem: Problem, offset: float) -> None:
     """Refuse samples that are missing for long while the robot moves faster than its wheels coast."""
     wheels = None if problem.rolling is None else turning_of(problem.rolling)
-    for begin, end in problem.faults.gaps:
-        resting = any(a - 0.02 <= begin and end <= b + 0.02 for a, b in problem.rests)
-        if end - begin > LONGEST_GAP and not resting and not coasting(wheels, begin - offset, end - offset):
-            raise EstimateError(
-                f"{trial.name}: no IMU samples from {begin:.3f} s to {end:.3f} s while the robot moved",
-                f"velocity cannot be bridged over more than {LONGEST_GAP:g} s: cut the log there",
-            )
+    for begin, end in unbridged(problem.faults.gaps, problem.rests, wheels, offset)[:1]:
+        raise EstimateError(
+            f"{trial.name}: no IMU samples from {begin:.3f} s to {end:.3f} s while the robot moved",
+            f"velocity cannot be bridged over more than {LONGEST_GAP:g} s: cut the log there",
+        )
 
 
-def _complain(problem: Problem, offset: Estimate) -> list[str]:
-    """Say what limits the estimate, one line each."""
-    imu, faults, still = problem.imu, problem.faults, problem.rests
-    said = list(problem.rolling.warnings) if problem.rolling is not None else []
-    if problem.rolling is None:
-        said.append("no encoders: no wheel velocity and no slip; standstill is judged by the IMU alone")
+def _complain(problem: Problem, offset: Estimate) -> list[Doubt]:
+    """Return what limits the estimate."""
+    imu, still, rolling = problem.imu, problem.rests, problem.rolling
+    lines = [] if rolling is not None else [
+        "no encoders: no wheel velocity and no slip; standstill is judged by the IMU alone"
+    ]  # fmt: skip
     if not imu.gravity:
-        said.append(
+        lines.append(
             "gravity was removed by the logger: pitch is not observable, only its changes by the gyro"
         )
     if not imu.has_pitch_rate:
-        said.append("no pitch rate was logged: pitch is taken as constant with 1 deg of doubt in motion")
-    if faults.gaps:
-        total = sum(end - begin for begin, end in faults.gaps)
-        said.append(
-            f"{len(faults.gaps)} gaps in the IMU's samples, {total:.3f} s in all: uncertainty grows there"
-        )
-    if faults.plateaus:
-        said.append(f"the IMU stands at its limit {len(faults.plateaus)} times: uncertainty grows there")
-    if faults.spikes.any():
-        said.append(f"{np.count_nonzero(faults.spikes)} single readings of the IMU are thrown off: replaced")
-    for restart in faults.restarts:
-        where = f"in the gap at {restart.begin:.2f} s" if restart.gap else f"after {restart.begin:.2f} s"
-        said.append(f"the IMU's biases changed {where}, as after a restart: uncertainty grows there")
-    if still:
-        if still[0][0] > imu.t[0] + 1.0:
-            said.append("no standstill at the start: uncertainty grows towards it")
-        if still[-1][1] < imu.t[-1] - 1.0:
-            said.append("no standstill at the end: uncertainty grows towards it")
-    if problem.rolling is not None and not np.isfinite(offset.std):
-        said.append("clock offset between IMU and encoders unobservable: taken as zero")
-    return said
+        lines.append("no pitch rate was logged: pitch is taken as constant with 1 deg of doubt in motion")
+    ends = []
+    if still and still[0][0] > imu.t[0] + 1.0:
+        ends.append("no standstill at the start: uncertainty grows towards it")
+    if still and still[-1][1] < imu.t[-1] - 1.0:
+        ends.append("no standstill at the end: uncertainty grows towards it")
+    if rolling is not None and not np.isfinite(offset.std):
+        ends.append("clock offset between IMU and encoders unobservable: taken as zero")
+    doubts = () if rolling is None else rolling.doubts
+    return [*doubts, *map(Doubt, lines), *problem.faults.doubts(), *map(Doubt, ends)]

@@ -9,8 +9,9 @@ import numpy as np
 from scipy.special import gammaincc
 
 from granite_lab.estimation.error_model import BA, BG, Noise, V
-from granite_lab.estimation.motion import Grade, Health
+from granite_lab.estimation.motion import Health
 from granite_lab.estimation.smoother import Solution, usual
+from granite_lab.logs.sensors.doubt import Grade
 from granite_lab.logs.sensors.faults import Faults
 from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.trial import Array

@@ -11,6 +11,7 @@ import numpy as np
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
 from granite_lab.logs.counters import mean_known
+from granite_lab.logs.sensors.doubt import Grade
 from granite_lab.logs.trial import Array, Series, Trial
 from granite_lab.parameters import WHEELS, Variant
 from granite_lab.shown import Shown
@@ -18,7 +19,6 @@ from granite_lab.shown import Shown
 if TYPE_CHECKING:
     import pandas as pd
 
-Grade = Literal["good", "fair", "poor"]
 
 PhaseName = Literal["rest", "accelerate", "steady", "brake"]
 

@@ -20,6 +20,7 @@ from granite_lab.estimation.rest import find_rests
 from granite_lab.estimation.smoother import Smoothed, Solution
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import runs
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.standstill import MOVING, Interval, bridged, inside
 from granite_lab.logs.trial import Array, Series, Trial, TrialInfo
 from granite_lab.parameters import Robot, Variant
@@ -38,7 +39,7 @@ def motion_of(
     solution: Solution,
     health: Health,
     variants: Sequence[Variant],
-    warnings: tuple[str, ...],
+    doubts: Sequence[Doubt],
 ) -> Motion:
     """Add the smoothed drift to the nominal motion and derive slip, phases and variant.
 
@@ -104,7 +105,7 @@ def motion_of(
         steady=course.steady, t_start=command_start(trial.command, offset, course.onset),
         clock_offset=offset, clock_applied=solution.applied, variant=variant, variant_source=source,
         noise=problem.noise.as_dict(),
-        health=health, warnings=(*trial.warnings, *warnings, *more), slip_parts=parts,
+        health=health, warnings=(*trial.warnings, *map(str, doubts), *more), slip_parts=parts,
     )  # fmt: skip
 
 
@@ -135,7 +136,7 @@ def motion_without_imu(
         slip_ratio=Estimate(NAN), distance=Estimate(NAN), distance_wheels=rolled,
         steady=course.steady, t_start=command_start(trial.command, Estimate(0.0), course.onset),
         clock_offset=Estimate(0.0), variant=variant, variant_source=source, noise={}, health=health,
-        warnings=(*trial.warnings, *rolling.warnings, said, *([doubt] if doubt else [])),
+        warnings=(*trial.warnings, *map(str, rolling.doubts), said, *([doubt] if doubt else [])),
     )  # fmt: skip
 
 

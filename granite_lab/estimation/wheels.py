@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from granite_lab.logs.counters import integral, joined, mean_known, runs
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.standstill import MOVING, bridged
 from granite_lab.logs.trial import Array, WheelStream
 from granite_lab.parameters import WHEELS, Robot
@@ -43,7 +44,7 @@ class Rolling:
     speed_std: Array
     by_rate: bool  # the logger gave rates; distances are their integrals and not measurements
     resolution: tuple[float, ...]  # (4,) of each distance [m] (of each velocity [m/s] if by_rate)
-    warnings: tuple[str, ...] = ()  # doubts, one line each
+    doubts: tuple[Doubt, ...] = ()
 
     @property
     def step(self) -> float:
@@ -68,7 +69,7 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
     if stream.rate is not None:
         return _roll_rates(t, bridge(t, stream.rate) * robot.wheels.radius, resolution)
     distance = bridge(t, stream.angle) * robot.wheels.radius
-    increment, warnings = mask_dead(t, distance, resolution)
+    increment, doubts = mask_dead(t, distance, resolution)
     mean_step = side_mean(increment)
     lost = ~np.isfinite(mean_step)
     lost[0] = False
@@ -105,14 +106,14 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
     return Rolling(
         t=t, distance=np.where(np.isfinite(increment), distance - first, np.nan), mean=mean,
         mean_std=mean_std, velocity=velocity, velocity_std=velocity_std, speed=speed, speed_std=speed_std,
-        by_rate=False, resolution=resolution, warnings=tuple(warnings),
+        by_rate=False, resolution=resolution, doubts=tuple(doubts),
     )  # fmt: skip
 
 
 def _roll_rates(t: Array, velocity: Array, resolution: tuple[float, ...]) -> Rolling:
     """Take logged rates, as velocities (M, 4) [m/s]; the distances are their integrals."""
     dt, none = np.diff(t, prepend=t[0]), (0.0,) * velocity.shape[1]
-    increment, warnings = mask_dead(t, np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0), none)
+    increment, doubts = mask_dead(t, np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0), none)
     velocity = np.where(np.isfinite(increment) | (dt == 0)[:, None], velocity, np.nan)
     speed = side_mean(velocity)
     known = np.isfinite(speed)
@@ -125,7 +126,7 @@ def _roll_rates(t: Array, velocity: Array, resolution: tuple[float, ...]) -> Rol
     return Rolling(
         t=t, distance=distance, mean=mean, mean_std=np.full(speed.size, np.nan), velocity=velocity,
         velocity_std=np.where(np.isfinite(velocity), floor, np.nan), speed=speed,
-        speed_std=np.full(speed.size, floor), by_rate=True, resolution=resolution, warnings=tuple(warnings),
+        speed_std=np.full(speed.size, floor), by_rate=True, resolution=resolution, doubts=tuple(doubts),
     )  # fmt: skip
 
 
@@ -140,7 +141,7 @@ def bridge(t: Array, angle: Array) -> Array:
     return filled
 
 
-def mask_dead(t: Array, distance: Array, resolution: Sequence[float]) -> tuple[Array, list[str]]:
+def mask_dead(t: Array, distance: Array, resolution: Sequence[float]) -> tuple[Array, list[Doubt]]:
     """Blank a wheel where it gives no count, or jumps, while the others roll; also warn.
 
     Args:
@@ -149,11 +150,11 @@ def mask_dead(t: Array, distance: Array, resolution: Sequence[float]) -> tuple[A
         resolution: (4,) their smallest steps [m], below which no count is expected.
 
     Returns:
-        (M, 4) increments to each sample from the one before [m], NaN where not to be used; warnings.
+        (M, 4) increments to each sample from the one before [m], NaN where not to be used; doubts.
     """
     step = np.diff(distance, axis=0, prepend=np.full((1, distance.shape[1]), np.nan))
     dt = np.diff(t, prepend=t[0] - 1.0)
-    warnings = []
+    doubts = []
     with np.errstate(invalid="ignore"):
         live = np.isfinite(step).sum(axis=1)
         wild = np.abs(step - _median(step)[:, None]) > 3.0 * dt[:, None] + 0.05
@@ -171,10 +172,9 @@ def mask_dead(t: Array, distance: Array, resolution: Sequence[float]) -> tuple[A
                 step[a : b + 1, i] = np.nan  # the sample after it may hold the missed counts at once
                 dead += silent
         if dead > 0:
-            warnings.append(
-                f"encoder {wheel} gives no counts for {dead:.2f} s while the others turn: not used there"
-            )
-    return step, warnings
+            silent_for = f"encoder {wheel} gives no counts for {dead:.2f} s while the others turn"
+            doubts.append(Doubt(silent_for, remedy="not used there"))
+    return step, doubts
 
 
 def _median(values: Array) -> Array:

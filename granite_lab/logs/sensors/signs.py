@@ -9,6 +9,7 @@ from scipy.ndimage import uniform_filter1d
 
 from granite_lab.errors import EstimateError
 from granite_lab.logs.counters import joined, mean_known
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.mounting import BodyImu
 from granite_lab.logs.sensors.standstill import MOVING
 from granite_lab.logs.trial import Array, WheelStream
@@ -35,7 +36,7 @@ AXES = "give its [imu] rotation in the robot's file, or let forward = 'find' loo
 
 def check_signs(
     wheels: WheelStream, imu: BodyImu | None, robot: Robot, *, forward_known: bool
-) -> tuple[WheelStream, tuple[str, ...]]:
+) -> tuple[WheelStream, tuple[Doubt, ...]]:
     """Turn wheels that count backwards, and exchange the sides where the gyro shows that they are.
 
     Wheels of opposite signs either turn the robot in place, which the yaw gyro sees, or some of them
@@ -53,7 +54,7 @@ def check_signs(
     if live.size == 0 or grid.size < 4 * REACH:
         return wheels, ()
     judge = imu if forward_known else None
-    said: list[str] = []
+    doubts: list[Doubt] = []
     yaw = None
     if imu is not None and np.isfinite(imu.yaw_rate).any():
         yaw = joined(grid, imu.t, imu.yaw_rate - float(np.nanmedian(imu.yaw_rate)))
@@ -62,30 +63,31 @@ def check_signs(
         left, right = ({float(sign[i]) for i in live if i % 2 == side} for side in (0, 1))
         if len(left) == len(right) == 1 and left != right:
             if yaw is None:
-                said.append("left and right wheels turn against each other, and no yaw gyro tells why")
-                return wheels, tuple(said)
+                why = "left and right wheels turn against each other, and no yaw gyro tells why"
+                return wheels, (Doubt(why),)
             turn = _turn(speed, robot)
             if abs(float(yaw @ turn) / max(float(turn @ turn), 1e-12)) > TURNING:
                 return wheels, ()
         sign = _choose_side(sign, live, speed, judge, grid)
         names = [WHEELS[i] for i in live if sign[i] < 0]
-        said.append(f"encoder {', '.join(names)} counts against the others: its sign was turned")
+        against = f"encoder {', '.join(names)} counts against the others"
+        doubts.append(Doubt(against, remedy="its sign was turned"))
         speed = speed * sign
     if judge is not None and _against(judge, grid, speed):
         sign, speed = -sign, -speed
-        said.append("the encoders count backwards, by the IMU: their signs were turned")
+        doubts.append(Doubt("the encoders count backwards, by the IMU", remedy="their signs were turned"))
     order = list(range(4))
     if yaw is not None and float(np.std(yaw)) > 0.05:
         turn = _turn(speed, robot)
         if float(np.std(turn)) > 0.05 and _correlation(yaw - yaw.mean(), turn - turn.mean()) < -0.7:
             order = [1, 0, 3, 2]
-            said.append("the sides of the encoders are exchanged, by the gyro: put right")
-    if not said:
+            doubts.append(Doubt("the sides of the encoders are exchanged, by the gyro", remedy="put right"))
+    if not doubts:
         return wheels, ()
     angle, rate = (None if v is None else (v * sign)[:, order] for v in (wheels.angle, wheels.rate))
     assert angle is not None
     resolution = tuple(wheels.resolution[i] for i in order)
-    return replace(wheels, angle=angle, rate=rate, resolution=resolution), tuple(said)
+    return replace(wheels, angle=angle, rate=rate, resolution=resolution), tuple(doubts)
 
 
 def _speeds(wheels: WheelStream, robot: Robot) -> tuple[Array, Array]:

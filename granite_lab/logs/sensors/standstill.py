@@ -31,6 +31,9 @@ COAST = 0.01
 """Slip velocity goes with the wheel speed down to this [m/s]: below, play and settling move the body. A
 body whose wheels coast to rest is then as slow as they are."""
 
+LONGEST_GAP = 0.5
+"""IMU samples missing for longer than this [s] while the robot moves cannot be bridged."""
+
 MOVING = 0.02
 """Wheel velocity [m/s] above which a wheel certainly rolls."""
 
@@ -303,6 +306,22 @@ def coasting(wheels: Turning | None, begin: float, end: float) -> bool:
     known = [(wheels.t[seen], d[seen]) for d in wheels.distance.T if (seen := np.isfinite(d)).sum() > 1]
     ways = [abs(float(np.diff(np.interp([begin, end], *one))[0])) for one in known]
     return bool(ways) and max(ways) < COAST * (end - begin)
+
+
+def unbridged(
+    gaps: Sequence[Interval], rests: Sequence[Interval], wheels: Turning | None, offset: float = 0.0
+) -> list[Interval]:
+    """Return the gaps [s] over `LONGEST_GAP` in which the robot neither stands nor coasts to rest.
+
+    The wheels' clock lies behind that of gaps and standstills by `offset` [s].
+    """
+    return [
+        (a, b)
+        for a, b in gaps
+        if b - a > LONGEST_GAP
+        and not any(begin - 0.02 <= a and b <= end + 0.02 for begin, end in rests)
+        and not coasting(wheels, a - offset, b - offset)
+    ]
 
 
 def at_stamps(still: Still, stamps: Array, t: Array) -> Still:

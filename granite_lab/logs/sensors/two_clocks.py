@@ -10,6 +10,7 @@ from scipy.ndimage import uniform_filter1d
 from granite_lab.estimate import Estimate
 from granite_lab.logs.counters import joined
 from granite_lab.logs.sensors import mounting
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.imu import despike, mounted
 from granite_lab.logs.sensors.mounting import BodyImu
 from granite_lab.logs.trial import Array, Correction, Series, Trial, WheelStream
@@ -46,7 +47,7 @@ def together(trial: Trial, robot: Robot) -> tuple[Trial, float]:
     Returns:
         the trial, in which encoders, currents and command are moved; by how much [s], 0 where nothing is.
     """
-    given, warnings = trial.info.clock_offset, trial.warnings
+    given, doubts = trial.info.clock_offset, trial.doubts
     if given is not None:
         offset, how = Estimate(given, GIVEN), "given"
     elif trial.imu is not None and trial.wheels is not None and trial.wheels.t.size > 2:
@@ -61,7 +62,7 @@ def together(trial: Trial, robot: Robot) -> tuple[Trial, float]:
         return trial, by
     if given is None:
         apart = f"the clocks of encoders and IMU are {abs(by):.1f} s apart"
-        warnings = (*warnings, f"{apart}: brought together by the ramps that both show")
+        doubts = (*doubts, Doubt(apart, remedy="brought together by the ramps that both show"))
     made = Correction(f"offset of their clock, {how}", "stamps of encoders and currents", by, offset.std, "s")
     wheels, currents, command = trial.wheels, trial.currents, trial.command
     moved = replace(
@@ -70,7 +71,7 @@ def together(trial: Trial, robot: Robot) -> tuple[Trial, float]:
         wheels=wheels and replace(wheels, t=wheels.t + by),
         currents=currents and replace(currents, t=currents.t + by),
         command=command and Series(command.t + by, command.value),
-        warnings=warnings,
+        doubts=doubts,
         corrections=(*trial.corrections, made),
     )
     return moved, by
