@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -12,7 +13,8 @@ from scipy.special import softmax
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import TAU
-from granite_lab.estimation.nodes import Problem, build
+from granite_lab.estimation.nodes import build
+from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.rest import turning_of
 from granite_lab.estimation.smoother import forward, nominal_of, settle
 from granite_lab.estimation.wheels import Rolling
@@ -131,39 +133,49 @@ def slow_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
     return Estimate(0.0)
 
 
-def find_offset(problem: Problem, *, apart: bool = False) -> tuple[Estimate, Estimate, float]:
+class Clock(NamedTuple):
+    """How far the encoders' clock lies behind the IMU's [s].
+
+    Attributes:
+        expected: what the filter is to expect, 0 for an ordinary latency.
+        shown: by onsets and stops; std NaN where nothing shows it.
+        near: about which the filter is linear.
+    """
+
+    expected: Estimate
+    shown: Estimate
+    near: float
+
+
+def find_offset(problem: Problem, *, apart: bool = False) -> Clock:
     """Find the clock offset by correlation, then by the likelihood of onsets and stops.
 
     A body that follows its wheels by tyres, play or a soft mount looks like an offset when it sets off. So
     the whole trial must prefer a large offset to an ordinary latency; and where the wheels seem to be ahead,
     the body, which never leads them, must be stiff beside. Clocks of two computers, which were `apart` by
     seconds and are brought together roughly, have no ordinary latency.
-
-    Returns:
-        the offset that the filter is to expect [s], 0 for an ordinary latency; the one that onsets and stops
-        show, std NaN where nothing shows it; and the one about which the filter is linear [s].
     """
     coarse = coarse_offset(problem.imu, problem.rolling) if problem.rolling is not None else Estimate(0.0)
     found = by_changes(problem, coarse) if np.isfinite(coarse.std) else None
     if found is None:
-        return coarse, coarse, coarse.value
+        return Clock(coarse, coarse, coarse.value)
     latency = float(np.hypot(LATENCY, problem.stamp_std))
     usual, unusual = Estimate(0.0, latency), Estimate(found.value, latency)
     if apart:
-        return found, found, found.value
+        return Clock(found, found, found.value)
     likely = found.value * latency**2 / (latency**2 + found.std**2)
     if abs(found.value) < LATEST * latency / LATENCY:
-        return usual, found, likely
+        return Clock(usual, found, likely)
     other = settle(problem, unusual, robust=False)
     # a body on a spring follows by a quarter of its period at most, whose square the compliance is
     follows = 0.5 * np.pi * float(np.sqrt(other.compliance)) + 2.0 * found.std
     lags = 0.0 < found.value < follows and other.compliance > problem.compliance
     if abs(found.value) < FAR * latency / LATENCY:
-        return usual, found, 0.0 if lags else likely
+        return Clock(usual, found, 0.0 if lags else likely)
     one = settle(problem, usual, robust=False).found.innovations
     if other.found.innovations.log_likelihood - one.log_likelihood < UNUSUAL:
-        return usual, found, 0.0
-    return (usual, usual, 0.0) if lags else (unusual, found, found.value)
+        return Clock(usual, found, 0.0)
+    return Clock(usual, usual, 0.0) if lags else Clock(unusual, found, found.value)
 
 
 def agreed(one: Estimate, other: Estimate, compliance: float) -> Estimate:

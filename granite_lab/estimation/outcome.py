@@ -15,12 +15,12 @@ from granite_lab.estimation.budget import slip_parts
 from granite_lab.estimation.clock import LATENCY
 from granite_lab.estimation.error_model import PD, TH, V_FLOOR, D, G, P, S, V, X, std_of
 from granite_lab.estimation.motion import NAN, Health, Motion, PhaseName
-from granite_lab.estimation.nodes import QUICK, Problem
+from granite_lab.estimation.nodes import QUICK
+from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.rest import find_rests
 from granite_lab.estimation.smoother import Smoothed, Solution
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import runs
-from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.standstill import MOVING, Interval, bridged, inside
 from granite_lab.logs.trial import Array, Series, Trial, TrialInfo
 from granite_lab.parameters import Robot, Variant
@@ -39,7 +39,6 @@ def motion_of(
     solution: Solution,
     health: Health,
     variants: Sequence[Variant],
-    doubts: Sequence[Doubt],
 ) -> Motion:
     """Add the smoothed drift to the nominal motion and derive slip, phases and variant.
 
@@ -105,7 +104,7 @@ def motion_of(
         steady=course.steady, t_start=command_start(trial.command, offset, course.onset),
         clock_offset=offset, clock_applied=solution.applied, variant=variant, variant_source=source,
         noise=problem.noise.as_dict(),
-        health=health, warnings=(*trial.warnings, *map(str, doubts), *more), slip_parts=parts,
+        health=health, warnings=(*trial.warnings, *map(str, problem.doubts), *more), slip_parts=parts,
     )  # fmt: skip
 
 

@@ -13,8 +13,9 @@ from scipy.special import gammaincinv
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import BA, BG, SIZE, TAU, TH, UNKNOWN, C, D, Places, S, Updates
-from granite_lab.estimation.nodes import Nodes, Problem, build, pace_of
+from granite_lab.estimation.nodes import Nodes, build, pace_of
 from granite_lab.estimation.nominal import Nominal, integrate, quieten
+from granite_lab.estimation.problem import Problem
 from granite_lab.logs.trial import Array
 
 _blas: Any = blas  # its types want keywords, with which a call takes up to three times as long

@@ -56,7 +56,7 @@ class Rolling:
         return joined(t, self.t + offset, self.speed)
 
 
-def roll(stream: WheelStream, robot: Robot) -> Rolling:
+def rolling_of(stream: WheelStream, robot: Robot) -> Rolling:
     """Turn encoder angles into rolled distances and velocities with their std.
 
     The noise of one sample is q^2/12 (which makes q^2/(6 dt^2) in a difference) and, while rolling,
