@@ -47,9 +47,7 @@ def guard(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) -> Motion:
     order: tuple[Grade, ...] = ("poor", "fair", "good")
     grade = min((motion.health.grade, *(doubt.grade for doubt in doubts)), key=order.index)
     reasons = tuple(dict.fromkeys([*map(str, doubts), *motion.health.reasons]))
-    health = replace(
-        motion.health, grade=grade, good=grade == "good", reasons=reasons, verdict=sentence(grade, reasons)
-    )
+    health = replace(motion.health, grade=grade, reasons=reasons, verdict=sentence(grade, reasons))
     motion = _widened(motion, max(doubt.std for doubt in doubts))
     for doubt in doubts:
         motion = _farther(motion, doubt.way, doubt.after)

@@ -77,7 +77,7 @@ def made_up_health(t: np.ndarray, stop: float, seed: int) -> Health:
         innovation=rng.normal(0, 1e-3, 2 * len(updates)), innovation_std=np.full(2 * len(updates), 1e-3),
         nis={"zero_velocity": 1.02, "zero_rate": 0.97}, accel_bias=0.02 + 1e-4 * np.sin(t),
         accel_bias_std=np.full(n, 2e-3), gyro_bias=np.full(n, -0.001), gyro_bias_std=np.full(n, 1e-4),
-        rests=rests, verdict="The innovations are white and as large as predicted.", good=True,
+        rests=rests, verdict="The innovations are white and as large as predicted.", grade="good",
     )  # fmt: skip
 
 
