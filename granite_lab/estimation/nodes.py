@@ -210,7 +210,7 @@ def build(
     """
     imu, rolling, noise, slip = problem.imu, problem.rolling, problem.noise, problem.slip
     course = course_of(problem, nominal, offset)
-    t, dt, rest, moving, speed = course.t, course.dt, course.rest, course.moving, course.speed
+    t, dt, rest, speed = course.t, course.dt, course.rest, course.speed
     # a scale error multiplies acceleration, not the bias that the nominal velocity drifts by
     going = speed - (course.loss if rolling is not None else np.interp(t, t[rest], speed[rest]))
     gain, omega = np.diff(going, prepend=going[0]), noise.vibration_omega
@@ -218,12 +218,10 @@ def build(
     # yaw rate that leaks into the pitch gyro, and keeps its sign for seconds
     turn = nominal.roll_std * np.abs(nominal.heading_rate[course.index]) * np.sqrt(TURN_TIME)
     gyro = np.hypot(np.hypot(noise.gyro, noise.gyro_motion), turn)
-    size = noise.vibration * np.minimum(np.abs(speed) / noise.vibration_speed, 2.0)
-    if nominal.vibration_left is not None:
-        size = size * nominal.vibration_left[course.index]
+    size = shaking(noise, nominal, course)
     Q = model.noises(F, course, gyro, size, slip, noise)
     if problem.jumps is not None:
-        Q[:, S, S] += moving * problem.jumps[course.index] * dt / course.w**2
+        Q[:, S, S] += course.moving * problem.jumps[course.index] * dt / course.w**2
     inflate(Q, course, problem, nominal.rest)
     blur(Q, course, imu, noise)
     # a standstill that was named: the wheels may spin while the body stands
@@ -238,7 +236,7 @@ def build(
     start = 0.0
     if rolling is not None:
         walked = problem.compliance * np.gradient(course.thrust, t)
-        Q[:, D, D] += moving * walked**2 * LOOSE_TIME * dt
+        Q[:, D, D] += course.moving * walked**2 * LOOSE_TIME * dt
         wheels, start = model.wheel_updates(rolling, nominal, course, offset)
         told.append(wheels)
     last = np.array([t.size - 1])
@@ -262,6 +260,12 @@ def build(
     ])  # fmt: skip
     places = {f.name: getattr(course, f.name) for f in fields(model.Places)}
     return Nodes(**places, F=F, Q=Q, updates=updates, x0=x0, P0=np.diag(std**2))
+
+
+def shaking(noise: model.Noise, nominal: Nominal, course: Course) -> Array:
+    """(K,) rms of the acceleration by vibration at the nodes [m/s^2]."""
+    size = noise.vibration * np.minimum(np.abs(course.speed) / noise.vibration_speed, 2.0)
+    return size if nominal.vibration_left is None else size * nominal.vibration_left[course.index]
 
 
 def blur(Q: Array, course: Course, imu: BodyImu, noise: model.Noise) -> None:

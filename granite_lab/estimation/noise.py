@@ -123,14 +123,14 @@ def vibration(
     frequency, densities = periodograms(part, 1.0 / dt, hann(size))
     band = frequency >= min(5.0, 0.2 / dt)
     # a jerk of the body at a change of speed is in few segments: it is no vibration
-    mean, usual = (
+    mean, typical = (
         np.maximum(average(densities, axis=0) - 2.0 * accel**2, 0.0)[band] for average in (np.mean, np.median)
     )
     frequency, power = frequency[band], float(mean.sum() * (frequency[1] - frequency[0]))
-    if power <= (0.5 * accel) ** 2 / dt or not usual.any():
+    if power <= (0.5 * accel) ** 2 / dt or not typical.any():
         return float(np.sqrt(power)), prior_frequency, 0.3
-    peak = float(frequency[np.argmax(usual)])
-    low, high = np.interp([0.16, 0.84], np.cumsum(usual) / usual.sum(), frequency)
+    peak = float(frequency[np.argmax(typical)])
+    low, high = np.interp([0.16, 0.84], np.cumsum(typical) / typical.sum(), frequency)
     return float(np.sqrt(power)), peak, float(np.clip(0.5 * (high - low) / peak, 0.05, 0.7))
 
 
@@ -229,8 +229,8 @@ def with_motion_noise(problem: Problem, offset: float, *, folding: bool = True) 
         band = (0.0, MOTION) if slow(problem.imu) else (MOTION, RESTLESS)
         added = max(added, min(most, all_white(nominal, parts, problem.imu.period, noise.accel, band)))
     noise = replace(noise, accel_motion=added)
-    white = float(np.hypot(noise.accel, noise.accel_motion))
-    rms, frequent, damping = vibration(problem.imu, moving, white, problem.robot.imu.vibration_frequency)
+    density = float(np.hypot(noise.accel, noise.accel_motion))
+    rms, frequent, damping = vibration(problem.imu, moving, density, problem.robot.imu.vibration_frequency)
     return replace(noise, vibration=rms, vibration_frequency=frequent, vibration_damping=damping)
 
 
@@ -277,8 +277,8 @@ def lost_pitch(problem: Problem, nominal: Nominal) -> float:
     if not imu.has_pitch_rate or not imu.gravity or len(problem.rests) < 2:
         return 0.0
     places = [inside(imu.t, [rest]) for rest in problem.rests]
-    white = noise.accel**2 / imu.period / imu.gravity**2
-    angle, variance = np.array([level(imu.forward[at] / imu.gravity, white) for at in places]).T
+    variance_of_one = noise.accel**2 / imu.period / imu.gravity**2
+    angle, variance = np.array([level(imu.forward[at] / imu.gravity, variance_of_one) for at in places]).T
     pitch = np.array([np.mean(nominal.pitch[at]) for at in places])
     begin, end = np.ravel(problem.rests)[1:-1].reshape(-1, 2).T  # of each motion
     length, rested = end - begin, np.sum(np.diff(problem.rests))
@@ -374,8 +374,8 @@ def all_white(
     independent = ordinates.size / 1.5  # noise bandwidth of the window of Hann
     if independent <= 1.0:
         return 0.0
-    level = float(np.mean(ordinates)) * independent / (independent - 1.0)
-    return float(np.sqrt(max(0.5 * level - rest**2, 0.0)))
+    mean = float(np.mean(ordinates)) * independent / (independent - 1.0)
+    return float(np.sqrt(max(0.5 * mean - rest**2, 0.0)))
 
 
 def periodograms(values: Array, rate: float, window: Array) -> tuple[Array, Array]:

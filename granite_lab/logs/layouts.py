@@ -28,7 +28,8 @@ from granite_lab.logs.quantities import (
 )
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.table import Table, numbered
-from granite_lab.parameters import CATALOGUE, Robot, names
+from granite_lab.parameters import CATALOGUE, Robot
+from granite_lab.parameters import names as catalogued
 from granite_lab.parameters.catalogue import find
 from granite_lab.parameters.quantity import build, quantity, read_toml
 
@@ -192,7 +193,7 @@ def given_maps(maps: Maps) -> tuple[Layout, ...]:
 @lru_cache
 def all_layouts() -> tuple[Layout, ...]:
     """Read every column map of the catalogue."""
-    return tuple(load_layout(CATALOGUE / "loggers" / f"{name}.toml") for name in names("loggers"))
+    return tuple(load_layout(CATALOGUE / "loggers" / f"{name}.toml") for name in catalogued("loggers"))
 
 
 def _check(where: str, column: Column) -> None:

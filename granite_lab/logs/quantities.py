@@ -68,9 +68,9 @@ def find_unit(text: str) -> Unit | None:
     return _UNITS.get(bare) or _FOLDED.get(bare.casefold())
 
 
-def factors(quantity: str) -> dict[str, float]:
+def factors(kind: str) -> dict[str, float]:
     """Return the units of a quantity, that of SI first, with the number of SI units that one is."""
-    return {name: factor for name, (factor, _) in _TABLE[quantity].items()}
+    return {name: factor for name, (factor, _) in _TABLE[kind].items()}
 
 
 def resembling(text: str, *quantities: str) -> str:

@@ -73,7 +73,7 @@ class Table(Dialect):
         places: dict[str, list[int]] = {}
         for place, name in enumerate(self.headers[0] if self.headers else ()):
             places.setdefault(name.casefold(), []).append(place)
-        return [(self.headers[0][at[0]], at) for name, at in places.items() if name and len(at) > 1]
+        return [(self.headers[0][same[0]], same) for name, same in places.items() if name and len(same) > 1]
 
     def is_dated(self, place: int) -> bool:
         """Say whether the first cells of a column are dates or times of day."""
