@@ -257,11 +257,11 @@ def _imu(streams: Streams, path: Path, doubts: list[Doubt]) -> ImuStream | None:
     return ImuStream(t, force, rate, streams.gravity_removed, stamp_std=late)
 
 
-def _nothing_in_common(path: Path, one: str, t: Array, other: str, s: Array) -> InputError:
+def _nothing_in_common(path: Path, name: str, t: Array, other: str, s: Array) -> InputError:
     """Return the error of two sensors that were never logged at the same time."""
     first, second = (f"({x[0]:.3f} to {x[-1]:.3f} s)" for x in (t, s))
     hint = "both need stamps of the same clock; correct one in its file or choose another time column"
-    return InputError(f"{path}: {one} {first} and {other} {second} have no time in common", hint)
+    return InputError(f"{path}: {name} {first} and {other} {second} have no time in common", hint)
 
 
 def _across(trial: Trial) -> list[Doubt]:

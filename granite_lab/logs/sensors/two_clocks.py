@@ -94,18 +94,18 @@ def gross_offset(imu: BodyImu, wheels: WheelStream, radius: float, *, forward_kn
         how far the encoders' clock lies behind the IMU's [s]; 0 with a std of 0 where an offset within
         `LARGEST` explains the ramps as well, which `find_offset` refines; std NaN where none is found.
     """
-    own = [np.arange(t[0], t[-1], STEP) for t in (imu.t, wheels.t)]  # the clocks may be years apart
-    wheel = changing(np.gradient(radius * _common_rate(own[1], wheels), STEP))
+    grids = [np.arange(t[0], t[-1], STEP) for t in (imu.t, wheels.t)]  # the clocks may be years apart
+    wheel = changing(np.gradient(radius * _common_rate(grids[1], wheels), STEP))
     axes = [imu.forward] if forward_known else [imu.forward, imu.left]
-    force = [changing(joined(own[0], imu.t, x)) for x in axes if np.isfinite(x).any()]
+    force = [changing(joined(grids[0], imu.t, x)) for x in axes if np.isfinite(x).any()]
     if not force or float(np.max(np.abs(wheel), initial=0.0)) < LEAST_RAMP:
         return Estimate(0.0)
-    half = min(len(grid) for grid in own) // 2
-    reach = max(len(grid) for grid in own) - half
+    half = min(len(grid) for grid in grids) // 2
+    reach = max(len(grid) for grid in grids) - half
     values = np.sqrt(np.sum([correlate(f, wheel, reach)[0] ** 2 for f in force], axis=0))
     values /= np.sqrt(np.sum(np.square(force)) * np.sum(wheel**2))
     lags = np.arange(-reach, reach + 1)
-    covered = (lags <= len(own[0]) - half) & (-lags <= len(own[1]) - half)
+    covered = (lags <= len(grids[0]) - half) & (-lags <= len(grids[1]) - half)
     values, offsets = values[covered], STEP * lags[covered] + imu.t[0] - wheels.t[0]
     best = int(np.argmax(values))
     if values[np.abs(offsets) <= LARGEST].max(initial=0.0) > RIVAL * values[best]:
