@@ -88,9 +88,10 @@ class Contact:
 
 
 def oida(j: Array, residual: float, peak: float) -> Array:
-    """Return the share of the strength that a shear displacement mobilises: 1 at the peak, then the residual.
+    """Return the share of the strength that a shear displacement mobilises.
 
-    Oida (1979), as in Wong, Theory of Ground Vehicles, 4th ed., 2008, equation (2.57):
+    It is 1 at K_w, near the peak, and falls to K_r. Oida (1979), as in Wong, Theory of Ground Vehicles,
+    4th ed., 2008, section 2.4.3:
     K_r (1 + (1 / (K_r (1 - 1/e)) - 1) exp(1 - j / K_w)) (1 - exp(-j / K_w)).
 
     Args:

@@ -51,6 +51,9 @@ APART = 0.04
 SPACING = 0.02
 """Between two instants of the withheld motion [s]."""
 
+SMOOTH = 0.3
+"""Average of the withheld motion [s]: three lugs of the paper's wheel or more, which lie 25 mm apart."""
+
 
 def reopened(plans: Sequence[P], made: Callable[[P, Sequence[str]], Trial]) -> dict[str, float]:
     """Return by which share of the squared gap each cause alone opens the gap again when it is absent.
@@ -147,14 +150,17 @@ def share_closed(truth: Mapping[str, Any], paper: Mapping[str, Array], model: Ma
     Args:
         truth: as `motion_of` returns it.
         paper, model: ``t_s``, ``v_mps`` and ``current`` of the paper's model and of the one that was found.
+
+    Both sides are averaged over `SMOOTH`: the phase of what turns with the wheels is new in each trial.
     """
+    window = np.full(round(SMOOTH / SPACING), SPACING / SMOOTH)
 
     def off(run: Mapping[str, Array]) -> Array:
         parts = [
             np.interp(truth["t"], run["t_s"], run[name]) - np.asarray(truth[key])
             for name, key in (("v_mps", "v"), ("current", "current"))
         ]
-        return np.array([np.sqrt(np.mean(part**2)) for part in parts])
+        return np.array([np.sqrt(np.mean(np.convolve(part, window, "valid") ** 2)) for part in parts])
 
     before, after = off(paper), off(model)
     return float(1 - np.sqrt(np.mean((after / before) ** 2)))
