@@ -84,8 +84,8 @@ def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
         if nis > UNFIT**2:
             far = f"innovations ({kind}) are {math.sqrt(nis):.1f} times as large as predicted"
             yield Doubt(far, grade="poor")
-    known = soil.slip_std < 1.0
-    usual = soil.slip if known else SlipModel.steady
+    stated = soil.slip_std < 1.0
+    usual = soil.slip if stated else SlipModel.steady
     if motion.slip_ratio.std > TELLING:
         vague = f"the slip ratio is known to ± {100 * motion.slip_ratio.std:.0f} points only"
         yield Doubt(vague, grade="fair")
@@ -99,7 +99,7 @@ def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
                 "rolling wheels allow",
                 grade="poor", std=0.5 * abs(slip.value - usual),
             )  # fmt: skip
-        elif known and abs(slip.value - usual) > FAR * math.hypot(slip.std, soil.slip_std):
+        elif stated and abs(slip.value - usual) > FAR * math.hypot(slip.std, soil.slip_std):
             yield Doubt(
                 f"a slip ratio of {100 * slip.value:.1f} ± {100 * slip.std:.1f} % {where} contradicts the "
                 f"soil's {100 * soil.slip:.1f} ± {100 * soil.slip_std:.1f} %",
@@ -131,7 +131,8 @@ def _farther(motion: Motion, way: float, after: float) -> Motion:
         return motion
     x_std = np.where(motion.t >= after, np.hypot(motion.x_std, way), motion.x_std)
     distance, rolled = (
-        replace(one, std=math.hypot(one.std, way)) for one in (motion.distance, motion.distance_wheels)
+        replace(travelled, std=math.hypot(travelled.std, way))
+        for travelled in (motion.distance, motion.distance_wheels)
     )
     return replace(motion, x_std=x_std, distance=distance, distance_wheels=rolled)
 

@@ -170,11 +170,11 @@ def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, pace: Pace) -> Arr
     Specific force along x is thrust less the ground's resistance, over mass; resistance in sand is about a
     tenth of the weight, against the motion. While the wheels turn steadily, what is fast is vibration.
     """
-    known = np.isfinite(imu.forward)
-    force = np.interp(imu.t, imu.t[known], imu.forward[known])
+    finite = np.isfinite(imu.forward)
+    force = np.interp(imu.t, imu.t[finite], imu.forward[finite])
     calm, quick = (uniform_filter1d(force, max(round(s / imu.period), 1))[index] for s in (CALM, QUICK))
     force = np.where(pace.steady, calm, quick)
-    level = np.mean(imu.forward[rest & known]) if rest.any() else np.mean(force)
+    level = np.mean(imu.forward[rest & finite]) if rest.any() else np.mean(force)
     return np.asarray(force - float(level) + RESISTANCE * np.tanh(pace.speed / model.V_FLOOR))
 
 
@@ -290,8 +290,8 @@ def blur(Q: Array, course: Course, imu: BodyImu, noise: model.Noise) -> None:
 
 def muted(signal: Array, step: float, period: float) -> np.ndarray:
     """(N,) True where the readings of a `WINDOW` do not differ by more than a `step`."""
-    size, known = max(round(WINDOW / period), 3), np.nan_to_num(signal)
-    calm = maximum_filter1d(known, size) - minimum_filter1d(known, size) < 1.5 * step + 1e-12
+    size, filled = max(round(WINDOW / period), 3), np.nan_to_num(signal)
+    calm = maximum_filter1d(filled, size) - minimum_filter1d(filled, size) < 1.5 * step + 1e-12
     return np.asarray(maximum_filter1d(calm, size))
 
 

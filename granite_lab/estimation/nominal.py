@@ -17,7 +17,7 @@ from granite_lab.logs.sensors.standstill import Interval, inside
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
 
-UNKNOWN = float(np.radians(1.0))
+ANY_ROLL = float(np.radians(1.0))
 """Std of the ground's roll where nothing is known of it [rad]."""
 
 ACROSS = 1.5
@@ -143,19 +143,19 @@ def roll_angle(imu: BodyImu, rest: np.ndarray, robot: Robot) -> tuple[Array, flo
     assert grade is not None
     tilted = float(np.radians(0.0 if imu.levelled else robot.imu.tilt))
     doubt = grade.accel_bias / GRAVITY
-    known = rest & np.isfinite(imu.left)
-    if not imu.gravity or not known.any():
-        return np.zeros(imu.t.size), float(np.hypot(tilted, UNKNOWN))
+    seen = rest & np.isfinite(imu.left)
+    if not imu.gravity or not seen.any():
+        return np.zeros(imu.t.size), float(np.hypot(tilted, ANY_ROLL))
     rate = np.nan_to_num(imu.roll_rate)
     turned = cumulate(imu.t, rate - float(np.mean(rate[rest])), rest)
-    stands = [(a, b) for a, b in runs(rest) if known[a:b].any()]
-    levels = np.array([np.mean(imu.left[a:b][known[a:b]]) for a, b in stands])
+    stands = [(a, b) for a, b in runs(rest) if seen[a:b].any()]
+    levels = np.array([np.mean(imu.left[a:b][seen[a:b]]) for a, b in stands])
     levels = np.clip(levels / GRAVITY, -1.0, 1.0)
     drifts = levels - [np.mean(turned[a:b]) for a, b in stands]
     edges = [imu.t[place] for a, b in stands for place in (a, b - 1)]
     level, angle = float(np.mean(levels)), turned + np.interp(imu.t, edges, np.repeat(drifts, 2))
-    varied = float(np.std(angle[~rest])) if (~rest).any() else UNKNOWN
-    prior = float(np.hypot(tilted, np.clip(ACROSS * varied, LEAST, UNKNOWN)))
+    varied = float(np.std(angle[~rest])) if (~rest).any() else ANY_ROLL
+    prior = float(np.hypot(tilted, np.clip(ACROSS * varied, LEAST, ANY_ROLL)))
     if abs(level) > EVIDENT * np.hypot(prior, doubt):
         prior = abs(level)
     weight = prior**2 / (prior**2 + doubt**2)

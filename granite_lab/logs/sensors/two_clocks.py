@@ -53,7 +53,7 @@ def together(trial: Trial, robot: Robot) -> tuple[Trial, float]:
     elif trial.imu is not None and trial.wheels is not None and trial.wheels.t.size > 2:
         imu = mounting.to_body(despike(trial.imu)[0], mounted(robot))
         forward = robot.imu.forward != "find" or trial.imu.robot_axes
-        offset = gross_offset(imu, trial.wheels, robot.wheels.radius, forward_known=forward)
+        offset = gross_offset(imu, trial.wheels, robot.wheels.radius, forward_given=forward)
         how = "found by the ramps that both show"
     else:
         return trial, 0.0
@@ -77,7 +77,7 @@ def together(trial: Trial, robot: Robot) -> tuple[Trial, float]:
     return moved, by
 
 
-def gross_offset(imu: BodyImu, wheels: WheelStream, radius: float, *, forward_known: bool) -> Estimate:
+def gross_offset(imu: BodyImu, wheels: WheelStream, radius: float, *, forward_given: bool) -> Estimate:
     """Find an offset of seconds, as between two computers, by the ramps that wheels and IMU both show.
 
     The wheels' common acceleration and the horizontal specific force are correlated over all lags at which
@@ -88,7 +88,7 @@ def gross_offset(imu: BodyImu, wheels: WheelStream, radius: float, *, forward_kn
         imu: samples in robot axes.
         wheels: encoders on their own clock.
         radius: of the wheels [m].
-        forward_known: the forward axis is that of the robot.
+        forward_given: the forward axis is that of the robot.
 
     Returns:
         how far the encoders' clock lies behind the IMU's [s]; 0 with a std of 0 where an offset within
@@ -96,7 +96,7 @@ def gross_offset(imu: BodyImu, wheels: WheelStream, radius: float, *, forward_kn
     """
     grids = [np.arange(t[0], t[-1], STEP) for t in (imu.t, wheels.t)]  # the clocks may be years apart
     wheel = changing(np.gradient(radius * _common_rate(grids[1], wheels), STEP))
-    axes = [imu.forward] if forward_known else [imu.forward, imu.left]
+    axes = [imu.forward] if forward_given else [imu.forward, imu.left]
     force = [changing(joined(grids[0], imu.t, x)) for x in axes if np.isfinite(x).any()]
     if not force or float(np.max(np.abs(wheel), initial=0.0)) < LEAST_RAMP:
         return Estimate(0.0)
