@@ -56,14 +56,14 @@ LATEST = 0.01
 LATENCY = LATEST / float(np.sqrt(3.0))
 """Std of such an offset [s], any of which is as likely. It is not applied but left to the filter."""
 
-UNUSUAL = 8.0
-"""A larger one is applied where it makes the trial more likely by this factor's logarithm: one logger in a
-hundred is that far off, by an amount anywhere in 0.4 s. As unusual is a change of motion that tells nothing
-of the clock: a body that slides on when its wheels stand, stands while they turn, or sets off late on soft
-tyres."""
+LOG_ODDS = 8.0
+"""Log prior odds against a larger offset: one logger in a hundred has one, anywhere in 0.4 s. It is applied
+where the trial is more likely with it by more than this logarithm. The odds are the same against a change of
+motion that tells nothing of the clock: a body that slides on when its wheels stand, stands while they turn,
+or sets off late on soft tyres."""
 
-OUTLYING = LATENCY * float(np.sqrt(2.0 * UNUSUAL))
-"""A smaller offset [s] is never that unusual."""
+OUTLYING = LATENCY * float(np.sqrt(2.0 * LOG_ODDS))
+"""A smaller offset [s] never reaches these odds."""
 
 
 def ramps(rolling: Rolling) -> bool:
@@ -173,7 +173,7 @@ def find_offset(problem: Problem, *, apart: bool = False) -> Clock:
     if abs(shown.value) < OUTLYING * latency / LATENCY:
         return Clock(usual, shown, 0.0 if lags else likely)
     ordinary = settle(problem, usual, robust=False).found.innovations
-    if applied.found.innovations.log_likelihood - ordinary.log_likelihood < UNUSUAL:
+    if applied.found.innovations.log_likelihood - ordinary.log_likelihood < LOG_ODDS:
         return Clock(usual, shown, 0.0)
     return Clock(usual, usual, 0.0) if lags else Clock(unusual, shown, shown.value)
 
@@ -252,7 +252,7 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
             solved = [forward(build(*part, float(c), left)) for c in offsets]
             likely = np.array([found.innovations.log_likelihood for found in solved])
             telling = TEMPER * (likely - likely.max())
-            score += np.logaddexp(telling, -UNUSUAL)
+            score += np.logaddexp(telling, -LOG_ODDS)
             if telling.min() > -1.0:  # by this change all offsets are alike
                 parts.remove(part)
             after = 1.0 / np.array([found.P[-1, TAU, TAU] for found in solved])

@@ -30,19 +30,19 @@ EVIDENT = 2.5
 """A mean roll this many std from what ground and bias explain is the ground's."""
 
 HALF = 0.25
-"""The smoothing halves an oscillation of this many widths' reciprocal: width [s] times frequency [Hz]."""
+"""Corner of the low-pass [Hz], where it halves an amplitude, times the width of its Gaussian [s]."""
 
-CUT = 0.31
-"""The smoothing halves an oscillation of this share of the vibration's frequency; of half of it, 8 % pass."""
+CORNER = 0.31
+"""Corner of the low-pass over the frequency of the vibration. At half of that frequency it passes 8 %."""
 
 FADE = 0.1
 """The smoothing comes in within this time [s]."""
 
 LOWEST = 5.0
-"""The smoothing passes whatever is slower than this [Hz]: it may be motion."""
+"""Lowest corner of the low-pass [Hz]: what changes more slowly may be motion."""
 
 APART = 1.5
-"""A vibration this many times faster than what the smoothing must pass can be told from motion."""
+"""A vibration can be told from motion if its frequency is this many times the lowest corner."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +180,7 @@ def quieten(nominal: Nominal, steady: np.ndarray, frequency: float) -> Nominal:
     is unchanged where the vibration is too slow to be told from motion, or the wheels never turn steadily.
     """
     period = float(np.median(np.diff(nominal.t)))
-    width = HALF / (max(CUT * frequency, LOWEST) * period)
+    width = HALF / (max(CORNER * frequency, LOWEST) * period)
     on = steady & ~nominal.rest
     if frequency < APART * LOWEST or width < 1.0 or on.sum() * period < 1.0:
         return nominal

@@ -39,8 +39,8 @@ BIN = 0.25
 STEPS = 5
 """Steps of the filter in it."""
 
-CHANCE = 0.01
-"""In so many logs without a jump one of all the usual changes is taken for one."""
+FALSE_ALARM = 0.01
+"""False-alarm probability of a log: that one of all its usual changes of slip is taken for a jump."""
 
 SURE, LASTING = 0.02, 1.0
 """A body that stands on turning wheels is so slow, as a share of the wheels' speed, for so long [s]."""
@@ -104,7 +104,7 @@ def with_jumps(problem: Problem, offset: float) -> Problem:
         rests = tuple((float(problem.imu.t[a]), float(problem.imu.t[b - 1])) for a, b in still)
         problem = replace(problem, rests=rests)
     size = changes.size
-    rare = -ndtri(0.5 * CHANCE / max(size.size, 1))
+    rare = -ndtri(0.5 * FALSE_ALARM / max(size.size, 1))
     jump = size > rare * usual_size(problem, changes)
     if not jump.any():
         return problem

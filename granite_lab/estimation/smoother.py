@@ -54,9 +54,9 @@ class Innovations:
 
     @property
     def log_likelihood(self) -> float:
-        """Log-likelihood, counted so that a measurement as good as its noise, and none at all, give 0.
+        """Log-likelihood, less that of measurements which miss their prediction by their own std.
 
-        Then filters over slightly different sets of measurements can be compared.
+        So it does not depend on how many there are: filters over slightly different sets can be compared.
         """
         ratio = self.value**2 / self.variance
         return float(-0.5 * np.sum(ratio - 1.0 + np.log(self.variance / self.updates.R)))

@@ -23,7 +23,8 @@ from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, Robot
 
 _WINDOW = 0.5  # length [s] of the windows over which vibration is averaged away
-_TURNS = 2.0  # a gyroscope turns at most so many times as far as gravity; a hundredth is rad/s read as deg/s
+# Angle of the gyroscope over that of gravity: more is deg/s read as rad/s, a hundredth of it the opposite.
+_TURNED = 2.0
 _FASTEST = 60.0  # no ground robot's gyroscope reads more [rad/s]
 _OFF_AXIS = 45.0  # gravity at rest farther than this [deg] from the robot's z axis stands on another axis
 _HANGS = 0.5  # all axes of a sensor that repeat themselves for longer [s] hang
@@ -180,8 +181,8 @@ def _rate(rate: Array, removed: bool, seen: Windows | None, log: Log) -> float:
     # The turning of the gravity vector, as the accelerometer sees it, contains all of the true turning:
     # a ratio beyond 1 is impossible. Vibration and acceleration lower it to a few hundredths on flat ground
     # (0.06 to 1.1 in logs of a rover on sand, a Husky on sand and snow, and a car).
-    too_large = turning > _TURNS or (math.isnan(turning) and peak > _FASTEST)
-    too_small = turning < _TURNS / 100 and seen is not None and not _noise_ratio(seen, log.robot) > 1 / 15
+    too_large = turning > _TURNED or (math.isnan(turning) and peak > _FASTEST)
+    too_small = turning < _TURNED / 100 and seen is not None and not _noise_ratio(seen, log.robot) > 1 / 15
     why = f"it turns {turning:.3g} times as far as gravity does"
     why = f"it reads up to {peak:.0f} rad/s" if math.isnan(turning) else why
     if (too_large and declared == "rad/s") or (too_small and declared == "deg/s"):
