@@ -64,7 +64,7 @@ class Column:
     @cached_property
     def label(self) -> str:
         """The name to ask for in a message."""
-        plain = re.match(r"\(?([\w. %]+)", self.pattern.replace("\\", ""))
+        plain = re.match(r"\(?(?:\?:)?([\w. %]+)", self.pattern.replace("\\", ""))
         return self.name or (plain[1].rstrip("_") if plain else self.pattern)
 
 
