@@ -128,7 +128,9 @@ def over_trials(
     if not discover:
         return result
     try:
-        finding = find_effect(trials, options, motions=motions, execution=execution, progress=progress)
+        finding = find_effect(
+            trials, options, motions=motions, law=result.a_theta, execution=execution, progress=progress
+        )
     except LabError as error:
         if strict:
             raise EstimateError(error.message, "--no-discover leaves the search out") from None
@@ -141,6 +143,7 @@ def find_effect(
     options: Options,
     *,
     motions: Sequence[Motion],
+    law: AThetaFit | None = None,
     execution: Execution = HERE,
     progress: Callable[[str, int], None] = lambda *_: None,
 ) -> Finding:
@@ -149,6 +152,7 @@ def find_effect(
     Args:
         trials: of one robot on one soil, as estimation corrected them.
         motions: estimates of the trials.
+        law: a_θ by their steady slip, where it is known already.
         progress: as in `discovery.discover`.
 
     Raises:
@@ -156,6 +160,7 @@ def find_effect(
         LabError: of `discovery.discover`.
     """
     from granite_lab.discovery.discover import discover  # noqa: PLC0415, heavy
+    from granite_lab.discovery.exponent import views  # noqa: PLC0415, heavy
     from granite_lab.running.simulations import effects_of_search, on_cluster  # noqa: PLC0415, heavy
 
     if options.model:
@@ -179,6 +184,8 @@ def find_effect(
             jobs=execution.jobs or os.cpu_count() or 1, respond=respond, progress=progress,
             tolerance=options.tolerance, latency=options.latency,
         )  # fmt: skip
+    law = law or law_by_slip(trials, motions, robot, soil)
+    finding = replace(finding, a_theta=views(finding, law))
     data = encode(((), finding))
     if cache is not None and not finding.failures:
         cache.put(key, data)
@@ -208,6 +215,20 @@ def search_key(inputs: Sequence[Any], options: Options) -> str:
     own = fingerprint(options.effects) if options.effects else None
     hashes = [content(record) for record in inputs]
     return digest_of(code(), hashes, own, options.tolerance, options.latency)
+
+
+def law_by_slip(
+    trials: Sequence[Trial], motions: Sequence[Motion], robot: Robot, soil: Soil
+) -> AThetaFit | None:
+    """Fit a_θ to the steady slip alone; None where the trials do not allow it."""
+    fits = []
+    for trial, motion in zip(trials, motions, strict=True):
+        with suppress(EstimateError):
+            fits.append(fitting.fit_k92(motion, trial, robot, soil, trajectory=False))
+    try:
+        return fitting.fit_a_theta(fits)
+    except EstimateError:
+        return None
 
 
 def law_of(trials: Sequence[TrialResult]) -> AThetaFit | None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import PhaseName
+from granite_lab.fitting.fit import View
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active
 from granite_lab.origin import NOWHERE, Origin
@@ -262,6 +263,7 @@ class Finding(Shown):
         runs: simulations that were needed.
         failures: parts of the analysis that failed after the search, one line each, with their `tracebacks`.
         origin: where the finding comes from.
+        a_theta: by the files, with their uncertainty, and with what was found; see `discovery.exponent`.
     """
 
     verdict: Verdict
@@ -301,6 +303,7 @@ class Finding(Shown):
     failures: tuple[str, ...] = field(default=())
     tracebacks: tuple[str, ...] = field(default=())
     origin: Origin = NOWHERE
+    a_theta: tuple[View, ...] = ()
 
     @property
     def terms(self) -> tuple[FoundEffect, ...]:
