@@ -10,7 +10,6 @@ import numpy as np
 from granite_lab.discovery.assemble import assemble
 from granite_lab.discovery.attempts import Attempts
 from granite_lab.discovery.candidates import screen
-from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.discovery.finding import Confusion, Detectable, Finding
 from granite_lab.discovery.power import detectable
 from granite_lab.discovery.search import Search, search
@@ -27,6 +26,7 @@ from granite_lab.inference.setup import at_first, baseline, nominal, trial_model
 from granite_lab.inference.stated import sand_std
 from granite_lab.logs.trial import Trial
 from granite_lab.model.effect import Effect
+from granite_lab.model.empirical import EmpiricalLaw
 from granite_lab.parameters import Robot, Soil
 from granite_lab.processes import one_thread
 

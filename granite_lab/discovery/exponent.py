@@ -8,7 +8,6 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.estimate import Estimate, Part
 from granite_lab.fitting.fit import AThetaFit, View, views_of
 from granite_lab.fitting.k92 import SHARED_AS
-from granite_lab.parameters import load_paper
 
 
 def views(finding: Finding, fit: AThetaFit | None) -> tuple[View, ...]:
@@ -21,9 +20,8 @@ def views(finding: Finding, fit: AThetaFit | None) -> tuple[View, ...]:
         finding: with the common sand as fitted.
         fit: to the steady slip of the same trials; None where it could not be made.
     """
-    log = finding.sand["a_theta"]
-    value = load_paper().a_theta * math.exp(log.value)
-    parts = [Part("fit to all sensors", "A", "log-normal", "1", log.std, value * log.std)]
+    value, std = finding.fitted_sand["a_theta"].value, finding.sand["a_theta"].std
+    parts = [Part("fit to all sensors", "A", "log-normal", "1", std, value * std)]
     if fit is not None:
         radius = [part for part in fit.shared if part.name == SHARED_AS["radius"]]
         parts += [part.times(value / fit.a_theta.value) for part in radius]

@@ -107,7 +107,8 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
     questions.append(missing_answer(finding, result.unsearched))
     questions += [closes_answer(finding)] if finding else []
     questions.append(_trust(result, finding))
-    steps = next_steps(finding, model, folder or result.name) if finding else ()
+    own = dict(result.source.options).get("effects", "")
+    steps = next_steps(finding, model, folder or result.name, own) if finding else ()
     return Answers(
         _lead(result, speeds), _virtual(result), (*questions, *_next(steps)), steps, speeds, a_theta, agrees,
         channels, paper.a_theta,

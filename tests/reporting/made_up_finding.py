@@ -3,7 +3,7 @@
 import numpy as np
 
 from granite_lab.discovery import finding as records
-from granite_lab.discovery.empirical import EmpiricalLaw
+from granite_lab.model.empirical import EmpiricalLaw
 from granite_lab.discovery.finding import (
     Candidate,
     Disagreement,
