@@ -115,7 +115,7 @@ def save_found(
     """
     from granite_lab.planning.design import save_design  # noqa: PLC0415, a defect there is guarded
 
-    saved = guard.run("model", lambda: _save_model(finding, options, trials, guard.folder))
+    saved = guard.run("model", lambda: save_model_of(finding, options, trials, guard.folder))
     said = []  # trials whose metadata say what was commanded
     for trial, motion in zip(trials, motions, strict=True):
         v, a, d = motion.variant.velocity, motion.variant.acceleration, motion.variant.distance
@@ -135,7 +135,7 @@ def save_found(
     return saved
 
 
-def _save_model(finding: Finding, options: Options, trials: Sequence[Trial], folder: Path) -> Path:
+def save_model_of(finding: Finding, options: Options, trials: Sequence[Trial], folder: Path) -> Path:
     """Write the likeliest model: sand and a_θ that all trials share, and every term of it."""
     std = {(e.id, p.name): p.estimate.std for e in (*finding.small, *finding.terms) for p in e.parameters}
     twins = {e.id: e.twins for e in finding.effects}
