@@ -230,7 +230,7 @@ def _report_rails(imu: ImuStream, log: Log) -> None:
             if np.isnan(column).all():
                 continue
             if np.ptp(column) == 0 and len(column) > 10:
-                log.doubt(f"constant at {column[0]:g} {unit}: not connected?", f"{name} {axis}")
+                log.doubt(f"constant at {column[0]:g} {unit}, as if not connected", f"{name} {axis}")
             elif (at_rail := (np.abs(column) >= 0.999 * limit) | rail(column)).any():
                 log.doubt(
                     f"saturated at {column[at_rail][0]:.4g} {unit} in {int(at_rail.sum())} samples, first at "

@@ -132,7 +132,7 @@ def _without_dead(wheels: WheelStream, imu: ImuStream | None, log: Log) -> Wheel
         return wheels
     for name, stands in zip(WHEELS, still, strict=True):
         if stands:
-            log.doubt(f"encoder {name} stands still while the others turn: not connected?", remedy="left out")
+            log.doubt(f"encoder {name} stands still while the others turn, as if not connected", remedy="left out")
     angle, rate = (None if x is None else np.where(still, np.nan, x) for x in (wheels.angle, wheels.rate))
     assert angle is not None
     return dataclasses.replace(wheels, angle=angle, rate=rate)
@@ -195,7 +195,7 @@ def without_free_wheels(wheels: WheelStream, log: Log) -> WheelStream:
             ratio = float(np.median(top[mine] / middle[mine]))
             since = f"from t = {wheels.t[long[0][0]]:.2f} s on"
             fast = f"the wheel turns {ratio:.2g} times as fast as the others {since}"
-            log.doubt(f"{fast}: off the ground?", log.column(channel), "left out there")
+            log.doubt(f"{fast}, as if off the ground", log.column(channel), "left out there")
     return dataclasses.replace(wheels, angle=angle)
 
 
