@@ -32,6 +32,11 @@ TELLING = 0.05
 UNFIT = 4.0
 """Innovations this many times as large as predicted (rms) show a noise model that does not fit the log."""
 
+UNMATCHED = Doubt(
+    "the ramps of the wheels are not found in the IMU: their clocks may be apart by any time", grade="poor"
+)
+"""Also says that the time offset does not show."""
+
 
 def guard(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) -> Motion:
     """Return the motion with the grade, and the std, that everything known beside the filter allows.
@@ -41,7 +46,7 @@ def guard(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) -> Motion:
         soil: what the robot drives on; its slip ratio counts where the soil states one.
         limits: what was put right or could not be judged while the motion was estimated.
     """
-    doubts = [*limits, *_doubts(motion, soil)]
+    doubts = [*limits, *_doubts(motion, soil, clocks=UNMATCHED not in limits)]
     if not doubts:
         return motion
     order: tuple[Grade, ...] = ("poor", "fair", "good")
@@ -74,11 +79,11 @@ def common_gaps(motion: Motion, gaps: Sequence[Interval], wheels: WheelStream | 
             )  # fmt: skip
 
 
-def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
-    """Yield what contradicts an estimate of body velocity."""
+def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
+    """Yield what contradicts an estimate of body velocity; `clocks`: their offset is judged, too."""
     if not np.isfinite(motion.v).any():
         return
-    if motion.distance_wheels.value and not math.isfinite(motion.clock_offset.std):
+    if clocks and motion.distance_wheels.value and not math.isfinite(motion.clock_offset.std):
         yield Doubt("the time offset of IMU and encoders does not show", grade="fair")
     for kind, nis in motion.health.nis.items():
         if nis > UNFIT**2:

@@ -12,6 +12,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.clock import Clock, agreed, find_offset, ramps, slow_offset
 from granite_lab.estimation.error_model import FAR, LOST_PITCH, UNKNOWN, SlipModel
+from granite_lab.estimation.guard import UNMATCHED
 from granite_lab.estimation.noise import identify, with_motion_noise
 from granite_lab.estimation.problem import Problem, Sensors
 from granite_lab.estimation.rest import coasts, find_rests, refuse_moved, turning_of
@@ -33,9 +34,6 @@ SPIN = 0.2
 a trial of half a minute [1/sqrt(s)]."""
 
 ALONE = Doubt("without encoders, noise that only motion makes cannot be told from the motion", grade="fair")
-UNMATCHED = Doubt(
-    "the ramps of the wheels are not found in the IMU: their clocks may be apart by any time", grade="poor"
-)
 
 LONG = 60.0
 """Motion longer than this [s] without a standstill leans on the wheels."""

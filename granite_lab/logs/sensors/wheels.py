@@ -132,7 +132,8 @@ def _without_dead(wheels: WheelStream, imu: ImuStream | None, log: Log) -> Wheel
         return wheels
     for name, stands in zip(WHEELS, still, strict=True):
         if stands:
-            log.doubt(f"encoder {name} stands still while the others turn, as if not connected", remedy="left out")
+            still_one = f"encoder {name} stands still while the others turn, as if not connected"
+            log.doubt(still_one, remedy="left out")
     angle, rate = (None if x is None else np.where(still, np.nan, x) for x in (wheels.angle, wheels.rate))
     assert angle is not None
     return dataclasses.replace(wheels, angle=angle, rate=rate)
