@@ -91,7 +91,7 @@ def discover(
         if strange:
             dropped += tuple((problem.trials[i].observation.name, why) for i, why in strange.items())
             problem = Problem(
-                [t for i, t in enumerate(problem.trials) if i not in strange], bench, problem.sand_std
+                [t for i, t in enumerate(problem.trials) if i not in strange], bench, sand_std(soil)
             )
             base = baseline(problem)
         found = search(problem, base, (*library, *terms), tolerance, tell)
@@ -153,7 +153,7 @@ def _possible(problem: Problem) -> tuple[Problem, tuple[tuple[str, str], ...]]:
     reason = "its command has no solution in the model"
     names = tuple((problem.trials[i].observation.name, reason) for i in sorted(out))
     kept = [t for i, t in enumerate(problem.trials) if i not in out]
-    return Problem(kept, problem.bench, problem.sand_std), names
+    return Problem(kept, problem.bench, tuple(problem.sand_std.tolist())), names
 
 
 def _outliers(problem: Problem, base: Fit) -> dict[int, str]:
