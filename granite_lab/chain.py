@@ -82,6 +82,8 @@ def analyse(path: Path, options: Options) -> TrialResult:
     logged, robot = read(path, options)
     trial, motion = estimation.correct(logged, robot, **_beside(logged, options))
     soil, effects = ground(trial, options)
+    if options.model and (lugs := load_model(options.model, options.effects).lugs) is not None:
+        robot = replace(robot, wheels=replace(robot.wheels, lugs=lugs))
     fit = fitting.fit_k92(motion, trial, robot, soil, effects=effects)
     return TrialResult(trial, compare(motion, trial, fit, robot, soil, effects=effects))
 
@@ -230,7 +232,8 @@ def _simulated(finding: Finding) -> tuple[float, ...]:
     """Return the speeds of Table 2 [m/s] at which the model with what was found has a solution."""
     sand = finding.fitted_sand
     a_theta = sand.pop("a_theta").value
-    soil = replace(finding.soil, **{name: e.value for name, e in sand.items()})
+    fitted: dict[str, Any] = {name: e.value for name, e in sand.items()}
+    soil = replace(finding.soil, **fitted)
     speeds = []
     for variant in load_variants():
         with suppress(LabError):

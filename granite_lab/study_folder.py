@@ -19,6 +19,7 @@ from granite_lab.folders import distinct, replacing
 from granite_lab.logs.trial import Trial
 from granite_lab.options import Options
 from granite_lab.origin import Written
+from granite_lab.parameters import load_robot
 from granite_lab.processes import shared_out
 from granite_lab.results import WHOLE, StudyResult
 from granite_lab.running.output import Guard
@@ -152,7 +153,12 @@ def save_model_of(finding: Finding, options: Options, trials: Sequence[Trial], f
     }
     sand = finding.fitted_sand
     law = sand.pop("a_theta")
-    model = ModelFile(*names_of(trials, options), "exponential", law, tuple(fitted), provenance, sand)
+    robot, soil = names_of(trials, options)
+    lugs = finding.robot.wheels.lugs
+    model = ModelFile(
+        robot, soil, "exponential", law, tuple(fitted), provenance, sand,
+        lugs if lugs != load_robot(robot).wheels.lugs else None,
+    )  # fmt: skip
     with replacing(folder, "model") as new:
         save_model(model, new / MODEL)
     return folder / MODEL

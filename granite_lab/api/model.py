@@ -75,7 +75,7 @@ def _model(
     known = library(None if model else effects)
     switched = tuple(activate(get(name, known), values) for name, values in (active or {}).items())
     if not isinstance(robot, Robot):
-        robot = load_robot(robot or (base.robot if base else "granite"))
+        robot = base.machine if base and robot is None else load_robot(robot or "granite")
     if not isinstance(soil, Soil):
         soil = base.ground if base and soil is None else load_soil(soil or "dry_sand")
     if base and k92 is None and a_theta is None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from granite_lab.discovery.finding import Confusion, Finding, FoundEffect, Gap
 from granite_lab.fitting.fit import View
 from granite_lab.shown import jsonable, picked
@@ -78,7 +80,19 @@ def _effect(e: FoundEffect) -> dict[str, Any]:
             for p in e.parameters
         },
         "indistinguishable_from": e.twins,
+        "periodic": _periodic(e),
     }
+
+
+def _periodic(e: FoundEffect) -> dict[str, Any]:
+    """Return amplitude and phase in each trial of what turns with the wheels: a cos(N θ − phase)."""
+    each = {p.name: np.array(p.per_trial) for p in e.parameters if p.per_trial}
+    return {
+        name.removeprefix("cos_"): {
+            "amplitude": np.hypot(cos, each[sin]).tolist(), "phase_rad": np.arctan2(each[sin], cos).tolist()
+        }
+        for name, cos in each.items() if name.startswith("cos_") and (sin := f"sin_{name[4:]}") in each
+    }  # fmt: skip
 
 
 def _confusion(check: Confusion) -> dict[str, Any]:

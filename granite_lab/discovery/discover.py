@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from granite_lab.discovery.assemble import assemble
 from granite_lab.discovery.attempts import Attempts
 from granite_lab.discovery.candidates import screen
 from granite_lab.discovery.finding import Confusion, Detectable, Finding
+from granite_lab.discovery.orders import lugs
 from granite_lab.discovery.power import detectable
 from granite_lab.discovery.search import Search, search
 from granite_lab.discovery.verdict import Judgement, by_posterior, judge
@@ -80,7 +82,8 @@ def discover(
     every = [trial_models(own, robot, seen) for own, seen in readings]
     plain = World(robot, soil, every[0][1], {**candidates, law.id: law})
     worlds = [under_conditions(plain, own, m) for (own, _), (m, _) in zip(readings, every, strict=True)]
-    with one_thread(), Bench(worlds[0], jobs, lambda _: progress(stage[0], bench.runs), respond) as bench:
+    with one_thread(), ExitStack() as stack:
+        bench = stack.enter_context(Bench(worlds[0], jobs, lambda _: progress(stage[0], bench.runs), respond))
         tell("fitting the model without effects")
         ways = [_possible(Problem(models, bench, sand_std(soil))) for models, _ in every]
         fits = [at_first(way)[1] for way, _ in ways] if len(ways) > 1 else [0.0]
@@ -91,9 +94,16 @@ def discover(
         if strange:
             dropped += tuple((problem.trials[i].observation.name, why) for i, why in strange.items())
             problem = Problem(
-                [t for i, t in enumerate(problem.trials) if i not in strange], bench, problem.sand_std
+                [t for i, t in enumerate(problem.trials) if i not in strange], bench, sand_std(soil)
             )
             base = baseline(problem)
+        count = lugs(problem, base, robot.wheels.lugs)
+        if count != robot.wheels.lugs:
+            wheels = replace(robot.wheels, lugs=count)
+            world = replace(bench.world, robot=replace(bench.world.robot, wheels=wheels))
+            runs = bench.runs
+            bench = stack.enter_context(Bench(world, jobs, lambda _: progress(stage[0], bench.runs), respond))
+            bench.runs, problem.bench = runs, bench
         found = search(problem, base, (*library, *terms), tolerance, tell)
         parts = Attempts()
         tell("predicting trials that are left out")
@@ -121,7 +131,11 @@ def discover(
             virtual=all(t.info.virtual for t in trials),
             parts=parts,
         )
-        return replace(finding, failures=tuple(parts.lines), tracebacks=tuple(parts.tracebacks))
+        notes = finding.notes
+        if count != robot.wheels.lugs:
+            told = f"What the model leaves repeats {count:g} times a turn of the wheels. The robot's file"
+            notes += (f"{told} says {robot.wheels.lugs:g} lugs; the search took {count:g}.",)
+        return replace(finding, notes=notes, failures=tuple(parts.lines), tracebacks=tuple(parts.tracebacks))
 
 
 def _power(
@@ -153,7 +167,7 @@ def _possible(problem: Problem) -> tuple[Problem, tuple[tuple[str, str], ...]]:
     reason = "its command has no solution in the model"
     names = tuple((problem.trials[i].observation.name, reason) for i in sorted(out))
     kept = [t for i, t in enumerate(problem.trials) if i not in out]
-    return Problem(kept, problem.bench, problem.sand_std), names
+    return Problem(kept, problem.bench, tuple(problem.sand_std.tolist())), names
 
 
 def _outliers(problem: Problem, base: Fit) -> dict[int, str]:

@@ -14,7 +14,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.files import write_text
 from granite_lab.model.effect import Active, Effect, activate
 from granite_lab.model.empirical import EmpiricalLaw
-from granite_lab.parameters import Soil, load_robot, load_soil
+from granite_lab.parameters import Robot, Soil, load_robot, load_soil
 from granite_lab.parameters.quantity import check_number, key_of, read_toml, toml_line, unknown_key
 
 SCHEMA = "granite-lab/model/3"
@@ -57,6 +57,7 @@ class ModelFile:
         provenance: whatever tells where the values come from: version, inputs, seed.
         sand: fitted numbers of the soil, in place of those of its file; name of the field of `Soil` to value
             and std.
+        lugs: number of lugs as found; None: as the robot's file says.
     """
 
     robot: str
@@ -66,11 +67,19 @@ class ModelFile:
     fitted: tuple[FittedEffect, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     sand: Mapping[str, Estimate] = field(default_factory=dict)
+    lugs: float | None = None
+
+    @property
+    def machine(self) -> Robot:
+        """The robot with the number of lugs that was found; raises as `load_robot` does."""
+        robot = load_robot(self.robot)
+        return robot if self.lugs is None else replace(robot, wheels=replace(robot.wheels, lugs=self.lugs))
 
     @property
     def ground(self) -> Soil:
         """The soil with the fitted numbers; raises as `load_soil` does."""
-        return replace(load_soil(self.soil), **{name: e.value for name, e in self.sand.items()})
+        fitted: dict[str, Any] = {name: e.value for name, e in self.sand.items()}
+        return replace(load_soil(self.soil), **fitted)
 
     @property
     def effects(self) -> tuple[Active, ...]:
@@ -101,7 +110,7 @@ def load_model(path: Path | str, code: Path | str | None = None) -> ModelFile:
     file = Path(path)
     table = read_toml(file)
     where = str(file)
-    _known(where, table, ("schema", "robot", "soil", "sand", "k92", "provenance", "effect"))
+    _known(where, table, ("schema", "robot", "soil", "lugs", "sand", "k92", "provenance", "effect"))
     if table.get("schema") not in (SCHEMA, *OLD):
         raise InputError(
             f"{where}: schema = {table.get('schema')!r} is not that of a model file", f'expected "{SCHEMA}"'
@@ -121,7 +130,9 @@ def load_model(path: Path | str, code: Path | str | None = None) -> ModelFile:
     law, value = _read_law(where, table.get("k92"))
     robot = _catalogued(file, table, "robot", load_robot)
     soil = _catalogued(file, table, "soil", load_soil)
-    return ModelFile(robot, soil, law, value, fitted, provenance, _read_sand(where, table.get("sand", {})))
+    lugs = check_number(where, "lugs", table["lugs"], "", 0, 200) if "lugs" in table else None
+    sand = _read_sand(where, table.get("sand", {}))
+    return ModelFile(robot, soil, law, value, fitted, provenance, sand, lugs)
 
 
 def _read_sand(where: str, table: Any) -> dict[str, Estimate]:
@@ -224,6 +235,7 @@ def save_model(model: ModelFile, path: Path | str) -> None:
         toml_line("schema", SCHEMA),
         toml_line("robot", model.robot),
         toml_line("soil", model.soil),
+        *([] if model.lugs is None else [f"{toml_line('lugs', model.lugs)}  # as found, not as filed"]),
         "",
         "[k92]",
         toml_line("law", model.law),

@@ -14,38 +14,47 @@ SETTLING = 5e-3
 
 
 class RadialTyreCompliance(Effect):
-    """A tyre in series with the soil, as a row of radial springs: its underside gives by δ = κ W.
+    """A tyre in series with the soil: the axle goes down by δ = κ W more than the tread.
 
-    Each place of the contact gives by its own pressure. Where that is proportional to depth, the outline is
-    a circle of larger radius, the substitute circle of soft-soil tyre models. The tyre rolls as a wheel of
-    radius r − δ/3.
+    The tread lies between two limits. A stiff ring stays round and keeps its length: the soil meets the
+    paper's wheel. A row of radial springs gives by the local pressure. Where that is proportional to depth,
+    the outline is a circle of larger radius, the substitute circle of soft-soil tyre models; the tyre rolls
+    as a wheel of radius r − δ/3.
     """
 
     id = "radial_tyre_compliance"
     title = "tyre that deflects under its load"
-    equation = "z(ϑ) = z_rigid(ϑ) − δ (z_rigid(ϑ)/z_rigid(0))^n, δ = W / k_r, rolling radius r − δ/3"
+    equation = (
+        "z(ϑ) = z_ring(ϑ) − f δ (z_ring(ϑ)/z_ring(0))^n, ring at the axle + (1 − f) δ, δ = W / k_r, rolling "
+        "radius r − f δ/3"
+    )
     source = (
-        "Springs after Winkler; Schmid, Journal of Terramechanics 32, 1995, 3-26; Gillespie, "
-        "Fundamentals of Vehicle Dynamics, 1992; the paper's k_r of 40 kN/m is 2.5e-5 m/N"
+        "Ring: Pacejka, Tire and Vehicle Dynamics, 2012, chapter 9; Rhyne and Cron, Tire Science and "
+        "Technology 34, 2006, 150-169 (non-pneumatic). Springs after Winkler: Schmid, Journal of "
+        "Terramechanics 32, 1995, 3-26; Gillespie, Fundamentals of Vehicle Dynamics, 1992; the paper's k_r "
+        "of 40 kN/m is 2.5e-5 m/N"
     )
     signature = (
-        "The axles sit lower and the wheels sink less, also at standstill. Slip and currents fall at all "
-        "speeds."
+        "The axles sit lower and the body bounces when it stops. With a tread that flattens the wheels sink "
+        "less; slip and currents fall at all speeds."
     )
     parameters = (
         EffectParameter("compliance", "m/N", "deflection of one tyre per load, 1/k_r",
                         0.0, 1e-4, 0.0, 4e-6, 5e-5),
+        EffectParameter("flattening", "", "f, 0: the tread stays round, 1: it gives as radial springs",
+                        0.0, 1.0, 0.5, 0.0, 1.0, shape=True),
     )  # fmt: skip
     states = ("load_f", "load_r")
 
     def wheel(self, state: WheelState, own: Own) -> WheelState:
         """Divide the descent of the axle between tyre and soil."""
         δ = own.p["compliance"] * own.x["load_f" if state.front else "load_r"]
+        flat = own.p["flattening"] * δ
         return replace(
             state,
             sinkage=state.sinkage - δ,
-            radius=state.radius - δ / 3,
-            deflection=state.deflection + δ,
+            radius=state.radius - flat / 3,
+            deflection=state.deflection + flat,
         )
 
     def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:

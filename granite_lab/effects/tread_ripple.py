@@ -1,26 +1,28 @@
-"""Lugs of the tread that modulate the pressure."""
+"""Lugs of the tread that modulate pressure and pull."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 
-from granite_lab.model.contact import WheelState
+from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
 from granite_lab.model.effect import Effect, EffectParameter, Own
 from granite_lab.parameters import Soil
 
 
 class TreadRipple(Effect):
-    """Each lug that enters the soil raises the pressure, each gap lowers it.
+    """Each lug that enters the soil raises the pressure and the drawbar pull, each gap lowers them.
 
-    Cosine and sine parts replace amplitude and phase, which keeps the model linear near zero. The
-    initial angles of front and rear wheels are unknown, hence four numbers for each trial.
+    Which of the two oscillates more depends on the lugs. Cosine and sine parts replace amplitude and phase,
+    which keeps the model linear near zero. The initial angles of front and rear wheels are unknown, hence the
+    numbers for each trial.
     """
 
     id = "tread_ripple"
     title = "force ripple from the lugs of the tread"
-    equation = "(8) with k (1 + c cos(N θ) + s sin(N θ)), N lugs on the circumference"
+    equation = "(8) with k (1 + ρ), (16) with F_Tx (1 + ρ'), ρ and ρ' = c cos(N θ) + s sin(N θ), N lugs"
     source = (
         "Irani, Bauer, Warkentin, J. Terramechanics 48, 2011, 307-318; Shikanai et al., J. "
         "Terramechanics 37, 2000, 21-39 (sinusoidal drawbar pull)"
@@ -30,19 +32,32 @@ class TreadRipple(Effect):
         "m/s. The mean is zero."
     )
     parameters = tuple(
-        EffectParameter(f"{part}_{axle}", "", f"{word} part of the relative pressure ripple, {axle} wheels",
+        EffectParameter(f"{part}_{axle}{of}", "", f"{word} part of the relative {what} ripple, {axle} wheels",
                         -0.8, 0.8, 0.0, -0.3, 0.3, per_trial=True)
-        for axle in ("front", "rear") for part, word in (("cos", "cosine"), ("sin", "sine"))
+        for of, what in (("", "pressure"), ("_pull", "pull")) for axle in ("front", "rear")
+        for part, word in (("cos", "cosine"), ("sin", "sine"))
     )  # fmt: skip
-    circles = (("cos_front", "sin_front"), ("cos_rear", "sin_rear"))
+    circles = tuple(
+        (f"cos_{axle}{of}", f"sin_{axle}{of}") for of in ("", "_pull") for axle in ("front", "rear")
+    )
 
     def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
         """Modulate both moduli with the angle of the wheel."""
-        name = "front" if state.front else "rear"
-        angle = own.model.wheels.lugs * state.angle
-        factor = 1 + own.p[f"cos_{name}"] * ca.cos(angle) + own.p[f"sin_{name}"] * ca.sin(angle)
+        factor = 1 + _ripple(state, own, "")
         return replace(
             soil,
             cohesive_modulus=soil.cohesive_modulus * factor,
             frictional_modulus=soil.frictional_modulus * factor,
         )
+
+    def wheel_forces(
+        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own
+    ) -> WheelForces:
+        """Modulate the longitudinal force with the angle of the wheel."""
+        return replace(forces, extra=forces.extra + _ripple(state, own, "_pull") * forces.longitudinal)
+
+
+def _ripple(state: WheelState, own: Own, of: str) -> Any:
+    """Return the relative ripple of the pressure or of the pull."""
+    name, angle = "front" if state.front else "rear", own.model.wheels.lugs * state.angle
+    return own.p[f"cos_{name}{of}"] * ca.cos(angle) + own.p[f"sin_{name}{of}"] * ca.sin(angle)

@@ -216,9 +216,10 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
     question = f"Does a_θ agree with the paper's {load_paper().a_theta:g} s/m?"
     views = finding.a_theta if finding is not None and finding.a_theta else views_of(fit) if fit else ()
     depends = _depends(views)
+    if (fit is None or number is None) and views:
+        return _by_views(question, views, depends)
     if fit is None or number is None:
-        text = depends or "a_θ needs a trial in which k_92 could be fitted."
-        return Answer("a_theta", question, "See below" if depends else "Not known", text)
+        return Answer("a_theta", question, "Not known", "a_θ needs a trial in which k_92 could be fitted.")
     text = (
         f"By the files of soil and robot as they are, a_θ = {number.with_std} s/m, 95 % interval "
         f"{number.interval} s/m, from {plural(len(fit.points), 'trial')}.{depends}"
@@ -237,14 +238,26 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
     return Answer("a_theta", question, "Not by these files alone" if held else "No", text, "fair")
 
 
+def _by_views(question: str, views: Sequence[View], depends: str) -> Answer:
+    """Answer of a search alone: by the model with what was found."""
+    paper, (low, high) = load_paper().a_theta, views[-1].ci95
+    agrees = low <= paper <= high
+    text = ""
+    if (filed := next((v for v in views if v.by == "files"), None)) is not None:
+        number = decided(filed.a_theta.value, filed.a_theta.std, *filed.ci95)
+        text = f"By the files of soil and robot as they are: {number.with_std} s/m, {number.interval} s/m."
+    verdict, tone = ("Yes, with what was found", "good") if agrees else ("No", "fair")
+    return Answer("a_theta", question, verdict, f"{text}{depends}".strip(), tone)
+
+
 def _depends(views: Sequence[View]) -> str:
     """Say how far a_θ depends on the files of soil and robot, and on what was found; empty if not known."""
     by = {v.by: v for v in views}
     text = ""
     if (wide := by.get("uncertain")) is not None:
-        most = next(part.name for part in wide.parts if part.name != TRIALS)
+        most = next(part.name for part in wide.parts if part.name != TRIALS).partition(",")[0]
         ends = interval(*wide.ci95, "s/m")
-        text += f" With the uncertainty of soil and wheel radius, most of it of {most}: {ends}."
+        text += f" With the uncertainty of soil and wheel radius, mostly that of {most}: {ends}."
     if (found := by.get("found")) is not None:
         number = decided(found.a_theta.value, found.a_theta.std, *found.ci95)
         text += (

@@ -11,7 +11,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
 from granite_lab.fitting import fit_a_theta, published_fit
 from granite_lab.fitting.atheta import a_theta_interval, k92_interval
-from granite_lab.fitting.fit import SCATTER, K92Fit, of_a_theta, of_mean
+from granite_lab.fitting.fit import SCATTER, K92Fit, Shift, of_a_theta, of_mean, views_of
 from granite_lab.parameters import load_paper
 from tests.fitting.made_up import made_up_fit
 
@@ -197,6 +197,35 @@ def test_the_95_percent_interval_holds_the_true_a_theta():
     """80 virtual studies of 12 trials; where k_92 is small, their stated std is as large as it."""
     studies = [fit_a_theta(rows(np.random.default_rng([23, seed]), std=0.012)).ci95 for seed in range(80)]
     assert 0.90 <= np.mean([low <= 4.919 <= high for low, high in studies]) <= 0.99
+
+
+def test_errors_that_all_trials_share_widen_the_total_by_what_they_do_to_a_theta():
+    """A number that moves log a_θ by 0.3 up and 0.1 down contributes their rms, however many trials."""
+    up, down = 4.9 * math.exp(0.3), 4.9 * math.exp(-0.1)
+    fits = []
+    for v in (*SPEEDS, *SPEEDS, *SPEEDS):
+        k = math.exp(-4.9 * v)
+        shift = Shift("K", 0.2, math.exp(-up * v) - k, math.exp(-down * v) - k)
+        fits.append(made_up_fit(f"{v}", v, Estimate(k, 0.002), shared=(shift,)))
+    fit = fit_a_theta(fits)
+    whole = 4.9 * math.sqrt((0.3**2 + 0.1**2) / 2)
+    assert fit.shared[0].contribution == pytest.approx(whole, rel=1e-3)
+    assert fit.total.value == fit.a_theta.value
+    assert fit.total.std == pytest.approx(math.hypot(fit.a_theta.std, whole), rel=1e-3)
+    half = math.hypot(math.log(fit.ci95[1] / fit.a_theta.value), 1.96 * whole / 4.9)
+    assert math.log(fit.total_ci95[1] / 4.9) == pytest.approx(half, rel=1e-2)
+    files, uncertain = views_of(fit)
+    assert (files.by, uncertain.by) == ("files", "uncertain")
+    assert files.ci95 == fit.ci95
+    assert uncertain.ci95 == fit.total_ci95
+    assert uncertain.parts[0].name == "K"
+    assert math.hypot(*(part.contribution for part in uncertain.parts)) == pytest.approx(fit.total.std)
+
+
+def test_rows_without_a_simulation_have_no_total():
+    fit = fit_a_theta(rows(np.random.default_rng(1)))
+    assert math.isnan(fit.total.value)
+    assert [v.by for v in views_of(fit)] == ["files"]
 
 
 STD = 0.01  # of λ_R

@@ -80,6 +80,26 @@ def test_the_std_has_a_part_from_slip_and_a_part_from_the_sand():
     assert fit.k92.std == pytest.approx(math.hypot(fit.std_measurement, std_sand))
 
 
+def test_errors_of_soil_and_radius_move_k92_as_the_model_says():
+    """The true k_92 of a trial comes out where the file's number is put right: slope and curve agree."""
+    motion, trial, _, _ = made_up_trial(variant_of(0.3), 0.22, slip_std=0.005)
+    fit = fit_k92(motion, trial, ROBOT, SOIL, trajectory=False)
+    shifts = {s.name: s for s in fit.shared}
+    assert shifts["K, of the soil"].std == 0.2
+    assert shifts["wheel radius"].std == 0.005
+    known = dataclasses.replace(SOIL, shear_modulus_std=0.02 * SOIL.shear_modulus)
+    stiffer = dataclasses.replace(SOIL, shear_modulus=SOIL.shear_modulus * math.exp(0.02))
+    small = {s.name: s for s in fit_k92(motion, trial, ROBOT, known, trajectory=False).shared}
+    moved = fit_k92(motion, trial, ROBOT, stiffer, trajectory=False).k92.value - fit.k92.value
+    assert small["K, of the soil"].up == pytest.approx(moved, rel=0.05)
+    wheels = dataclasses.replace(ROBOT.wheels, radius=1.005 * ROBOT.wheels.radius)
+    seen = 1 - (1 - motion.slip_ratio.value) / 1.005
+    there = dataclasses.replace(motion, slip_ratio=dataclasses.replace(motion.slip_ratio, value=seen))
+    larger = dataclasses.replace(ROBOT, wheels=wheels)
+    moved = fit_k92(there, trial, larger, SOIL, trajectory=False).k92.value - fit.k92.value
+    assert shifts["wheel radius"].up == pytest.approx(moved, rel=0.1)
+
+
 def trial_by_5(velocity=0.3, k92=0.2286, effects=(), **options):
     """A trial in which k_92 follows (5) to its steady value."""
     variant = variant_of(velocity)

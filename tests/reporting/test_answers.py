@@ -18,11 +18,12 @@ from pypdf import PdfReader
 from rich.console import Console
 
 from granite_lab.effects.library import get
-from granite_lab.estimate import Estimate, mean_over
+from granite_lab.estimate import Estimate, Part, mean_over
+from granite_lab.fitting.fit import View
 from granite_lab.parameters import load_paper, load_variants
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.reporting import terminal
-from granite_lab.reporting.answers import Answers, of_study
+from granite_lab.reporting.answers import Answers, law_answer, of_study
 from granite_lab.reporting.channels import channels_of
 from granite_lab.reporting.report import Fold, Gallery, study_report
 from granite_lab.reporting.speeds import SLIP_BY_SPEED, speeds_of
@@ -120,6 +121,30 @@ def test_a_law_is_not_tested_by_fewer_than_three_speeds() -> None:
     for speeds, verdict in (((0.3, 0.7), "Not tested"), ((0.2, 0.3, 0.7), "Yes")):
         answer = next(q for q in of_study(made_up_study(speeds=speeds)).questions if q.id == "a_theta")
         assert answer.verdict == verdict
+
+
+def test_a_theta_is_stated_by_the_files_with_their_uncertainty_and_with_what_was_found(
+    twelve: StudyResult,
+) -> None:
+    part = Part("K, of the soil", "B", "log-normal", "1", 0.2, 1.2)
+    views = (
+        View("files", Estimate(6.6, 0.1), (6.4, 6.8)),
+        View("uncertain", Estimate(6.6, 1.3), (4.5, 9.7), (part,)),
+        View("found", Estimate(4.86, 0.2), (4.5, 5.3)),
+    )
+    off = replace(twelve.a_theta, a_theta=Estimate(6.6, 0.1), ci95=(6.4, 6.8))
+    finding = replace(made_up_finding(), a_theta=views)
+    answer = law_answer(off, finding)
+    assert answer.verdict == "Not by these files alone"
+    for said in ("6.60 ± 0.10 s/m", "mostly that of K: 4.5 to 9.7", "4.86 ± 0.20 s/m, 4.50 to 5.30 s/m"):
+        assert said in kept_as_spaces(answer.text)
+    alone = law_answer(None, finding)
+    assert alone.verdict == "Yes, with what was found"
+    assert "By the files of soil and robot as they are: 6.60 ± 0.10 s/m" in kept_as_spaces(alone.text)
+
+
+def kept_as_spaces(text: str) -> str:
+    return text.replace("\u00a0", " ")
 
 
 def test_a_theta_that_differs_is_put_beside_what_is_missing(twelve: StudyResult) -> None:

@@ -1,0 +1,99 @@
+"""What is locked to the angle of the wheels: orders of their turning in what the model leaves.
+
+A quantity that repeats N times a turn is a line at order N at every speed, a resonance of the frame is not
+(order tracking: R. B. Randall, Vibration-based Condition Monitoring, Wiley 2011). Its size follows either
+the load of a wheel, which hardly changes, or the pull, which follows the acceleration of the robot.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from granite_lab.inference.constants import WORTH
+from granite_lab.inference.fit import Fit
+from granite_lab.inference.gap import remaining
+from granite_lab.inference.problem import Problem
+from granite_lab.logs.trial import Array
+
+ORDERS = np.arange(1, 61)
+"""Orders that are looked at: treads of measured wheels have 14 to 30 lugs (`docs/validation.md`); at twice as
+many the slowest speed of Table 2 is still resolved."""
+
+LUGS_FROM = 6
+"""Least number of lugs: lower orders are those of run-out and of what is not round."""
+
+SHOWN_BY = ("accel_x", "accel_z", "pitch_rate")
+"""Channels that are not behind the inertia of wheel and motor."""
+
+
+def gains(problem: Problem, fit: Fit) -> Array:
+    """Return (w, c, n): gain of log likelihood by the criterion of Schwarz, per way, command and order.
+
+    A way is where a line may show: in one channel or in all, its size constant or in proportion to the pull.
+
+    Args:
+        problem: the trials.
+        fit: of them; `ORDERS` are looked for in what it leaves.
+    """
+    left = remaining(problem, fit)
+    found = np.zeros((len(SHOWN_BY), 2, len(problem.commands), ORDERS.size))
+    for command, own in enumerate(problem.commands):
+        for i in own:
+            trial = problem.trials[i]
+            if "wheel" not in trial.channels:
+                continue
+            place = {name: k for k, name in enumerate(trial.channels)}
+            seen = {name: trial.measured[k] - left[i][k] for name, k in place.items()}
+            sizes = [np.ones(seen["wheel"].size), *([seen["accel_x"]] if "accel_x" in seen else [])]
+            for c, name in enumerate(SHOWN_BY):
+                for w, size in enumerate(sizes if name in place else []):
+                    found[c, w, command] += [
+                        _gain(_waves(n * seen["wheel"], size), left[i][place[name]]) for n in ORDERS
+                    ]
+    return np.concatenate([*found, found.sum(axis=0)])
+
+
+def _waves(phase: Array, size: Array) -> Array:
+    """Return the (n, 2) cosine and sine of a phase, of some size."""
+    return np.column_stack([np.cos(phase), np.sin(phase)]) * size[:, None]
+
+
+def _gain(columns: Array, residual: Array) -> float:
+    """Return what columns bring, the residual's own variance taken for that of the noise.
+
+    The noise as learnt does not serve: what turns with the wheels has another phase in each trial, so that it
+    counts as noise, and the line itself weighs least. Slow parts are taken out by differences.
+    """
+    known = np.isfinite(residual) & np.isfinite(columns).all(axis=1)
+    y, A = np.diff(residual[known]), np.diff(columns[known], axis=0)
+    if y.size <= A.shape[1]:
+        return 0.0
+    amplitudes, *_ = np.linalg.lstsq(A, y, rcond=None)
+    before, after = float(y @ y), float(np.sum((y - A @ amplitudes) ** 2))
+    explained = y.size * math.log(before / after) if after > 0 else 0.0
+    return float(explained - A.shape[1] * math.log(y.size)) / 2
+
+
+def lugs(problem: Problem, fit: Fit, filed: float) -> float:
+    """Return the number of lugs that what a fit leaves shows, else that of the robot's file."""
+    return standing_out(gains(problem, fit), filed)
+
+
+def standing_out(table: Array, filed: float) -> float:
+    """Return the order that stands out at all speeds, of those that lugs may have; else that of the file.
+
+    It must be better than that of the file, and than none, by what one name among so many must be worth; the
+    command that speaks for it most does not count.
+
+    Args:
+        table: (w, c, n) gain of each way, command and order.
+        filed: number of lugs in the robot's file.
+    """
+    whole = table.sum(axis=1) - (table.max(axis=1) if table.shape[1] > 1 else 0.0)
+    possible = np.where(ORDERS >= LUGS_FROM, whole, -np.inf)
+    way, best = np.unravel_index(int(np.argmax(possible)), whole.shape)
+    at_file = max(float(whole[:, round(filed) == ORDERS].max(initial=0.0)), 0.0)
+    worth = WORTH + math.log(whole.size)
+    return float(ORDERS[best]) if possible[way, best] > at_file + worth else filed

@@ -1,0 +1,37 @@
+"""The number of lugs is read from what repeats with the wheels' angle, at all speeds."""
+
+import numpy as np
+import pytest
+
+from granite_lab.discovery import orders
+from granite_lab.discovery.orders import ORDERS, standing_out
+
+SPEEDS = (2.0, 3.0, 5.0, 7.0)
+"""Of the wheels [rad/s]."""
+
+
+def gains(wave, seed=0, noise=1.0):
+    """Return the (w, c, n) gains of one channel; `wave` gives it by time, angle and acceleration."""
+    rng, t = np.random.default_rng(seed), np.arange(0, 5, 0.02)
+    table = np.zeros((2, len(SPEEDS), ORDERS.size))
+    for c, speed in enumerate(SPEEDS):
+        acceleration = np.exp(-t) - np.exp(t - 5)
+        angle = speed * t
+        residual = wave(t, angle, acceleration) + noise * rng.standard_normal(t.size)
+        for way, size in enumerate((np.ones(t.size), acceleration)):
+            table[way, c] = [orders._gain(orders._waves(n * angle, size), residual) for n in ORDERS]
+    return table
+
+
+@pytest.mark.parametrize("n", [14, 18, 20, 30])
+def test_the_number_of_lugs_is_found_where_the_file_is_wrong(n):
+    assert standing_out(gains(lambda _t, a, _p: 0.5 * np.cos(n * a + 1)), 24.0) == n
+    assert standing_out(gains(lambda _t, a, pull: 2.0 * pull * np.cos(n * a + 1)), 24.0) == n
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_a_resonance_and_what_is_not_round_leave_the_number_of_the_file(seed):
+    assert standing_out(gains(lambda _t, a, _p: 0 * a, seed), 24.0) == 24
+    assert standing_out(gains(lambda t, _a, _p: 0.5 * np.cos(2 * np.pi * 12 * t), seed), 24.0) == 24
+    assert standing_out(gains(lambda _t, a, _p: 0.5 * np.cos(a), seed), 24.0) == 24
+    assert standing_out(gains(lambda _t, a, _p: 0.5 * np.cos(24 * a), seed), 24.0) == 24
