@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
+
+import numpy as np
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import PhaseName
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active
 from granite_lab.origin import NOWHERE, Origin
-from granite_lab.parameters import Robot, Soil
+from granite_lab.parameters import Robot, Soil, load_paper
 from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
@@ -306,6 +308,14 @@ class Finding(Shown):
     def terms(self) -> tuple[FoundEffect, ...]:
         """All that the likeliest model holds and that matters, named or not."""
         return (*self.effects, *self.description)
+
+    def sand_of(self, trial: str) -> tuple[Soil, float]:
+        """Return the sand of a trial as fitted, and its a_θ [s/m]; of another trial that of the file."""
+        own = dict(dict(self.sand_per_trial).get(trial, {}))
+        a_theta = own.pop("a_theta", load_paper().a_theta)
+        ratio = {name: float(np.exp(log.value)) for name, log in self.sand.items() if name != "a_theta"}
+        common = {name: getattr(self.soil, name) * ratio[name] for name in ratio}
+        return replace(self.soil, **(common | own)), a_theta
 
     def __repr__(self) -> str:
         found = ", ".join(effect.id for effect in self.effects)

@@ -13,6 +13,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import numpy.typing as npt
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
@@ -196,18 +197,28 @@ def envelope(t: Array, *values: Array, points: int = 700) -> tuple[Array, ...]:
     Kept are the smallest and the largest sample of the first trace in each bin; NaN stays where a bin has
     nothing else.
     """
-    n = len(t)
-    if n <= points:
-        return (t, *values)
-    size = -(-n // (points // 2))
-    bins = -(-n // size)
-    first = np.full(bins * size, np.nan)
-    first[:n] = values[0]
-    blocks, starts = first.reshape(bins, size), np.arange(bins) * size
-    lowest = starts + np.where(np.isnan(blocks), np.inf, blocks).argmin(axis=1)
-    highest = starts + np.where(np.isnan(blocks), -np.inf, blocks).argmax(axis=1)
-    index = np.unique(np.concatenate([[0, n - 1], lowest, highest]))
+    index = extremes(values[:1], points)
     return (t[index], *(v[index] for v in values))
+
+
+def extremes(lines: Sequence[Array], points: int) -> npt.NDArray[np.intp]:
+    """Return positions of the smallest and the largest sample of each of some (N,) lines in each bin.
+
+    Bins are such that about `points` positions are returned; all where there are no more.
+    """
+    n = len(lines[0])
+    if n <= points:
+        return np.arange(n)
+    size = -(-n // max(1, points // (2 * len(lines))))
+    bins = -(-n // size)
+    starts, kept = np.arange(bins) * size, [np.array([0, n - 1])]
+    for line in lines:
+        filled = np.full(bins * size, np.nan)
+        filled[:n] = line
+        blocks = filled.reshape(bins, size)
+        kept.append(starts + np.where(np.isnan(blocks), np.inf, blocks).argmin(axis=1))
+        kept.append(starts + np.where(np.isnan(blocks), -np.inf, blocks).argmax(axis=1))
+    return np.unique(np.concatenate(kept))
 
 
 FORMATS = ("svg", "png", "pdf")

@@ -97,7 +97,7 @@ def _verdict(comparisons: Sequence[Comparison]) -> str:
     return "measurement and simulation agree" if judged else "measured and simulated"
 
 
-def _channel(c: Comparison, source: str, name: str) -> tuple[Array, Array]:
+def shown_channel(c: Comparison, source: str, name: str) -> tuple[Array, Array]:
     """Return a channel and its std in the comparison's unit, NaN where there is nothing to show.
 
     Slip is left out where it is not defined well: simulated below 0.02 m/s at the wheel, measured
@@ -143,7 +143,7 @@ def _history(c: Comparison) -> Canvas:
             Line(source, light, value[inside] * panel.scale, std[inside] * panel.scale)
             for source in SOURCES
             for light, name in enumerate(panel.channels)
-            for value, std in (_channel(c, source, name),)
+            for value, std in (shown_channel(c, source, name),)
             if np.isfinite(value[inside]).any()
         ]
         wide = _panel(axis, panel, t, lines)

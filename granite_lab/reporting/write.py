@@ -17,6 +17,7 @@ from granite_lab.processes import shared_out
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import FORMATS, Figure, converted, drawn, on_page
 from granite_lab.reporting.channels import CHANNEL_TABLE, MISFITS, channels_of
+from granite_lab.reporting.explore import PAGE, to_explore
 from granite_lab.reporting.json_report import dumps, to_json
 from granite_lab.reporting.latex import to_latex
 from granite_lab.reporting.plot_motion import comparison_figure
@@ -57,6 +58,8 @@ def write_report(
         if report.numbers == "finding.json" and result.finding is not None:
             _write(new / "finding.json", dumps(finding_as_json(result.finding, model)))
         else:
+            if result.trials:
+                _write(new / PAGE, to_explore(result, report.name, jobs))
             (new / "report.pdf").write_bytes(to_pdf(result, report, made_by(result.source), pictures))
             for name in (MODEL, DESIGN) if result.finding is not None else ():
                 if (folder / name).is_file():
