@@ -18,6 +18,7 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.errors import InputError, LabError
 from granite_lab.files import readable
 from granite_lab.fitting.fit import AThetaFit
+from granite_lab.folders import distinct
 from granite_lab.logs.trial import Array, Trial, trial_files
 from granite_lab.origin import NOTHING, Failure, Origin, Source, Written
 
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
 SCHEMA = "granite-lab/report/2"
 """Of ``report.json``."""
 
+
+RECORDINGS = "recordings"
+"""Folder of recordings beside a report."""
 
 WHOLE = "study"
 """Name of the recording of a whole study, beside those of its trials."""
@@ -41,9 +45,20 @@ class TrialResult:
     comparison: Comparison
 
 
+def warnings_of(result: TrialResult) -> tuple[str, ...]:
+    """Return every doubt about a trial, of its log, its estimate and its fit, one line each."""
+    of = (result.trial.warnings, result.comparison.motion.warnings, result.comparison.fit.warnings)
+    return tuple(dict.fromkeys(line for lines in of for line in lines))
+
+
 def shown_path(path: Path) -> str:
     """Return a path as a report may show it: of an absolute one only the name."""
     return path.name if path.is_absolute() else path.as_posix()
+
+
+def recordings_of(result: StudyResult) -> list[str]:
+    """Return the file names of a study's recordings: that of the whole study, then those of its trials."""
+    return [f"{name}.rrd" for name in distinct([WHOLE, *(r.trial.name for r in result.trials)])]
 
 
 def command_of(name: str, logs: Sequence[Path], options: Sequence[tuple[str, str]] = ()) -> str:

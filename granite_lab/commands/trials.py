@@ -362,6 +362,12 @@ def show_plan(plan: Plan, shown: Console) -> None:
     what = "Relative standard deviation" if sharpens else "Expected log Bayes factors"
     say(shown, asked(plan) + (" (virtual data)" if plan.design.virtual else ""), "bold")
     say(shown, f"{what} with {trials}: {known}.")
+    if sharpens:
+        share = reporting.search_tables.FORMULA
+        say(
+            shown,
+            f"The error of a formula, {share}, is not part of it: no trial lowers it. The report adds it.",
+        )
     if not plan.worth:
         why = "none lowers the std by a fifth" if sharpens else "none adds 3 to a log Bayes factor (20 to 1)"
         say(shown, f"No trial is recommended: {why}.", "bold")

@@ -305,6 +305,12 @@ class Finding(Shown):
     origin: Origin = NOWHERE
 
     @property
+    def tried(self) -> tuple[Candidate, ...]:
+        """The candidates, likeliest first, without terms of the empirical law that were never fitted."""
+        law = "empirical."
+        return tuple(c for c in self.candidates if not c.id.startswith(law) or c.status != "screened")
+
+    @property
     def terms(self) -> tuple[FoundEffect, ...]:
         """All that the likeliest model holds and that matters, named or not."""
         return (*self.effects, *self.description)
@@ -321,7 +327,7 @@ class Finding(Shown):
         found = ", ".join(effect.id for effect in self.effects)
         return (
             f"Finding('{self.verdict}'{', virtual' if self.virtual else ''}: {found or 'no effect'}, "
-            f"probability {self.probability:.3g}, {len(self.candidates)} candidates)"
+            f"probability {self.probability:.3g}, {len(self.tried)} candidates)"
         )
 
     def to_frame(self) -> pd.DataFrame:

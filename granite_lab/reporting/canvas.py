@@ -71,6 +71,7 @@ class Figure:
         caption: what is drawn and how to read it.
         make: makes it; called once per use, so that only one figure need be in memory at a time.
         virtual: its data were written by a simulator; `heading` and the drawing itself then say so.
+        lines: address of its lines on the page to zoom into; empty where they are not there.
     """
 
     name: str
@@ -78,6 +79,7 @@ class Figure:
     caption: str
     make: Callable[[], Canvas]
     virtual: bool = False
+    lines: str = ""
 
     @property
     def heading(self) -> str:

@@ -12,7 +12,6 @@ import math
 from collections.abc import Iterator, Sequence
 from importlib import resources
 from typing import Any, NamedTuple
-from urllib.parse import quote
 
 import numpy as np
 from markupsafe import Markup
@@ -30,9 +29,6 @@ from granite_lab.reporting.plot_motion import shown_channel
 from granite_lab.reporting.render import rendered
 from granite_lab.results import CHANNELS, StudyResult, TrialResult
 from granite_lab.rounding import shown_as, tidy_unit
-
-PAGE = "explore.html"
-"""Name of the page."""
 
 POINTS, FEWEST = 900, 150
 """Points of a line, and how few of them are left where there are many trials."""
@@ -87,7 +83,8 @@ def explore_data(result: StudyResult, jobs: int = 1) -> dict[str, Any]:
     named = {id_: quantities[id_] for id_ in sorted(quantities, key=order.index)}
     left = len(result.trials) - len(trials)
     return {
-        "virtual": result.virtual, "quantities": named, "trials": trials, "left": left,
+        "kind": "virtual" if result.virtual else "measured", "quantities": named, "trials": trials,
+        "left": left,
         "found": with_found(result.finding) if result.finding and result.finding.terms else "",
     }  # fmt: skip
 
@@ -98,11 +95,6 @@ def to_explore(result: StudyResult, name: str, jobs: int = 1) -> str:
     program = (resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
     script = Markup(as_script(data))
     return rendered("explore.html", name=name, data=data, script=script, plotly=Markup(program))
-
-
-def anchor(trial: str) -> str:
-    """Return where a trial stands on the page, as the end of an address."""
-    return f"{PAGE}#trial={quote(trial, safe='')}"
 
 
 def _shown(trials: Sequence[TrialResult]) -> list[TrialResult]:

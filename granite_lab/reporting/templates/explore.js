@@ -96,7 +96,7 @@
       xaxis: {...time, anchor: "y", matches: "x2", showticklabels: false}, xaxis2: {...time, anchor: "y2", title: {text: "time since the start of the command [s]"}},
       yaxis: {...axis, domain: [.36, 1], title: {text: `[${what.unit}]`}, zeroline: false}, yaxis2: {...axis, domain: [0, .3], title: {text: `difference [${what.gap}]`}},
       shapes: a === null ? [] : [{type: "rect", xref: "x2", yref: "paper", x0: a, x1: b, y0: 0, y1: 1, layer: "below", line: {width: 0}, fillcolor: faded(colour("--grey"), .12)}],
-      annotations: data.virtual ? [{text: "virtual data", xref: "paper", yref: "paper", x: 0, y: 1, xanchor: "left", yanchor: "top", showarrow: false, font: {size: 11, color: colour("--muted")}}] : [],
+      annotations: data.kind === "virtual" ? [{text: "virtual data", xref: "paper", yref: "paper", x: 0, y: 1, xanchor: "left", yanchor: "top", showarrow: false, font: {size: 11, color: colour("--muted")}}] : [],
     };
   }
 
