@@ -21,6 +21,7 @@ from granite_lab.fitting.fit import AThetaFit
 from granite_lab.folders import distinct
 from granite_lab.logs.trial import Array, Trial, trial_files
 from granite_lab.origin import NOTHING, Failure, Origin, Source, Written
+from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,11 +39,18 @@ WHOLE = "study"
 
 
 @dataclass(frozen=True, eq=False)
-class TrialResult:
+class TrialResult(Shown):
     """One trial through the whole chain."""
 
     trial: Trial
     comparison: Comparison
+
+    def __repr__(self) -> str:
+        return f"TrialResult({self.comparison!r})"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the misfits, one row a channel and phase, as of its comparison."""
+        return self.comparison.to_frame()
 
 
 def warnings_of(result: TrialResult) -> tuple[str, ...]:
@@ -71,7 +79,7 @@ def command_of(name: str, logs: Sequence[Path], options: Sequence[tuple[str, str
 
 
 @dataclass(frozen=True, eq=False)
-class StudyResult:
+class StudyResult(Shown):
     """A whole study.
 
     Attributes:
@@ -95,6 +103,12 @@ class StudyResult:
     unsearched: str = ""
     warnings: tuple[str, ...] = ()
     written: Written = NOTHING
+
+    def __repr__(self) -> str:
+        left = f", {len(self.failures)} left out" if self.failures else ""
+        law = "" if self.a_theta is None else f", a_θ {self.a_theta.a_theta.value:.3f} s/m"
+        name = f"'{self.name}'{', virtual' if self.virtual else ''}"
+        return f"StudyResult({name}: {len(self.trials)} trials{left}{law}, {self.finding or 'no search'!s})"
 
     @property
     def origin(self) -> Origin:

@@ -24,6 +24,7 @@ from granite_lab.columns import Cell, Column, FilledTable, Table, number, words
 from granite_lab.reporting.names import plain
 from granite_lab.results import load_report
 from granite_lab.rounding import interval, tidy_unit
+from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -89,7 +90,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Compared:
+class Compared(Shown):
     """Two studies side by side.
 
     Attributes:
@@ -103,6 +104,10 @@ class Compared:
     rows: tuple[Row, ...]
     notes: tuple[str, ...]
     virtual: bool
+
+    def __repr__(self) -> str:
+        differ = [row.quantity for row in self.rows if row.verdict == DIFFERS]
+        return f"Compared({' and '.join(self.names)}: {len(differ)} of {len(self.rows)} quantities differ)"
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row a quantity, as in the CSV."""

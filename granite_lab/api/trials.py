@@ -220,6 +220,8 @@ def study(
         if folder is not None:
             result = replace(result, name=folder.name)
             result = _write(result, chosen.options, folder, execution, recordings, progress)
+    import granite_lab.reporting.notebook  # noqa: F401, PLC0415, heavy: how a notebook shows the result
+
     return replace(result, warnings=execution.tidied())
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Canvas
+from matplotlib.figure import Figure as Plain
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Transform, blended_transform_factory
 
@@ -48,6 +48,17 @@ DPI = 300
 
 TIME = "time since the start of the command [s]"
 
+NOTEBOOK_DPI = 110
+"""Resolution of a figure in a notebook."""
+
+
+class Canvas(Plain):
+    """A Matplotlib figure that a notebook shows without a backend of its own."""
+
+    def _repr_png_(self) -> bytes:
+        return saved(self, "png", NOTEBOOK_DPI)
+
+
 STYLE = Path(__file__).parent / "templates" / "figure.mplstyle"
 
 
@@ -77,7 +88,7 @@ class Figure:
     name: str
     title: str
     caption: str
-    make: Callable[[], Canvas]
+    make: Callable[[], Plain]
     virtual: bool = False
     lines: str = ""
 
@@ -86,7 +97,7 @@ class Figure:
         """The title, with "(virtual data)" behind it where that is so."""
         return f"{self.title} (virtual data)" if self.virtual else self.title
 
-    def draw(self) -> Canvas:
+    def draw(self) -> Plain:
         """Return the figure in the report's style, marked in its lower left corner if data are virtual."""
         with styled():
             figure = self.make()
@@ -94,7 +105,7 @@ class Figure:
         return figure
 
 
-def mark_virtual(figure: Canvas, virtual: bool) -> None:
+def mark_virtual(figure: Plain, virtual: bool) -> None:
     """Write on the figure itself, in its lower left corner, that its data come from a simulator."""
     if virtual:
         figure.text(
@@ -231,12 +242,12 @@ _TAG, _NUMBER = re.compile(r"<[^>]+>"), re.compile(r"-?\d+\.\d{3,}")
 _ALONE = b'#set page(width: auto, height: auto, margin: 0pt)\n#image("figure.svg")'
 
 
-def saved(figure: Canvas, kind: str, dpi: int = 150) -> bytes:
+def saved(figure: Plain, kind: str, dpi: int = 150) -> bytes:
     """Return a figure as "svg", "png" or "pdf": the same bytes for the same figure."""
     return converted(drawn(figure), kind, dpi)
 
 
-def drawn(figure: Canvas) -> bytes:
+def drawn(figure: Plain) -> bytes:
     """Return a figure as SVG, with text as text and coordinates to 0.01 pt."""
     buffer = io.BytesIO()
     with styled():

@@ -218,8 +218,10 @@ def _panel(axis: Axes, panel: Panel, t: Array, lines: Sequence[Line]) -> float:
 
 def _difference(axis: Axes, panel: Panel, t: Array, lines: Sequence[Line]) -> None:
     """Draw simulated minus measured of each channel, less rare spikes."""
-    axis.axhline(0, color=canvas.INK, linewidth=0.6, zorder=1)
     axis.yaxis.set_major_locator(MaxNLocator(3))
+    if not lines:
+        return
+    axis.axhline(0, color=canvas.INK, linewidth=0.6, zorder=1)
     canvas.key(axis, "simulated − measured")
     every = []
     for light in range(len(panel.channels)):

@@ -74,7 +74,6 @@ def trial_table(result: StudyResult) -> FilledTable:
         Column("trial", lambda r: r.trial.name),
         Column("data", lambda r: "virtual" if r.trial.info.virtual else "measured", shown=mixed),
         Column("speed", speed, "speed_mps speed_is", unit="m/s"),
-        Column("repetition", lambda r: r.trial.info.repetition, "repetition"),
         Column("distance", lambda r: r.comparison.motion.distance, "distance_m distance_std_m", unit="m"),
         Column(
             "λ_R", lambda r: r.comparison.motion.slip_ratio,
