@@ -129,10 +129,7 @@ def explained(finding: Finding) -> tuple[str, str, str]:
 
 def _differ(finding: Finding, gap: float) -> str:
     """Say how far the sensors are from the model without effects."""
-    text = (
-        f"Sensors and model differ by {times(gap)} times what noise and a tolerance of "
-        f"{percent(finding.tolerance)} of each sensor's rms explain, {gap_pair(finding)[2]}."
-    )
+    text = f"Gap {gap_pair(finding)[2]}: {times(gap)}. {scale_of_gap(finding)}"
     return text + (" Repetitions of a command differ from each other by more." if finding.scatter else "")
 
 
@@ -328,6 +325,14 @@ def gap_pair(finding: Finding) -> tuple[float, float, str]:
     return (*finding.gap.train, "in the fit")
 
 
+def scale_of_gap(finding: Finding) -> str:
+    """Say what the size of a gap means."""
+    return (
+        f"1 means that noise and a tolerance of {percent(finding.tolerance)} of each sensor's rms explain "
+        "the difference between sensors and model."
+    )
+
+
 def closes_answer(finding: Finding) -> Answer:
     """Say how much of the gap between sensors and model closes with what was found."""
     question = "How much of the gap does it close?"
@@ -335,11 +340,7 @@ def closes_answer(finding: Finding) -> Answer:
     if not finding.terms:
         verdict = "No gap" if finding.verdict == "none" else "Nothing"
         return Answer("closes", question, verdict, _differ(finding, before))
-    text = (
-        f"{capital(where)}, the difference between sensors and model falls from {times(before)} to "
-        f"{times(after)} times what noise and a tolerance of {percent(finding.tolerance)} of each sensor's "
-        "rms explain."
-    )
+    text = f"Gap {where}: {times(before)} without, {times(after)} with it. {scale_of_gap(finding)}"
     closes = 1 - finding.remainder
     verdict = capital(percent(min(max(closes, 0.0), 1.0))) if math.isfinite(closes) else "Not known"
     known = finding.remainder <= MUCH and math.isfinite(finding.gap.held_out[0])

@@ -50,7 +50,7 @@ def gap_figure(finding: Finding) -> Figure:
     first = len(lines)
     lines |= {sensor(c): known[c].train for c in channels_of(finding) if c in known}
     before, after, where = gap_pair(finding)
-    title = f"Sensors and model differ by {times(before)} times what noise and tolerance explain"
+    title = f"The gap between sensors and model is {times(before)}; 1 is explained by noise and tolerance"
     if finding.terms:
         title = (
             f"{capital(with_found(finding))}, the gap falls from {times(before)} to {times(after)} {where}"
@@ -172,8 +172,8 @@ def history_figures(finding: Finding) -> list[Figure]:
         name = f"found_history_{speed_stem(velocity)}"
         what = f"Mean of {n} trials" if n > 1 else "One trial"
         caption = (
-            f"{what}. Grey: the paper's model disagrees by more than the tolerance. Wheel angles are drawn "
-            "less the paper's model."
+            f"{what}. Grey: the paper's model disagrees by more than the tolerance. Of wheel angles the "
+            "difference to the paper's model is drawn."
         )
         make, lines = partial(_history, finding, drawn), lines_of(speed=velocity, quantity="search")
         found.append(Figure(name, title, caption, make, finding.virtual, lines))

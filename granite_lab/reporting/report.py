@@ -249,9 +249,9 @@ def _missing(finding: Finding) -> Iterator[Maybe]:
     yield (
         "The model is fitted to the readings of the sensors, together with the sand of each trial, the time "
         "offset of the IMU, and offsets and gains of the sensors, so that none of these can pass for a "
-        "missing effect. What all repetitions of a command share and no parameter explains is held against "
-        f"each candidate effect. Differences up to {percent(finding.tolerance)} of a sensor's rms are "
-        "tolerated."
+        "missing effect. What then still differs in all repetitions of a command is compared with "
+        f"what each candidate effect would cause. Differences up to {percent(finding.tolerance)} of a "
+        "sensor's rms are tolerated."
     )
     yield _gallery(plot_search.gap_figure(finding))
     yield search_tables.effects_table(finding, finding.effects)

@@ -93,8 +93,8 @@ def effects_table(
     name, title = "found_effects", "What is missing, with sizes"
     note = (
         f"Fitted together with the sand and the errors of the sensors. The std of a strength includes "
-        f"{FORMULA} for the error of its formula. Last column: share of the closed gap "
-        f"that opens again without the effect, {gap_pair(finding)[2]}."
+        f"{FORMULA} for the error of its formula. Last column: how much of the closed "
+        f"gap is lost when the effect is left out, {gap_pair(finding)[2]}."
     )
     if kind == "described":
         name, title = "found_description", "What describes the rest"

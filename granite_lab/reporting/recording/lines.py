@@ -289,7 +289,7 @@ def write_events(
     events = [*_events(comparison), *_updates(comparison, start), *_told(comparison, finding)]
     for one in intervals:
         what = f"simulated {one.channel} differs from the measured one by {one.label} of its rms"
-        events.append(Event(one.start, f"{what}, {one.start:.2f} s to {one.end:.2f} s", "WARN"))
+        events.append(Event(one.start, f"{what}, {one.start:.2f} s to {one.end:.2f} s"))
     events.sort(key=lambda e: e.t)
     text = [drawable(f"{e.t:6.2f} s  {e.text}") for e in events]
     stamps = np.clip([e.t for e in events], t[0], t[-1])
@@ -324,6 +324,8 @@ def _events(comparison: Comparison) -> Iterator[Event]:
     yield Event(begin, f"filter: {motion.health.verdict}", "INFO" if motion.health.good else "WARN")
     for note in fit.notes:
         yield Event(begin, f"fit: {note}")
+    for warning in fit.warnings:
+        yield Event(begin, warning, "WARN")
     if fit.status != "ok":
         yield Event(begin, f"fit of k_92: {fit.status.replace('_', ' ')}", "WARN")
     yield Event(0.0, f"command starts, at {plus_minus(motion.t_start, 's')} of the log's own time")
