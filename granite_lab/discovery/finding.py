@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import PhaseName
@@ -332,7 +332,7 @@ class Finding(Shown):
     def sand_of(self, trial: str) -> tuple[Soil, float]:
         """Return the sand of a trial as fitted, and its a_θ [s/m]; of another trial that of all."""
         common = {name: number.value for name, number in self.fitted_sand.items()}
-        own = common | dict(self.sand_per_trial).get(trial, {})
+        own: dict[str, Any] = {**common, **dict(self.sand_per_trial).get(trial, {})}
         a_theta = own.pop("a_theta", load_paper().a_theta)
         return replace(self.soil, **own), a_theta
 
