@@ -34,9 +34,11 @@ from granite_lab.running.each import HERE
 
 def read(path: Path, options: Options) -> tuple[Trial, Robot]:
     """Return the trial of a log as it was logged, and its robot; raise an InputError if it cannot be used."""
-    names = ("imu", "encoders", "currents", "reference", "rows", "robot", "info", "window")
-    given: dict[str, Any] = {name: getattr(options, name) for name in names}
-    trial = logs.read_trial(path, map=options.column_map, topics=dict(options.topics), **given)
+    beside = {role: getattr(options, role) for role in ("imu", "encoders", "currents", "reference")}
+    trial = logs.read_trial(
+        path, beside, map=options.column_map, robot=options.robot, info=options.info,
+        topics=dict(options.topics), excerpt=logs.Excerpt(options.rows, options.window),
+    )  # fmt: skip
     return trial, load_robot(options.robot or trial.info.robot or "granite")
 
 
