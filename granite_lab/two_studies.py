@@ -135,9 +135,9 @@ def compare_studies(first: Path | str, second: Path | str) -> Compared:
     for quantity in dict.fromkeys([*own[0], *own[1]]):
         found = [study.get(quantity) for study in own]
         only = "" if all(found) else f"only in {'A' if found[0] else 'B'}"
-        first = next(one for one in found if one)
+        stated = next(one for one in found if one)
         values = [one.value if one else Value() for one in found]
-        unit, scale = first.shown(max((abs(v.value) for v in values if math.isfinite(v.value)), default=0.0))
+        unit, scale = stated.shown(max((abs(v.value) for v in values if math.isfinite(v.value)), default=0.0))
         a_value, b_value = (Value(*(scale * x for x in v)) for v in values)
         rows.append(Row(quantity, unit, a_value, b_value, only))
     return Compared(names, tuple(rows), tuple(_notes(a, b, rows)), bool(a["virtual"] or b["virtual"]))
