@@ -19,8 +19,10 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.errors import InputError, LabError
 from granite_lab.files import readable
 from granite_lab.fitting.fit import AThetaFit
+from granite_lab.folders import distinct
 from granite_lab.logs.trial import Array, Trial, trial_files
 from granite_lab.origin import NOTHING, Failure, Origin, Source, Written
+from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,21 +32,42 @@ SCHEMA = "granite-lab/report/2"
 """Of ``report.json``."""
 
 
+RECORDINGS = "recordings"
+"""Folder of recordings beside a report."""
+
 WHOLE = "study"
 """Name of the recording of a whole study, beside those of its trials."""
 
 
 @dataclass(frozen=True, eq=False)
-class TrialResult:
+class TrialResult(Shown):
     """One trial through the whole chain."""
 
     trial: Trial
     comparison: Comparison
 
+    def __repr__(self) -> str:
+        return f"TrialResult({self.comparison!r})"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the misfits, one row a channel and phase, as of its comparison."""
+        return self.comparison.to_frame()
+
+
+def warnings_of(result: TrialResult) -> tuple[str, ...]:
+    """Return every doubt about a trial, of its log, its estimate and its fit, one line each."""
+    of = (result.trial.warnings, result.comparison.motion.warnings, result.comparison.fit.warnings)
+    return tuple(dict.fromkeys(line for lines in of for line in lines))
+
 
 def shown_path(path: Path) -> str:
     """Return a path as a report may show it: of an absolute one only the name."""
     return path.name if path.is_absolute() else path.as_posix()
+
+
+def recordings_of(result: StudyResult) -> list[str]:
+    """Return the file names of a study's recordings: that of the whole study, then those of its trials."""
+    return [f"{name}.rrd" for name in distinct([WHOLE, *(r.trial.name for r in result.trials)])]
 
 
 def command_of(name: str, logs: Sequence[Path], options: Sequence[tuple[str, str]] = ()) -> str:
@@ -57,7 +80,7 @@ def command_of(name: str, logs: Sequence[Path], options: Sequence[tuple[str, str
 
 
 @dataclass(frozen=True, eq=False)
-class StudyResult:
+class StudyResult(Shown):
     """A whole study.
 
     Attributes:
@@ -81,6 +104,12 @@ class StudyResult:
     unsearched: str = ""
     warnings: tuple[str, ...] = ()
     written: Written = NOTHING
+
+    def __repr__(self) -> str:
+        left = f", {len(self.failures)} left out" if self.failures else ""
+        law = "" if self.a_theta is None else f", a_θ {self.a_theta.a_theta.value:.3f} s/m"
+        name = f"'{self.name}'{', virtual' if self.virtual else ''}"
+        return f"StudyResult({name}: {len(self.trials)} trials{left}{law}, {self.finding or 'no search'!s})"
 
     @property
     def origin(self) -> Origin:

@@ -6,6 +6,7 @@ import dataclasses
 import html
 import math
 from collections.abc import Mapping, Sequence
+from functools import singledispatch
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,12 +15,18 @@ if TYPE_CHECKING:
 
 
 class Shown:
-    """A record with a short `repr` and a table, shown in a notebook as both."""
+    """A record with a short `repr` and a table, shown in a notebook as both or as `as_html` has it."""
 
     def _repr_html_(self) -> str:
-        """Return line and table for a notebook, the table shortened."""
-        table: Any = self.to_frame()  # type: ignore[attr-defined]
-        return f"<p>{html.escape(repr(self))}</p>{table.to_html(index=False, max_rows=10, max_cols=12)}"
+        """Return what a notebook shows."""
+        return as_html(self)
+
+
+@singledispatch
+def as_html(record: Any) -> str:
+    """Return line and table of a record, the table shortened; a later stage can register another form."""
+    table = record.to_frame().to_html(index=False, max_rows=10, max_cols=12)
+    return f"<p>{html.escape(repr(record))}</p>{table}"
 
 
 def frame(rows: Sequence[Mapping[str, Any]], columns: list[str] | None = None) -> pd.DataFrame:

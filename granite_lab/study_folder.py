@@ -15,13 +15,13 @@ from granite_lab.effects.model_file import FittedEffect, ModelFile, save_model
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.files import write_text
-from granite_lab.folders import distinct, replacing
+from granite_lab.folders import replacing
 from granite_lab.logs.trial import Trial
 from granite_lab.options import Options
 from granite_lab.origin import Written
 from granite_lab.parameters import load_robot
 from granite_lab.processes import shared_out
-from granite_lab.results import WHOLE, StudyResult
+from granite_lab.results import StudyResult, recordings_of
 from granite_lab.running.output import Guard
 
 
@@ -83,7 +83,7 @@ def record(
     Raises:
         LabError: a file cannot be written.
     """
-    names = [f"{name}.rrd" for name in distinct([WHOLE, *(r.trial.name for r in result.trials)])]
+    names = recordings_of(result)
     with replacing(folder, "recordings") as new:
         paths = [new / name for name in names]
         done = shared_out(_record, (result, paths), len(paths), "wrote recordings", jobs=jobs)

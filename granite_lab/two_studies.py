@@ -21,9 +21,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granite_lab import reporting
 from granite_lab.columns import Cell, Column, FilledTable, Table, number, words
-from granite_lab.reporting.names import plain
+from granite_lab.reporting.names import plain, scale_of
 from granite_lab.results import load_report
 from granite_lab.rounding import interval, tidy_unit
+from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -89,7 +90,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Compared:
+class Compared(Shown):
     """Two studies side by side.
 
     Attributes:
@@ -103,6 +104,10 @@ class Compared:
     rows: tuple[Row, ...]
     notes: tuple[str, ...]
     virtual: bool
+
+    def __repr__(self) -> str:
+        differ = [row.quantity for row in self.rows if row.verdict == DIFFERS]
+        return f"Compared({' and '.join(self.names)}: {len(differ)} of {len(self.rows)} quantities differ)"
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row a quantity, as in the CSV."""
@@ -130,23 +135,39 @@ def compare_studies(first: Path | str, second: Path | str) -> Compared:
     for quantity in dict.fromkeys([*own[0], *own[1]]):
         found = [study.get(quantity) for study in own]
         only = "" if all(found) else f"only in {'A' if found[0] else 'B'}"
-        unit = next(one[0] for one in found if one)
-        values = [one[1] if one else Value() for one in found]
-        rows.append(Row(quantity, unit, values[0], values[1], only))
+        stated = next(one for one in found if one)
+        values = [one.value if one else Value() for one in found]
+        unit, scale = stated.shown(max((abs(v.value) for v in values if math.isfinite(v.value)), default=0.0))
+        a_value, b_value = (Value(*(scale * x for x in v)) for v in values)
+        rows.append(Row(quantity, unit, a_value, b_value, only))
     return Compared(names, tuple(rows), tuple(_notes(a, b, rows)), bool(a["virtual"] or b["virtual"]))
 
 
-def _quantities(document: Mapping[str, Any], *, effects: bool) -> Iterator[tuple[str, tuple[str, Value]]]:
+class _Stated(NamedTuple):
+    """A quantity of a report: unit and value as it holds them; of an effect its id and the number's name."""
+
+    unit: str
+    value: Value
+    effect: str = ""
+    name: str = ""
+
+    def shown(self, size: float) -> tuple[str, float]:
+        """Return the unit in which a report prints a number of this size, and the factor to it."""
+        return scale_of(self.effect, self.name, self.unit, size) if self.effect else (self.unit, 1.0)
+
+
+def _quantities(document: Mapping[str, Any], *, effects: bool) -> Iterator[tuple[str, _Stated]]:
     """Yield each quantity of a report with its unit and value; those of effects if asked to."""
     for key, name, unit in (("slip", "slip", "%"), ("k92", "k_92", "–")):
         for s in document["answers"]["speeds"]:
-            yield f"{name} at {s['speed_mps']:g} m/s", (unit, _value(s[key]))
+            yield f"{name} at {s['speed_mps']:g} m/s", _Stated(unit, _value(s[key]))
     if document["a_theta"] is not None:
-        yield "a_θ", ("s/m", _value(document["a_theta"]))
+        yield "a_θ", _Stated("s/m", _value(document["a_theta"]))
     for effect in document["discovery"]["effects"] if effects else ():
         for name, p in effect["parameters"].items():
             unit = "–" if p["unit"] in ("", "-") else p["unit"]
-            yield f"{plain(effect['id'])}, {name.replace('_', ' ')}", (unit, _value(p))
+            quantity = f"{plain(effect['id'])}, {name.replace('_', ' ')}"
+            yield quantity, _Stated(unit, _value(p), effect["id"], name)
 
 
 def _value(known: Mapping[str, Any]) -> Value:

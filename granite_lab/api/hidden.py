@@ -16,7 +16,7 @@ from granite_lab.hidden.sealed import NAME, OPEN, open_answer, read_answer, seal
 from granite_lab.hidden.wish import CAUSES, Wish
 from granite_lab.logs import write_canonical, write_truth
 from granite_lab.parameters import load_robot, load_soil
-from granite_lab.shown import frame
+from granite_lab.shown import Shown, frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,11 +29,14 @@ MODEL = "model.toml"
 
 
 @dataclass(frozen=True)
-class HiddenSet:
+class HiddenSet(Shown):
     """Virtual trials in which something is hidden, or nothing, and the file with the sealed answer."""
 
     trials: tuple[Path, ...]
     sealed: Path
+
+    def __repr__(self) -> str:
+        return f"HiddenSet({len(self.trials)} virtual trials, answer sealed in {self.sealed.name})"
 
     def to_frame(self) -> pd.DataFrame:
         """Return the logs with their hashes, one row a trial; nothing of the answer is in it."""
@@ -42,12 +45,16 @@ class HiddenSet:
 
 
 @dataclass(frozen=True)
-class Revealed:
+class Revealed(Shown):
     """The answer of a hidden set, the score of a discovery if one was given, and trials that have changed."""
 
     answer: Mapping[str, Any]
     score: Score | None
     warnings: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        hidden = ", ".join(effect["id"] for effect in self.answer["effects"]) or "nothing"
+        return f"Revealed({hidden}{'' if self.score is None else ', with the score of a discovery'})"
 
     def to_frame(self) -> pd.DataFrame:
         """Return what was hidden, one row a parameter."""

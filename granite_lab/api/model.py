@@ -36,7 +36,7 @@ from granite_lab.parameters import (
 )
 from granite_lab.parameters.catalogue import Provenance, forget, in_force
 from granite_lab.parameters.quantity import build, key_of
-from granite_lab.shown import frame
+from granite_lab.shown import Shown, frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -152,7 +152,7 @@ def _trapezoid(
 
 
 @dataclass(frozen=True, eq=False)
-class WheelRun:
+class WheelRun(Shown):
     """One wheel at one or more slips; `left_out` are ids of effects that cannot act on a single wheel."""
 
     points: tuple[WheelPoint, ...]
@@ -160,6 +160,13 @@ class WheelRun:
     soil: Soil
     effects: tuple[Active, ...]
     left_out: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        slips = [p.slip for p in self.points]
+        span = (
+            f"{slips[0]:g}" if len(slips) == 1 else f"{min(slips):g} to {max(slips):g}, {len(slips)} values"
+        )
+        return f"WheelRun(slip ratio {span}, load {self.points[0].load:.4g} N on {self.soil.title})"
 
     @property
     def fades(self) -> bool:

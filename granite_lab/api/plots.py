@@ -1,4 +1,4 @@
-"""Figures of motions, fits, comparisons and findings."""
+"""Figures of motions, fits, comparisons, findings and runs of the model."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from granite_lab.api.logs import Ingested
+from granite_lab.api.model import WheelRun
 from granite_lab.api.records import Records
 from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import Finding
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit, K92Fit
+from granite_lab.model.run import Run
 from granite_lab.reporting import canvas
+from granite_lab.reporting.pictures import wheel_figure
 from granite_lab.reporting.plot_motion import SLIP_STD_SHOWN, comparison_figure
 from granite_lab.reporting.plot_results import fits_figure
 from granite_lab.reporting.plot_search import gap_figure
@@ -25,7 +28,7 @@ def plot(record: Any) -> Figure:
     """Return a Matplotlib figure.
 
     Args:
-        record: a motion, fit, comparison or finding, or what `ingest` or `fit_k92` returned.
+        record: a motion, fit, comparison, finding, run or wheel, or what `ingest` or `fit_k92` returned.
 
     Raises:
         TypeError: there is no figure of such a record.
@@ -41,15 +44,45 @@ def plot(record: Any) -> Figure:
     match record:
         case Ingested(motion=motion) | (Motion() as motion):
             return motion_plot(motion)
+        case Run():
+            return run_plot(record)
+        case WheelRun():
+            return wheel_figure(record.points, f"One wheel on {record.soil.title}")
+    return _figure_of(record).draw()
+
+
+def _figure_of(record: Any) -> canvas.Figure:
+    """Return the figure of a record as a report has it."""
+    match record:
         case K92Fit():
-            return fits_figure([(record.variant.velocity, record.k92)], record.virtual).draw()
+            return fits_figure([(record.variant.velocity, record.k92)], record.virtual)
         case AThetaFit():
-            return fits_figure([(v, k92) for _, v, k92, _ in record.points], record.virtual, record).draw()
+            return fits_figure([(v, k92) for _, v, k92, _ in record.points], record.virtual, record)
         case Comparison():
-            return comparison_figure(record, 0).draw()
+            return comparison_figure(record, 0)
         case Finding():
-            return gap_figure(record).draw()
+            return gap_figure(record)
     raise TypeError(f"plot(): there is no figure of {type(record).__name__}")
+
+
+def run_plot(run: Run) -> Figure:
+    """Draw velocity, slip ratios, torques and pitch of a simulated run over time."""
+    signals = (
+        ("velocity [m/s]", 1.0, {"body": "v_mps", "desired": "v_desired_mps"}),
+        ("slip ratio [%]", 100.0, {"front": "slip_f", "rear": "slip_r"}),
+        ("torque [N m]", 1.0, {"front": "torque_f_Nm", "rear": "torque_r_Nm"}),
+        ("pitch [°]", 180 / math.pi, {"nose down": "pitch_rad"}),
+    )
+    with canvas.styled():
+        figure, axes = canvas.panels([1.1] * 4, y=[label for label, _, _ in signals], x=canvas.TIME)
+        for axis, (_, scale, lines) in zip(axes, signals, strict=True):
+            axis.axvspan(*run.steady, color=canvas.SHADE, linewidth=0, zorder=0)
+            for colour, (name, signal) in zip(
+                (canvas.SIMULATED, canvas.SIMULATED_LIGHT), lines.items(), strict=False
+            ):
+                axis.plot(run.t, scale * run[signal], color=colour, label=name)
+            canvas.legend(axis)
+    return figure
 
 
 def motion_plot(motion: Motion) -> Figure:

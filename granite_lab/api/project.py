@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import difflib
+import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 
 from granite_lab.api.arguments import Logs
 from granite_lab.effects import library
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import InputError, UsageError
-from granite_lab.files import refuse_special
+from granite_lab.files import refuse_special, sha256
 from granite_lab.logs.trial import is_log, name_of, trial_files
 from granite_lab.options import Options
 from granite_lab.origin import EXCLUDED, Failure
@@ -188,11 +190,25 @@ def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
 def results_folder(logs: Logs, name: str) -> Path:
     """Return the folder of that name in which a command writes: in the project's folder of results.
 
+    Where a report of other logs stands there, its name is numbered, so that none overwrites another.
+
     Raises:
         UsageError, InputError: as of `choose`.
     """
-    projects = dict(_projects_of(trial_files(logs)).values())
-    return Path(_agreed(projects, "out", None) or "reports") / name
+    files = trial_files(logs)
+    place = Path(_agreed(dict(_projects_of(files).values()), "out", None) or "reports")
+    numbered = (place / (name if k == 1 else f"{name}-{k}") for k in count(1))
+    return next(folder for folder in numbered if not _of_others(folder, files))
+
+
+def _of_others(folder: Path, files: Sequence[Path]) -> bool:
+    """Say whether a folder holds a report of a study to which none of the logs went in."""
+    try:
+        held = json.loads((folder / "report.json").read_bytes())["provenance"]["inputs"]
+        known = {str(entry["sha256"]) for entry in held}
+        return bool(known) and all(path.is_file() and sha256(path) not in known for path in files)
+    except (OSError, ValueError, KeyError, TypeError):  # no report, or not one of a study
+        return False
 
 
 def _agreed(projects: Mapping[Path, Project], key: str, given: str | None) -> str | None:

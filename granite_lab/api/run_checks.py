@@ -21,7 +21,7 @@ from granite_lab.options import Options
 from granite_lab.parameters import WHEELS
 from granite_lab.processes import one_thread
 from granite_lab.rounding import percent_of
-from granite_lab.shown import frame
+from granite_lab.shown import Shown, frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,7 +50,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Checked:
+class Checked(Shown):
     """What was checked in a log.
 
     Attributes:
@@ -66,6 +66,9 @@ class Checked:
     checks: tuple[Check, ...]
     grade: str = ""
     unusable: bool = False
+
+    def __repr__(self) -> str:
+        return f"Checked({self.log.name}: {'good' if self.good else 'BAD'}, {self.reason})"
 
     @property
     def good(self) -> bool:

@@ -33,7 +33,7 @@ from granite_lab.folders import files_of
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.options import Options
 from granite_lab.origin import NOWHERE, Origin, Written
-from granite_lab.results import StudyResult, TrialResult, of_search
+from granite_lab.results import RECORDINGS, StudyResult, TrialResult, of_search
 from granite_lab.running import Execution, each_trial, sifted
 from granite_lab.running.cache import code, digest_of, fingerprint
 from granite_lab.running.codec import content, encode
@@ -220,6 +220,8 @@ def study(
         if folder is not None:
             result = replace(result, name=folder.name)
             result = _write(result, chosen.options, folder, execution, recordings, progress)
+    import granite_lab.reporting.notebook  # noqa: F401, PLC0415, heavy: how a notebook shows the result
+
     return replace(result, warnings=execution.tidied())
 
 
@@ -242,7 +244,7 @@ def _write(
         model = folder / MODEL if MODEL in known else None
         return replace(result, written=Written(folder / "index.html", model, unchanged=True))
     if recordings:
-        place = folder / "recordings"
+        place = folder / RECORDINGS
         guard.run("recordings", lambda: record_trials(result, place, jobs=jobs, progress=progress))
     progress("report", 0)
     result = write(result, options, folder, failures=guard.lines, jobs=jobs)

@@ -26,6 +26,7 @@ from granite_lab.commands.options import (
     Topics,
     about,
     at_hand,
+    count_of,
     interval_of,
     measured,
     picture,
@@ -57,7 +58,7 @@ def check(
     Of several logs one line each is shown. The exit code is 3 if one cannot be used, 4 if one is poor.
     """
     given = at_hand(about(logs, robot, soil, column_map, topics, begin, end))
-    with progress("checking", quiet=quiet) as watch:
+    with progress("checking", quiet=quiet, total=count_of(given["logs"])) as watch:
         checked = gl.check_logs(**given, jobs=jobs, done=watch.done)
     printer = Printer(as_json)
     if len(checked) == 1:
@@ -190,7 +191,7 @@ def ingest(
     given["distance_measured"] = next(iter(read_all("--distance-measured", tape, measured, tape_hint)), None)
     ending = ending_of(None, table_format)
     folder = out or results_folder(given["logs"] or [file for file in (imu,) if file], "ingest")
-    with progress("ingesting", quiet=quiet) as watch:
+    with progress("ingesting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
         ingested = gl.ingest(
             **given, against_reference=bool(against_reference), strict=strict, jobs=jobs, done=watch.done
         )

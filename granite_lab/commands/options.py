@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 from typer import Argument, Option
 
-from granite_lab.errors import UsageError, printable
+from granite_lab.errors import LabError, UsageError, printable
 from granite_lab.estimate import Estimate
 
 T = TypeVar("T")
@@ -111,6 +111,16 @@ def at_hand(keywords: dict[str, Any]) -> dict[str, Any]:
     found = logs_at_hand()
     print(printable(found.line), file=sys.stderr)
     return {**found.said, **keywords, "logs": list(found.logs)}
+
+
+def count_of(logs: Sequence[Path]) -> int | None:
+    """Return how many logs there are, for the end of a progress bar; None where that is not known."""
+    from granite_lab.logs.trial import trial_files
+
+    try:
+        return len(trial_files(logs))
+    except (LabError, OSError):  # told by the command itself
+        return None
 
 
 def read_all(option: str, texts: Sequence[str], read: Callable[[str], T], hint: str) -> list[T]:

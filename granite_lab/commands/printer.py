@@ -113,18 +113,21 @@ class Watch:
 
 
 @contextmanager
-def progress(text: str, *, quiet: bool) -> Iterator[Watch]:
-    """Show progress on stderr where it is a terminal, and nothing elsewhere or if `quiet`."""
+def progress(text: str, *, quiet: bool, total: int | None = None) -> Iterator[Watch]:
+    """Show progress on stderr where it is a terminal, and nothing elsewhere or if `quiet`.
+
+    `total` is the number of steps, with which the time that is left is shown; None where it is not known.
+    """
     from rich import progress as rich
 
     shown = console(stderr=True)
     columns = (
         rich.TextColumn("{task.description}"), rich.BarColumn(), rich.MofNCompleteColumn(),
-        rich.TimeElapsedColumn(),
+        rich.TimeElapsedColumn(), rich.TextColumn("left"), rich.TimeRemainingColumn(),
     )  # fmt: skip
     hidden = quiet or not shown.is_terminal
     with rich.Progress(*columns, console=shown, transient=True, disable=hidden) as bar:
-        task = bar.add_task(text, total=None)
+        task = bar.add_task(text, total=total)
         yield Watch(
             done=lambda _: bar.advance(task),
             stage=lambda what, count: bar.update(task, description=what, completed=count, total=None),

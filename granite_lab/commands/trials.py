@@ -32,6 +32,7 @@ from granite_lab.commands.options import (
     UseCache,
     about,
     at_hand,
+    count_of,
 )
 from granite_lab.commands.printer import Printer, progress, provenance, warn, warn_of
 from granite_lab.errors import LabError
@@ -66,7 +67,7 @@ def fit_k92(
     Fits without an optimum are marked; --verbose prints notes on all fits.
     """
     given = at_hand(about(logs, robot, soil, column_map, topics, begin, end))
-    with progress("fitting", quiet=quiet) as watch:
+    with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
         fits = gl.fit_k92(
             **given, model=model, effects=effects, strict=strict, jobs=jobs, scheduler=scheduler,
             cache=cache, done=watch.done,
@@ -103,7 +104,7 @@ def fit_atheta(
     given = about(logs, robot, soil, column_map, topics, begin, end)
     if not published:
         given = at_hand(given)
-    with progress("fitting", quiet=quiet) as watch:
+    with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
         fit = gl.fit_a_theta(
             **given, published=published, model=model, effects=effects, strict=strict, jobs=jobs,
             scheduler=scheduler, cache=cache, done=watch.done,
@@ -138,7 +139,7 @@ def compare(
 
     given = at_hand(about(logs, robot, soil, column_map, topics, begin, end))
     out = out or results_folder(given["logs"], "compare")
-    with progress("fitting", quiet=quiet) as watch:
+    with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
         comparisons = gl.compare(
             **given, out=out, model=model, effects=effects, strict=strict, jobs=jobs, scheduler=scheduler,
             cache=cache, done=watch.done,
@@ -190,7 +191,7 @@ def study(
         return
     given = at_hand(about(logs, robot, soil, column_map, topics, begin, end))
     out = out or results_folder(given["logs"], "study")
-    with progress("trials", quiet=quiet) as watch:
+    with progress("trials", quiet=quiet, total=count_of(given["logs"])) as watch:
         result = gl.study(
             **given, out=out, discover=discover, recordings=recordings, model=model, effects=effects,
             tolerance=tolerance, latency=latency / 1e3, strict=strict, jobs=jobs, scheduler=scheduler,
@@ -362,6 +363,12 @@ def show_plan(plan: Plan, shown: Console) -> None:
     what = "Relative standard deviation" if sharpens else "Expected log Bayes factors"
     say(shown, asked(plan) + (" (virtual data)" if plan.design.virtual else ""), "bold")
     say(shown, f"{what} with {trials}: {known}.")
+    if sharpens:
+        share = reporting.search_tables.FORMULA
+        say(
+            shown,
+            f"The error of a formula, {share}, is not part of it: no trial lowers it. The report adds it.",
+        )
     if not plan.worth:
         why = "none lowers the std by a fifth" if sharpens else "none adds 3 to a log Bayes factor (20 to 1)"
         say(shown, f"No trial is recommended: {why}.", "bold")

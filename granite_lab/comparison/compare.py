@@ -42,6 +42,9 @@ UNITS = {
 
 PHASES = ("all", "rest", "accelerate", "steady", "brake")
 
+STANDSTILL = frozenset({"pitch", "accel", "pitch_rate"})
+"""Channels of which the change since the standstill before the command is compared."""
+
 SLIP_STD_USED = 0.1
 """Slip ratios with a larger std say nothing (the last moments before standstill, section 5)."""
 
@@ -95,6 +98,14 @@ class Comparison(Shown):
     simulated: dict[str, Array]
     misfits: tuple[Misfit, ...]
 
+    @property
+    def start(self) -> float:
+        """The log's own time [s] at which the clock of the comparison reads zero."""
+        if len(self.motion.t) == len(self.t):
+            return float(np.median(self.motion.t - self.t))
+        start = self.fit.t_start.value
+        return start if np.isfinite(start) else self.motion.t_start.value
+
     def __repr__(self) -> str:
         return f"Comparison({self.motion!r}, {self.fit!r}, {len(self.misfits)} misfits)"
 
@@ -137,12 +148,12 @@ def compare(
             "the log must contain the beginning of the motion",
         )
     t = motion.t - start
-    simulated = _simulated(run, t)
+    simulated = simulated_channels(run, t)
     measured = _measured(motion, trial, robot, t)
-    for name in measured.keys() & {"pitch", "accel", "pitch_rate"}:
+    for name in measured.keys() & STANDSTILL:
         # tilt of the sensor and bias cannot be told from the robot's own pitch: its change is compared
         value, std = measured[name]
-        measured[name] = value - _standstill_mean(t, value - simulated[name])[0], std
+        measured[name] = value - standstill_mean(t, value - simulated[name])[0], std
     late = np.nan_to_num(fit.t_start.std)
     values, stds, misfits = {}, {}, []
     for name, (value, own) in measured.items():
@@ -188,7 +199,7 @@ def _measured(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Measured:
     return {name: found[name] for name in UNITS if name in found and np.isfinite(found[name][0]).any()}
 
 
-def _simulated(run: Run, t: Array) -> dict[str, Array]:
+def simulated_channels(run: Run, t: Array) -> dict[str, Array]:
     """Return every channel of a run at `t`; at rest outside the run.
 
     All are those of the virtual sensors, so that a sensor's fault in the model appears in them.
@@ -211,7 +222,7 @@ def _torque_per_ampere(robot: Robot) -> float:
     return drive.gear_efficiency * drive.gear_ratio * drive.torque_constant
 
 
-def _standstill_mean(t: Array, signal: Array) -> tuple[float, int]:
+def standstill_mean(t: Array, signal: Array) -> tuple[float, int]:
     """Return the mean of a signal up to 50 ms before the command, and of how many samples; 0 of none."""
     still = (t < -0.05) & np.isfinite(signal)
     count = int(still.sum())
@@ -232,7 +243,7 @@ def _torques(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Measured:
             good = np.isfinite(current)
             if good.sum() < 2:
                 continue
-            offset, samples = _standstill_mean(stamps, current)
+            offset, samples = standstill_mean(stamps, current)
             if samples:
                 offset_std = max(sensor.noise / np.sqrt(samples), sensor.step / np.sqrt(12))
             pair.append(np.interp(t, stamps[good], current[good] - offset, left=np.nan, right=np.nan))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import PhaseName
@@ -309,6 +309,12 @@ class Finding(Shown):
     simulates: tuple[float, ...] = ()
 
     @property
+    def tried(self) -> tuple[Candidate, ...]:
+        """The candidates, likeliest first, without terms of the empirical law that were never fitted."""
+        law = "empirical."
+        return tuple(c for c in self.candidates if not c.id.startswith(law) or c.status != "screened")
+
+    @property
     def terms(self) -> tuple[FoundEffect, ...]:
         """All that the likeliest model holds and that matters, named or not."""
         return (*self.effects, *self.description)
@@ -323,11 +329,18 @@ class Finding(Shown):
             found[name] = Estimate(value, value * log.std)
         return found
 
+    def sand_of(self, trial: str) -> tuple[Soil, float]:
+        """Return the sand of a trial as fitted, and its a_θ [s/m]; of another trial that of all."""
+        common = {name: number.value for name, number in self.fitted_sand.items()}
+        own: dict[str, Any] = {**common, **dict(self.sand_per_trial).get(trial, {})}
+        a_theta = own.pop("a_theta", load_paper().a_theta)
+        return replace(self.soil, **own), a_theta
+
     def __repr__(self) -> str:
         found = ", ".join(effect.id for effect in self.effects)
         return (
             f"Finding('{self.verdict}'{', virtual' if self.virtual else ''}: {found or 'no effect'}, "
-            f"probability {self.probability:.3g}, {len(self.candidates)} candidates)"
+            f"probability {self.probability:.3g}, {len(self.tried)} candidates)"
         )
 
     def to_frame(self) -> pd.DataFrame:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
-from granite_lab.columns import Cell, Column, Table
+from granite_lab.columns import Cell, Column, Table, number
 from granite_lab.estimate import Estimate, Part
 from granite_lab.origin import NOWHERE, Origin
 from granite_lab.parameters import Variant
@@ -57,6 +57,9 @@ STATUS_NAMES: Mapping[FitStatus, str] = {
 """Status of a fit as a reader calls it."""
 
 SCATTER = "scatter between trials beyond these"
+
+APART = 3.0
+"""The two k_92 of a trial differ by more than chance from so many standard deviations on."""
 
 TRIALS = "trials"
 """The std of a_θ by the files, as a component of a larger one."""
@@ -112,6 +115,27 @@ class K92Fit(Shown):
     latency: Estimate = Estimate(math.nan)  # noqa: RUF009, frozen
     shared: tuple[Shift, ...] = ()
 
+    @property
+    def apart(self) -> float:
+        """Difference of the two k_92 over the std of both together; NaN where either has none."""
+        if self.status != "ok" or self.status_trajectory != "ok":
+            return math.nan
+        spread = math.hypot(self.k92.std, self.k92_trajectory.std)
+        return abs(self.k92.value - self.k92_trajectory.value) / spread if spread > 0 else math.nan
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader of the numbers should know, one line each."""
+        lines = []
+        if self.status_trajectory == "not_converged":
+            lines.append("the fit of k_92 to the trajectory did not converge; its std is not known")
+        if self.apart > APART:
+            lines.append(
+                f"k_92 by the steady slip and by the trajectory are more than {APART:g} std apart: the model "
+                "does not explain both"
+            )
+        return tuple(lines)
+
     def __repr__(self) -> str:
         return (
             f"K92Fit('{self.trial}'{', virtual' if self.virtual else ''}: {self.variant.velocity:g} m/s, "
@@ -123,14 +147,16 @@ class K92Fit(Shown):
         """Return the fit as one row, units in the column names."""
         row = {"trial": self.trial, "virtual": self.virtual, "variant_mps": self.variant.velocity}
         found = {"k92": self.k92, "k92_trajectory": self.k92_trajectory, "slip_ratio": self.slip_measured}
-        for name, number in found.items():
-            row |= {name: number.value, f"{name}_std": number.std}
+        for name, one in found.items():
+            row |= {name: one.value, f"{name}_std": one.std}
         row |= {"slip_ratio_simulated": self.slip_simulated}
         return frame([row | picked(self, "status", "status_trajectory")])
 
 
 def _with_status(value: Estimate, status: FitStatus) -> Cell:
     """Return k_92; where it is no inner optimum it stands with the reason."""
+    if status == "not_converged":  # the curvature where a fit stopped is no std
+        value = Estimate(value.value)
     text, raw = plus_minus(value), (value.value, value.std, STATUS_NAMES[status])
     return Cell(text, raw) if status == "ok" else Cell(f"{text} ({STATUS_NAMES[status]})", raw, "fair")
 
@@ -144,6 +170,13 @@ K92_TRAJECTORY = Column[K92Fit](
     "k92_trajectory k92_trajectory_std k92_trajectory_status",
     unit="–",
 )
+
+
+def _apart(fit: K92Fit) -> Cell:
+    return replace(number(fit.apart, 2), tone="fair" if fit.apart > APART else "")
+
+
+K92_APART = Column[K92Fit]("apart", _apart, "k92_apart", unit="σ")
 K92_FITS = Table[K92Fit](
     "k92",
     "k_92 of each trial",
@@ -152,7 +185,9 @@ K92_FITS = Table[K92Fit](
     Column("λ_R", lambda f: f.slip_measured, "slip_ratio slip_ratio_std", unit="%", scale=100),
     K92_STEADY,
     K92_TRAJECTORY,
-    note="Value ± standard deviation.",
+    K92_APART,
+    note=f"Value ± standard deviation. Apart: difference of the two k_92 over its std; above {APART:g} the "
+    "model does not explain both.",
 )
 
 LAW_NAMES = {

@@ -28,6 +28,7 @@ from granite_lab.logs.table import Table, open_table
 from granite_lab.logs.trial import Array, Trial, is_bag, name_of, parts_of
 from granite_lab.parameters import load_robot
 from granite_lab.parameters.quantity import toml
+from granite_lab.shown import Shown
 
 _KNOWN = 0.95  # how sure a recognised layout is
 
@@ -117,10 +118,15 @@ class FileReport:
 
 
 @dataclass(frozen=True)
-class Inspection:
+class Inspection(Shown):
     """What was recognised in some logs, file by file."""
 
     files: tuple[FileReport, ...]
+
+    def __repr__(self) -> str:
+        said = [f.problem or f"{f.path.name}: {len(f.columns)} columns" for f in self.files[:3]]
+        more = [f"and {len(self.files) - 3} more"] * (len(self.files) > 3)
+        return f"Inspection({'; '.join([*said, *more])})"
 
     def to_map_toml(self, index: int = 0) -> str:
         """Return the column map of one of the files.

@@ -174,6 +174,11 @@ class Trial:
     corrections: tuple[Correction, ...] = ()
     units: dict[str, str] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        streams = {"IMU": self.imu, "wheels": self.wheels, "currents": self.currents}
+        samples = ", ".join(f"{name} {len(s.t)}" for name, s in streams.items() if s is not None)
+        return f"Trial('{self.name}'{', virtual' if self.info.virtual else ''}: samples {samples or 'none'})"
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """The doubts, one line each."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from granite_lab.parameters import Robot, Soil, Variant
+from granite_lab.shown import Shown
 
 if TYPE_CHECKING:  # a run is often made without ever becoming a table
     import pandas as pd
@@ -14,7 +15,7 @@ if TYPE_CHECKING:  # a run is often made without ever becoming a table
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class Run(Shown):
     """A simulated run; everything the model computes, over a uniform time grid.
 
     Attributes:
@@ -40,6 +41,14 @@ class Run:
     slip_ratio: float
     steady: tuple[float, float]
     wall: float = field(compare=False)
+
+    def __repr__(self) -> str:
+        law = "k_92" if self.k92_law == "constant" else "a_θ"
+        more = f", with {', '.join(self.effects)}" if self.effects else ""
+        return (
+            f"Run({self.variant.velocity:g} m/s, {law} {self.k92_value:.4g}{more}: slip ratio "
+            f"{self.slip_ratio:.4f}, {len(self.t)} instants)"
+        )
 
     def __getitem__(self, name: str) -> Array:
         """Return one signal, as in ``run["v_mps"]``."""

@@ -20,7 +20,7 @@ from granite_lab.parameters import Variant
 from granite_lab.planning.design import Design, Driven
 from granite_lab.planning.stage import DECISIVE, Question, Stage, explanations, fitted, question
 from granite_lab.processes import one_thread
-from granite_lab.shown import frame
+from granite_lab.shown import Shown, frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,7 +86,7 @@ class Proposal:
 
 
 @dataclass(frozen=True)
-class Plan:
+class Plan(Shown):
     """The proposals, the best first.
 
     Attributes:
@@ -101,6 +101,13 @@ class Plan:
     proposals: tuple[Proposal, ...]
     failed: int
     design: Design
+
+    def __repr__(self) -> str:
+        best = self.proposals[0].option if self.proposals else None
+        first = f"first {best.variant.velocity:g} m/s, {best.conditions.words or 'level'}" if best else "none"
+        return (
+            f"Plan({len(self.proposals)} proposals, {first}{'' if self.worth else '; none is worth driving'})"
+        )
 
     @property
     def worth(self) -> bool:

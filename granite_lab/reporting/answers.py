@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from granite_lab.discovery.finding import Finding
+from granite_lab.estimate import mean_over
 from granite_lab.fitting.fit import TRIALS, AThetaFit, View, views_of
 from granite_lab.parameters import by_speed, load_paper
-from granite_lab.reporting.channels import ChannelAnswer, channels_of
+from granite_lab.reporting.channels import AGREES, SMALL, ChannelAnswer, channels_of
 from granite_lab.reporting.names import (
     MUCH,
     capital,
@@ -34,6 +35,11 @@ from granite_lab.rounding import (
     times,
     with_unit,
 )  # fmt: skip
+
+MODEL_QUESTION = "Does the paper's model explain the measurements?"
+
+FAR = 3.0
+"""So many standard deviations from a value a number differs from it."""
 
 SPEEDS = 3
 """A law over speed is tested by at least so many speeds."""
@@ -95,14 +101,14 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
     paper, finding = load_paper(), result.finding
     speeds = speeds_of(result, paper)
     a_theta, agrees = a_theta_of(result.a_theta)
-    channels = channels_of(gaps([r.comparison for r in result.trials]))
+    channels = channels_of(gaps([r.comparison for r in result.trials]), finding)
     questions = []
     if speeds:
         questions = [_slip(speeds), law_answer(result.a_theta, finding), model_answer(channels, finding)]
     elif finding is not None:
-        alike, differ = finding.verdict == "none", _differ(finding, gap_pair(finding)[0])
-        verdict, tone = ("Yes", "good") if alike else ("No", "fair")
-        questions = [Answer("model", "Does the paper's model explain the sensors?", verdict, differ, tone)]
+        verdict, tone, sensors = explained(finding)
+        text = f"{sensors} {_differ(finding, gap_pair(finding)[0])}"
+        questions = [Answer("model", MODEL_QUESTION, verdict, text, tone)]
         questions += [law_answer(None, finding)] if finding.a_theta else []
     questions.append(missing_answer(finding, result.unsearched))
     questions += [closes_answer(finding)] if finding else []
@@ -115,12 +121,18 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
     )  # fmt: skip
 
 
+def explained(finding: Finding) -> tuple[str, str, str]:
+    """Say whether the model explains the sensors it was fitted to: verdict, its tone, and how many agree."""
+    within = sum(g.train[0] <= 1.0 for g in finding.gaps)
+    text = f"{within} of {plural(len(finding.gaps), 'sensor')} agree with the model fitted to all of them."
+    if finding.verdict == "none":
+        return "Yes", "good", text
+    return ("In part", "fair", text) if within else ("No", "bad", text)
+
+
 def _differ(finding: Finding, gap: float) -> str:
     """Say how far the sensors are from the model without effects."""
-    text = (
-        f"Sensors and model differ by {times(gap)} times what noise and a tolerance of "
-        f"{percent(finding.tolerance)} of each sensor's rms explain, {gap_pair(finding)[2]}."
-    )
+    text = f"Gap {gap_pair(finding)[2]}: {times(gap)}. {scale_of_gap(finding)}"
     return text + (" Repetitions of a command differ from each other by more." if finding.scatter else "")
 
 
@@ -206,6 +218,16 @@ def a_theta_of(fit: AThetaFit | None) -> tuple[Number | None, bool | None]:
     return number, number.holds(fit.published) if _speeds_of(fit) >= SPEEDS else None
 
 
+def _k92_off(fit: AThetaFit) -> dict[float, float]:
+    """Return the speeds at which the mean k_92 differs from the paper's, and by how many of its std."""
+    known = {}
+    for velocity, positions in by_speed(v for _, v, _, _ in fit.points).items():
+        k92 = mean_over(fit.points[i][2] for i in positions)
+        own = next((p.k92 for p in load_paper().table3 if abs(p.velocity - velocity) < 0.005), math.nan)
+        known[velocity] = abs(k92.value - own) / k92.std if k92.std > 0 else math.nan
+    return {velocity: far for velocity, far in known.items() if far > FAR}
+
+
 def _speeds_of(fit: AThetaFit) -> int:
     return len({round(velocity, 2) for _, velocity, _, _ in fit.points})
 
@@ -229,7 +251,12 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
         text += f" A test of the law k_92 = exp(−a_θ v) needs {SPEEDS} speeds; these trials have {few}."
         return Answer("a_theta", question, "Not tested", text)
     if agrees:
-        return Answer("a_theta", question, "Yes", text, "good")
+        off = _k92_off(fit)
+        if not off:
+            return Answer("a_theta", question, "Yes", text, "good")
+        where, far = listed([f"{v:g}" for v in off]), listed([significant(x, 2) for x in off.values()])
+        text += f" k_92 itself lies {far} std from the paper's at {where} m/s."
+        return Answer("a_theta", question, f"Yes, but not k_92 at {where} m/s", text, "fair")
     way = "above" if number.value > fit.published else "below"
     text += f" By the files it is {percent(abs(number.value / fit.published - 1))} {way} the paper's."
     if finding is not None and finding.effects:
@@ -272,10 +299,11 @@ def model_answer(channels: Sequence[ChannelAnswer], finding: Finding | None = No
     agree = [c for c in channels if c.tone == "good"]
     differ = sorted((c for c in channels if c.differs), key=lambda c: -c.rms / c.noise)
     unseen = [c.name for c in channels if not c.tone]
-    question = "Does the paper's model explain the measurements?"
+    question = MODEL_QUESTION
     if not agree and not differ:
         return Answer("model", question, "Not known", "The noise of the measured quantities is not known.")
-    text = f"{len(agree)} of {plural(len(channels), 'quantity')} agree with the simulation."
+    nearly = f" or differ by under {percent(SMALL)}" if any(c.verdict != AGREES for c in agree) else ""
+    text = f"{len(agree)} of {plural(len(channels), 'quantity')} agree with the simulation{nearly}."
     if differ:
         worst, names = differ[0], capital(together([c.name for c in differ]))
         text += (
@@ -285,13 +313,13 @@ def model_answer(channels: Sequence[ChannelAnswer], finding: Finding | None = No
         )
     if unseen:
         text += f" Not judged: {listed(unseen)}."
-    missing = finding is not None and finding.verdict != "none"
     verdict, tone = "In part", "fair"
-    if not differ and missing:
-        text += " The readings of the sensors show more: see what is missing."
+    if finding is not None and finding.verdict != "none":
+        verdict, tone, sensors = explained(finding)
+        text += f" {sensors}"
     elif not differ:
         verdict, tone = "Yes", "good"
-    elif finding is not None and not missing:
+    elif finding is not None:
         verdict, tone = "Yes, once the sand is fitted", "good"
         text = f"With the sand of the parameter file: {text} With the sand fitted, the sensors agree too."
     elif not agree:
@@ -334,6 +362,14 @@ def gap_pair(finding: Finding) -> tuple[float, float, str]:
     return (*finding.gap.train, "in the fit")
 
 
+def scale_of_gap(finding: Finding) -> str:
+    """Say what the size of a gap means."""
+    return (
+        f"1 means that noise and a tolerance of {percent(finding.tolerance)} of each sensor's rms explain "
+        "the difference between sensors and model."
+    )
+
+
 def closes_answer(finding: Finding) -> Answer:
     """Say how much of the gap between sensors and model closes with what was found."""
     question = "How much of the gap does it close?"
@@ -341,11 +377,7 @@ def closes_answer(finding: Finding) -> Answer:
     if not finding.terms:
         verdict = "No gap" if finding.verdict == "none" else "Nothing"
         return Answer("closes", question, verdict, _differ(finding, before))
-    text = (
-        f"{capital(where)}, the difference between sensors and model falls from {times(before)} to "
-        f"{times(after)} times what noise and a tolerance of {percent(finding.tolerance)} of each sensor's "
-        "rms explain."
-    )
+    text = f"Gap {where}: {times(before)} without, {times(after)} with it. {scale_of_gap(finding)}"
     closes = 1 - finding.remainder
     verdict = capital(percent(min(max(closes, 0.0), 1.0))) if math.isfinite(closes) else "Not known"
     known = finding.remainder <= MUCH and math.isfinite(finding.gap.held_out[0])

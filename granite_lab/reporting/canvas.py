@@ -13,9 +13,10 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import numpy.typing as npt
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Canvas
+from matplotlib.figure import Figure as Plain
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Transform, blended_transform_factory
 
@@ -47,6 +48,17 @@ DPI = 300
 
 TIME = "time since the start of the command [s]"
 
+NOTEBOOK_DPI = 110
+"""Resolution of a figure in a notebook."""
+
+
+class Canvas(Plain):
+    """A Matplotlib figure that a notebook shows without a backend of its own."""
+
+    def _repr_png_(self) -> bytes:
+        return saved(self, "png", NOTEBOOK_DPI)
+
+
 STYLE = Path(__file__).parent / "templates" / "figure.mplstyle"
 
 
@@ -70,20 +82,22 @@ class Figure:
         caption: what is drawn and how to read it.
         make: makes it; called once per use, so that only one figure need be in memory at a time.
         virtual: its data were written by a simulator; `heading` and the drawing itself then say so.
+        lines: address of its lines on the page to zoom into; empty where they are not there.
     """
 
     name: str
     title: str
     caption: str
-    make: Callable[[], Canvas]
+    make: Callable[[], Plain]
     virtual: bool = False
+    lines: str = ""
 
     @property
     def heading(self) -> str:
         """The title, with "(virtual data)" behind it where that is so."""
         return f"{self.title} (virtual data)" if self.virtual else self.title
 
-    def draw(self) -> Canvas:
+    def draw(self) -> Plain:
         """Return the figure in the report's style, marked in its lower left corner if data are virtual."""
         with styled():
             figure = self.make()
@@ -91,7 +105,7 @@ class Figure:
         return figure
 
 
-def mark_virtual(figure: Canvas, virtual: bool) -> None:
+def mark_virtual(figure: Plain, virtual: bool) -> None:
     """Write on the figure itself, in its lower left corner, that its data come from a simulator."""
     if virtual:
         figure.text(
@@ -196,18 +210,28 @@ def envelope(t: Array, *values: Array, points: int = 700) -> tuple[Array, ...]:
     Kept are the smallest and the largest sample of the first trace in each bin; NaN stays where a bin has
     nothing else.
     """
-    n = len(t)
-    if n <= points:
-        return (t, *values)
-    size = -(-n // (points // 2))
-    bins = -(-n // size)
-    first = np.full(bins * size, np.nan)
-    first[:n] = values[0]
-    blocks, starts = first.reshape(bins, size), np.arange(bins) * size
-    lowest = starts + np.where(np.isnan(blocks), np.inf, blocks).argmin(axis=1)
-    highest = starts + np.where(np.isnan(blocks), -np.inf, blocks).argmax(axis=1)
-    index = np.unique(np.concatenate([[0, n - 1], lowest, highest]))
+    index = extremes(values[:1], points)
     return (t[index], *(v[index] for v in values))
+
+
+def extremes(lines: Sequence[Array], points: int) -> npt.NDArray[np.intp]:
+    """Return positions of the smallest and the largest sample of each of some (N,) lines in each bin.
+
+    Bins are such that about `points` positions are returned; all where there are no more.
+    """
+    n = len(lines[0])
+    if n <= points:
+        return np.arange(n)
+    size = -(-n // max(1, points // (2 * len(lines))))
+    bins = -(-n // size)
+    starts, kept = np.arange(bins) * size, [np.array([0, n - 1])]
+    for line in lines:
+        filled = np.full(bins * size, np.nan)
+        filled[:n] = line
+        blocks = filled.reshape(bins, size)
+        kept.append(starts + np.where(np.isnan(blocks), np.inf, blocks).argmin(axis=1))
+        kept.append(starts + np.where(np.isnan(blocks), -np.inf, blocks).argmax(axis=1))
+    return np.unique(np.concatenate(kept))
 
 
 FORMATS = ("svg", "png", "pdf")
@@ -218,12 +242,12 @@ _TAG, _NUMBER = re.compile(r"<[^>]+>"), re.compile(r"-?\d+\.\d{3,}")
 _ALONE = b'#set page(width: auto, height: auto, margin: 0pt)\n#image("figure.svg")'
 
 
-def saved(figure: Canvas, kind: str, dpi: int = 150) -> bytes:
+def saved(figure: Plain, kind: str, dpi: int = 150) -> bytes:
     """Return a figure as "svg", "png" or "pdf": the same bytes for the same figure."""
     return converted(drawn(figure), kind, dpi)
 
 
-def drawn(figure: Canvas) -> bytes:
+def drawn(figure: Plain) -> bytes:
     """Return a figure as SVG, with text as text and coordinates to 0.01 pt."""
     buffer = io.BytesIO()
     with styled():

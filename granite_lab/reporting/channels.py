@@ -6,11 +6,20 @@ import math
 from dataclasses import dataclass
 
 from granite_lab.columns import Cell, Column, Table, number, words
+from granite_lab.discovery.finding import Finding
 from granite_lab.results import PHASES, Gap
 from granite_lab.rounding import NONE, shown_as, significant, tidy_unit, with_unit
 
+AGREES = "agrees"
+
 NOISE, CLEAR = 1.5, 3.0
 """Difference over noise up to which a channel agrees, and above which it differs clearly."""
+
+SENSORS_OF = {
+    "wheels": ("wheel", "wheel_split"), "torque_f": ("current_f",), "torque_r": ("current_r",),
+    "accel": ("accel_x",), "pitch_rate": ("pitch_rate",),
+}  # fmt: skip
+"""Channel of a comparison to those of a search that see the same."""
 
 SMALL, UNSEEN = 0.01, 0.2
 """Shares of a channel's largest value: a difference below the first is small; noise above the second is
@@ -60,12 +69,20 @@ CHANNEL_TABLE = Table[ChannelAnswer](
     Column("largest value", lambda c: c.size(c.largest), "largest largest_unit"),
     Column("largest difference", lambda c: c.worst),
     note="Root mean square of the difference over whole trials, beside the noise of the measurement (its "
-    "standard deviation) and the largest simulated value. Points: percentage points of slip.",
+    "standard deviation) and the largest simulated value. Points: percentage points of slip. What differs "
+    "less than the noise of a trial is seen in the mean over repetitions: see what is missing.",
 )
 
 
-def channels_of(found: dict[tuple[str, str], Gap]) -> tuple[ChannelAnswer, ...]:
-    """Judge each channel over whole trials."""
+def channels_of(
+    found: dict[tuple[str, str], Gap], finding: Finding | None = None
+) -> tuple[ChannelAnswer, ...]:
+    """Judge each channel over whole trials.
+
+    A search averages repetitions and sees smaller differences than a trial shows: no channel agrees in which
+    it found the model to differ by more than the tolerance.
+    """
+    over = {g.channel for g in finding.gaps if g.train[0] > 1.0} if finding is not None else set()
     judged = []
     for gap in (g for g in found.values() if g.phase == "all"):
         unit, scale = shown_as(gap.unit)
@@ -74,9 +91,10 @@ def channels_of(found: dict[tuple[str, str], Gap]) -> tuple[ChannelAnswer, ...]:
         known = [g for g in phases if math.isfinite(g.normalised)]
         worst = PHASES[max(known, key=lambda g: g.normalised).phase] if known else ""
         sizes = (gap.rms * scale, noise * scale, gap.size * scale)
-        judged.append(
-            ChannelAnswer(gap.channel, gap.name, tidy_unit(unit), *sizes, *_judge(gap, noise), worst)
-        )
+        verdict, tone = _judge(gap, noise)
+        if verdict == AGREES and over.intersection(SENSORS_OF.get(gap.channel, ())):
+            verdict, tone = "differs, less than the noise", "fair"
+        judged.append(ChannelAnswer(gap.channel, gap.name, tidy_unit(unit), *sizes, verdict, tone, worst))
     return tuple(judged)
 
 
@@ -86,7 +104,7 @@ def _judge(gap: Gap, noise: float) -> tuple[str, str]:
     if gap.normalised <= NOISE:
         if gap.size > 0 and noise > UNSEEN * gap.size:
             return "not judged, too noisy", ""
-        return "agrees", "good"
+        return AGREES, "good"
     if gap.size > 0 and gap.rms < SMALL * gap.size:
         return f"differs by under {with_unit(significant(100 * SMALL, 1), '%')}", "good"
     return ("differs", "fair") if gap.normalised <= CLEAR else ("differs clearly", "bad")

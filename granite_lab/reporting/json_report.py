@@ -19,7 +19,7 @@ from granite_lab.origin import Source
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.canvas import FORMATS
 from granite_lab.reporting.report import Report
-from granite_lab.results import SCHEMA, StudyResult, TrialResult, gaps, shown_path
+from granite_lab.results import SCHEMA, StudyResult, TrialResult, gaps, shown_path, warnings_of
 from granite_lab.shown import jsonable, picked
 
 
@@ -138,7 +138,7 @@ def _trial(r: TrialResult) -> dict[str, Any]:
         "repetition": r.trial.info.repetition,
         "effects": r.comparison.run.effects,
         "misfits": r.comparison.misfits,
-        "warnings": list(dict.fromkeys((*r.trial.warnings, *motion.warnings))),
+        "warnings": warnings_of(r),
     }
     return about | motion_as_json(motion) | k92_as_json(r.comparison.fit)
 

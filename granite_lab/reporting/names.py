@@ -8,10 +8,11 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from urllib.parse import urlencode
 
 import numpy as np
 
-from granite_lab.discovery.finding import Candidate, Finding, FoundEffect, FoundParameter, Status
+from granite_lab.discovery.finding import Finding, FoundEffect, FoundParameter, Status
 from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import EffectParameter
@@ -39,6 +40,9 @@ STATUS: Mapping[Status, str] = {
     "at a bound": "ended at a limit",
 }
 """What became of a candidate, as a reader calls it."""
+
+LINES = "explore.html"
+"""Page on which each line can be zoomed into."""
 
 PREFIXED = ("s", "m", "rad", "m/N", "rad/(N m)")
 """Units that take a milli or a micro in front."""
@@ -81,20 +85,6 @@ def declared(effect_id: str, name: str) -> EffectParameter | None:
     """Return a number of an effect as the effect declares it; None where nothing is known of either."""
     effect = met(effect_id)
     return next((p for p in effect.parameters if p.name == name), None) if effect else None
-
-
-def brief(effect_id: str) -> str:
-    """Return an effect's id as words short enough for a row of a figure."""
-    term = term_of(effect_id)
-    if term is None:
-        return plain(effect_id)
-    axle = {"torque_f": "front torque", "torque_r": "rear torque"}
-    return f"{axle.get(term[0], term[0])} by {term[1].replace('_', ' ')}"
-
-
-def shown_candidates(finding: Finding) -> list[Candidate]:
-    """Return the candidates, likeliest first, without terms of the empirical law that were never fitted."""
-    return [c for c in finding.candidates if term_of(c.id) is None or c.status != "screened"]
 
 
 def describe(effect: FoundEffect) -> str:
@@ -173,6 +163,12 @@ def shared(lines: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:
     )
 
 
+def lines_of(trial: str = "", speed: float = math.nan, quantity: str = "motion") -> str:
+    """Return where lines stand on the page to zoom into: of a trial, or of all at a speed."""
+    at = {"trial": trial} if trial else {"trial": "", "speed": f"{speed:.3g}"}
+    return f"{LINES}#{urlencode(at | {'quantity': quantity})}"
+
+
 def speed_stem(speed: float) -> str:
     """Return a speed of `parameters.by_speed` [m/s] as part of a file's name, which no other speed has."""
     whole, _, decimals = f"{speed:.3g}".partition(".")
@@ -248,8 +244,8 @@ def next_steps(finding: Finding, model: Path | str | None, folder: str, effects:
 
     `effects` is the user's own effect file that the search was given; empty where there is none.
     """
-    given = f" --effects {_pasted(effects)}" if effects else ""
-    plan = f"granite-lab plan-next {_pasted(folder)}{given}"
+    given = f" --effects {pasted(effects)}" if effects else ""
+    plan = f"granite-lab plan-next {pasted(folder)}{given}"
     own = "granite-lab discover TRIALS --effects my_effect.py"
     again = "Drive two trials or more at each of three speeds, then search again."
     steps = [again] if finding.provisional else []
@@ -281,12 +277,12 @@ def next_steps(finding: Finding, model: Path | str | None, folder: str, effects:
         speed = min(finding.simulates, key=lambda v: abs(v - TYPICAL))
         steps.append(
             "Simulate with what was found; at other speeds and on other sand that is a guess until a trial "
-            f"confirms it: granite-lab simulate --model {_pasted(f'{folder}/{Path(model).name}')}{given} "
+            f"confirms it: granite-lab simulate --model {pasted(f'{folder}/{Path(model).name}')}{given} "
             f"--variant {speed:g}"
         )
     return (*steps, *([] if twins else [f"Plan the trial that lowers the largest std: {plan}"]))
 
 
-def _pasted(path: str) -> str:
+def pasted(path: str) -> str:
     """Return a path as a shell takes it."""
     return shlex.quote(" ".join(path.split()))

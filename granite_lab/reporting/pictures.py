@@ -258,7 +258,7 @@ def _sweep(points: Sequence[WheelPoint], title: str) -> Canvas:
 def _arc(point: WheelPoint, title: str) -> Canvas:
     """Draw normal and shear stress over the contact arc, the rear at the left."""
     with canvas.styled():
-        angles = "angle from the lowest point ϑ [°], front at the right"
+        angles = "angle ϑ from the lowest point, front at the right [°]"
         figure, (axis,) = canvas.panels([2.3], head=0.46, y=["stress [kPa]"], x=angles)
         angle = np.degrees(point.angle)
         axis.axhline(0, color=canvas.INK, linewidth=0.6)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
+from matplotlib.ticker import MaxNLocator
 
 from granite_lab.comparison.compare import Comparison
 from granite_lab.estimation.motion import Motion
@@ -21,7 +22,7 @@ from granite_lab.parameters import WHEELS
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Figure
 from granite_lab.reporting.channels import channels_of
-from granite_lab.reporting.names import speed_stem, together
+from granite_lab.reporting.names import lines_of, speed_stem, together
 from granite_lab.reporting.speeds import Speed
 from granite_lab.results import gaps, mean_of_known
 from granite_lab.rounding import significant
@@ -51,6 +52,7 @@ class Panel(NamedTuple):
         scale: from the unit of the comparison to that of the axis.
         channels: of its lines, the dark one first; "wheels" is the mean of the four.
         key: what dark and light lines are.
+        finer: from the unit of the axis to that of the difference below.
     """
 
     label: str
@@ -58,13 +60,27 @@ class Panel(NamedTuple):
     scale: float
     channels: tuple[str, ...]
     key: str = ""
+    finer: float = 1.0
 
+    @property
+    def unit(self) -> str:
+        """Unit of the axis."""
+        return self.label.partition("[")[2].rstrip("]")
+
+    @property
+    def below(self) -> str:
+        """Label of the panel with the difference."""
+        return "[mm/s]" if self.unit == "m/s" else "[points]" if self.unit == "%" else f"[{self.unit}]"
+
+
+DIFFERENCE = 0.42
+"""Height of a panel with the difference [in]."""
 
 PANELS = (
-    Panel("velocity [m/s]", 1.25, 1.0, ("velocity", "wheels"), "dark: body, light: wheels"),
-    Panel("slip ratio [%]", 1.05, 100.0, ("slip_f", "slip_r"), "dark: front, light: rear"),
-    Panel("wheel torque [N m]", 1.05, 1.0, ("torque_f", "torque_r"), "dark: front, light: rear"),
-    Panel("pitch [°]", 0.85, 180 / math.pi, ("pitch",)),
+    Panel("velocity [m/s]", 1.1, 1.0, ("velocity", "wheels"), "dark: body, light: wheels", 1e3),
+    Panel("slip ratio [%]", 0.95, 100.0, ("slip_f", "slip_r"), "dark: front, light: rear"),
+    Panel("torque [N m]", 0.95, 1.0, ("torque_f", "torque_r"), "dark: front, light: rear"),
+    Panel("pitch [°]", 0.7, 180 / math.pi, ("pitch",)),
 )
 
 
@@ -76,13 +92,17 @@ def motion_figure(speed: Speed) -> Figure:
     title = f"{speed.velocity:g} m/s: {_verdict([r.comparison for r in speed.results])}"
     virtual = any(r.comparison.motion.virtual for r in speed.results)
     name = f"motion_{speed_stem(speed.velocity)}"
-    return Figure(name, title, f"Trial {c.motion.trial}{like}.", partial(_history, c), virtual)
+    caption = f"Trial {c.motion.trial}{like}."
+    return Figure(name, title, caption, partial(_history, c), virtual, lines_of(c.motion.trial))
 
 
-def comparison_figure(c: Comparison, index: int) -> Figure:
-    """Draw one trial, measured and simulated on one axis."""
+def comparison_figure(c: Comparison, index: int, like: Sequence[Comparison] = ()) -> Figure:
+    """Draw one trial, measured and simulated on one axis.
+
+    The title judges it together with those `like` it, the repetitions of its command.
+    """
     stem = re.sub(r"[^A-Za-z0-9._-]+", "_", c.motion.trial)[:80]
-    title, name = f"{c.motion.trial}: {_verdict([c])}", f"compare_{index:02d}_{stem}"
+    title, name = f"{c.motion.trial}: {_verdict(like or [c])}", f"compare_{index:02d}_{stem}"
     caption = "Blue: measured, orange: simulated; grey: steady part; bands: ±2σ."
     return Figure(name, title, caption, partial(_history, c), c.motion.virtual)
 
@@ -97,7 +117,7 @@ def _verdict(comparisons: Sequence[Comparison]) -> str:
     return "measurement and simulation agree" if judged else "measured and simulated"
 
 
-def _channel(c: Comparison, source: str, name: str) -> tuple[Array, Array]:
+def shown_channel(c: Comparison, source: str, name: str) -> tuple[Array, Array]:
     """Return a channel and its std in the comparison's unit, NaN where there is nothing to show.
 
     Slip is left out where it is not defined well: simulated below 0.02 m/s at the wheel, measured
@@ -132,25 +152,27 @@ class Line(NamedTuple):
 
 
 def _history(c: Comparison) -> Canvas:
-    figure, axes = canvas.panels([p.height for p in PANELS], y=[p.label for p in PANELS], x=canvas.TIME)
+    heights = [h for p in PANELS for h in (p.height, DIFFERENCE)]
+    labels = [text for p in PANELS for text in (p.label, p.below)]
+    figure, axes = canvas.panels(heights, y=labels, x=canvas.TIME, gap=0.2)
     end = min(float(c.t[-1]), duration(c.run.variant) + 1.2)
     inside = (c.t >= -0.5) & (c.t <= end)
     t = c.t[inside]
-    for axis, panel in zip(axes, PANELS, strict=True):
-        if all(map(math.isfinite, c.run.steady)):
-            axis.axvspan(*c.run.steady, color=canvas.SHADE, linewidth=0, zorder=0)
+    for axis, below, panel in zip(axes[::2], axes[1::2], PANELS, strict=True):
+        for one in (axis, below) if all(map(math.isfinite, c.run.steady)) else ():
+            one.axvspan(*c.run.steady, color=canvas.SHADE, linewidth=0, zorder=0)
         lines = [
             Line(source, light, value[inside] * panel.scale, std[inside] * panel.scale)
             for source in SOURCES
             for light, name in enumerate(panel.channels)
-            for value, std in (_channel(c, source, name),)
+            for value, std in (shown_channel(c, source, name),)
             if np.isfinite(value[inside]).any()
         ]
         wide = _panel(axis, panel, t, lines)
+        _difference(below, panel, t, lines)
         parts = [panel.key if any(line.source == "measured" for line in lines) else "not measured"]
         if wide:
-            unit = panel.label.partition("[")[2].rstrip("]")
-            parts.append(f"±2σ of the measurement, not drawn: {significant(wide, 2)} {unit}")
+            parts.append(f"±2σ of the measurement, not drawn: {significant(wide, 2)} {panel.unit}")
         canvas.key(axis, "; ".join(filter(None, parts)))
     desired = c.run.signals.get("v_desired_mps")
     if desired is not None and t.size:
@@ -194,6 +216,26 @@ def _panel(axis: Axes, panel: Panel, t: Array, lines: Sequence[Line]) -> float:
     return wide
 
 
+def _difference(axis: Axes, panel: Panel, t: Array, lines: Sequence[Line]) -> None:
+    """Draw simulated minus measured of each channel, less rare spikes."""
+    axis.yaxis.set_major_locator(MaxNLocator(3))
+    if not lines:
+        return
+    axis.axhline(0, color=canvas.INK, linewidth=0.6, zorder=1)
+    canvas.key(axis, "simulated − measured")
+    every = []
+    for light in range(len(panel.channels)):
+        own = {line.source: line for line in lines if line.light == light}
+        if len(own) == len(SOURCES):
+            gap = panel.finer * (own["simulated"].value - own["measured"].value)
+            axis.plot(*canvas.envelope(t, gap), color=own["simulated"].colour, linewidth=0.8)
+            every.append(gap[np.isfinite(gap)])
+    known = np.concatenate([*every, np.zeros(1)])
+    low, high = np.percentile(known, [1, 99]) if known.size > 1 else (-1.0, 1.0)
+    most = 1.2 * max(abs(low), abs(high)) or 1.0
+    axis.set_ylim(-most, most)
+
+
 def _mark_beyond(axis: Axes, t: Array, lines: Sequence[Line], edge: float, sign: int) -> None:
     """Mark each line that leaves a panel above (sign 1) or below (-1), and say how far the farthest goes."""
     out = []
@@ -234,9 +276,11 @@ def health_figure(motion: Motion, index: int) -> Figure:
     title = f"{motion.trial}: the estimate is {'good' if h.good else 'doubtful'}"
     caption = (
         f"{significant(outside, 2)} % of the innovations lie outside ±2σ (band); 5 % are expected. Mean "
-        f"normalised innovation squared, 1 is ideal: {squares or 'none'}. Grey: standstills."
+        f"normalised innovation squared, 1 is ideal, up to 3 is good, of few innovations more: "
+        f"{squares or 'none'}. Grey: standstills."
     )
-    return Figure(f"health_{index:02d}", title, caption, partial(_health, motion, ratio), motion.virtual)
+    make, lines = partial(_health, motion, ratio), lines_of(motion.trial)
+    return Figure(f"health_{index:02d}", title, caption, make, motion.virtual, lines)
 
 
 def _health(motion: Motion, ratio: Array) -> Canvas:

@@ -6,10 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from textwrap import wrap
 
 import numpy as np
 from matplotlib.figure import Figure as Canvas
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import MaxNLocator
 
 from granite_lab.discovery.finding import Candidate, Finding, Residual
 from granite_lab.logs.trial import Array
@@ -19,13 +20,12 @@ from granite_lab.reporting.answers import gap_pair
 from granite_lab.reporting.canvas import AFTER, BEFORE, Figure
 from granite_lab.reporting.names import (
     STATUS,
-    brief,
     capital,
     channels_of,
+    lines_of,
     listed,
     plain,
     sensor,
-    shown_candidates,
     speed_stem,
     with_found,
 )
@@ -37,8 +37,6 @@ Pair = tuple[float, float]
 
 SHOWN = 3
 """Channels of a time history: those in which the gap is largest."""
-FITTED = 12
-"""Candidates that a figure shows at most."""
 KEYS_LEFT = 0.06
 """Where legends of named rows begin, from the left edge of the figure [in]."""
 
@@ -52,7 +50,7 @@ def gap_figure(finding: Finding) -> Figure:
     first = len(lines)
     lines |= {sensor(c): known[c].train for c in channels_of(finding) if c in known}
     before, after, where = gap_pair(finding)
-    title = f"Sensors and model differ by {times(before)} times what noise and tolerance explain"
+    title = f"The gap between sensors and model is {times(before)}; 1 is explained by noise and tolerance"
     if finding.terms:
         title = (
             f"{capital(with_found(finding))}, the gap falls from {times(before)} to {times(after)} {where}"
@@ -66,11 +64,9 @@ def gap_figure(finding: Finding) -> Figure:
 
 def _dumbbells(lines: Mapping[str, Pair], finding: Finding, rule: int) -> Canvas:
     """Draw before and after of each row; a thin line stands above row number `rule`."""
-    pairs = np.array(list(lines.values())).T
-    known = pairs[pairs > 0]
-    zero, high = 0.4 * min([*known, 0.9]), 1.25 * max([*known, 2.0])  # place of 0 on the logarithmic axis
+    before, after = pairs = np.array(list(lines.values())).T
+    high = max([*pairs[np.isfinite(pairs)], 2.0])
     figure, (axis,) = canvas.named_rows(list(lines), row=0.2)
-    before, after = np.where(pairs == 0, zero, pairs)
     y = np.arange(len(lines))
     axis.axvline(1.0, color=canvas.INK, linewidth=1.0, linestyle=(0, (4, 1.5)))
     axis.plot(before, y, "o", color=BEFORE, markersize=4.5, label="paper's model")
@@ -79,11 +75,11 @@ def _dumbbells(lines: Mapping[str, Pair], finding: Finding, rule: int) -> Canvas
             y, np.fmin(before, after), np.fmax(before, after), color=canvas.FAINT, linewidth=1.6, zorder=1
         )
         axis.plot(after, y, "D", color=AFTER, markersize=4, label=with_found(finding))
-    axis.set(xscale="log", xlim=(0.85 * zero, high), xlabel="gap, 1 means explained [–]")
-    marks = LogLocator(subs=(1, 2, 5) if high < 60 * zero else (1,), numticks=5).tick_values(zero, high)
-    ticks = [x for x in marks if 2 * zero < x < high]
-    axis.set_xticks([zero, *ticks], ["0", *(f"{x:g}" for x in ticks)])
-    axis.xaxis.set_minor_locator(NullLocator())
+    for k, pair in enumerate(lines.values()):
+        text = " → ".join(times(x) for x in (pair if finding.terms else pair[:1]))
+        axis.text(1.42 * high, k, text, ha="right", va="center", fontsize=7.5)
+    axis.set(xlim=(-0.04 * high, 1.45 * high), xlabel="gap, 1 means explained [–]")
+    axis.set_xticks([x for x in MaxNLocator(5).tick_values(0, high) if 0 <= x <= high])
     axis.axhline(rule - 0.5, color=canvas.FAINT, linewidth=0.6)
     canvas.legend(axis, left=KEYS_LEFT)
     return figure
@@ -96,10 +92,9 @@ MARKERS = {
 
 
 def candidates_figure(finding: Finding) -> Figure | None:
-    """Draw probability and closed share of the candidates that were fitted in full; None without any."""
-    every = shown_candidates(finding)
-    shown = [c for c in every if math.isfinite(c.closes) or c.status == "named"][:FITTED]
-    if not shown:
+    """Draw probability and closed share of all candidates; None without any."""
+    every = finding.tried
+    if not every:
         return None
     named = [plain(e.id) for e in finding.effects]
     unknown = finding.verdict == "unknown"
@@ -107,17 +102,16 @@ def candidates_figure(finding: Finding) -> Figure | None:
     if named:
         are = "is" if len(named) == 1 else "are"
         title = f"Of {len(every)} candidates, {listed(named)} {are} in the model"
-    more = len(every) - len(shown)
-    rest = f" {more} others were screened out or are less likely; the table lists them." if more else ""
     caption = (
-        "Posterior probability that the effect is in the model, and share of the gap that it closes alone."
-        + rest
+        "Posterior probability that the effect is in the model, and share of the gap that it closes alone. "
+        "Candidates that were screened out were not fitted in full."
     )
-    return Figure("found_candidates", title, caption, partial(_candidates, shown), finding.virtual)
+    return Figure("found_candidates", title, caption, partial(_candidates, every), finding.virtual)
 
 
 def _candidates(shown: Sequence[Candidate]) -> Canvas:
-    figure, (left, right) = canvas.named_rows([brief(c.id) for c in shown], columns=2, row=0.2)
+    names = ["\n".join(wrap(plain(c.id), 38)) for c in shown]
+    figure, (left, right) = canvas.named_rows(names, columns=2, row=0.17, left=2.1)
     for status in dict.fromkeys(c.status for c in shown):
         own = [(i, c) for i, c in enumerate(shown) if c.status == status]
         closes = [100 * float(np.clip(c.closes, -0.5, 1.0)) for _, c in own]
@@ -178,10 +172,11 @@ def history_figures(finding: Finding) -> list[Figure]:
         name = f"found_history_{speed_stem(velocity)}"
         what = f"Mean of {n} trials" if n > 1 else "One trial"
         caption = (
-            f"{what}. Grey: the paper's model disagrees by more than the tolerance. Wheel angles are drawn "
-            "less the paper's model."
+            f"{what}. Grey: the paper's model disagrees by more than the tolerance. Of wheel angles the "
+            "difference to the paper's model is drawn."
         )
-        found.append(Figure(name, title, caption, partial(_history, finding, drawn), finding.virtual))
+        make, lines = partial(_history, finding, drawn), lines_of(speed=velocity, quantity="search")
+        found.append(Figure(name, title, caption, make, finding.virtual, lines))
     return found
 
 

@@ -20,9 +20,17 @@ from granite_lab.reporting import plot_motion, plot_results, plot_search, search
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.canvas import Figure
 from granite_lab.reporting.channels import CHANNEL_TABLE, MISFITS
-from granite_lab.reporting.names import in_plain_words, latency_in_words, law_formulas, shared
+from granite_lab.reporting.names import (
+    LINES,
+    in_plain_words,
+    latency_in_words,
+    law_formulas,
+    lines_of,
+    pasted,
+    shared,
+)
 from granite_lab.reporting.speeds import SLIP_BY_SPEED
-from granite_lab.results import StudyResult, gaps
+from granite_lab.results import StudyResult, gaps, recordings_of, warnings_of
 from granite_lab.rounding import percent
 
 OPEN_SPEEDS = 4
@@ -33,8 +41,8 @@ LONGEST = 1000
 
 MODEL = (
     "Blue: measured; orange: simulated, with k_92 fitted to the slip of the trial and all else from the "
-    "parameter files. Grey: the steady part of the motion, over which λ_R is taken. Bands: ±2σ of the "
-    "measurement. Triangles: a spike leaves the panel."
+    "parameter files. Below each: their difference. Grey: the steady part of the motion, over which λ_R is "
+    "taken. Bands: ±2σ of the measurement. Triangles: a spike leaves the panel."
 )
 LAW = (
     "The empirical law describes the disagreement; it is no physics and holds for trials like these only. v: "
@@ -54,6 +62,30 @@ class Code:
 
 
 @dataclass(frozen=True)
+class Link:
+    """A file beside the page."""
+
+    text: str
+    address: str
+
+
+@dataclass(frozen=True)
+class Look:
+    """How to look at a trial: its name, its lines, and the command that shows its recording, if any."""
+
+    trial: str
+    lines: str
+    command: str
+
+
+@dataclass(frozen=True)
+class Looks:
+    """How to look at each trial."""
+
+    rows: tuple[Look, ...]
+
+
+@dataclass(frozen=True)
 class Gallery:
     """Figures that belong together; two beside each other where there is room."""
 
@@ -62,13 +94,14 @@ class Gallery:
 
 @dataclass(frozen=True)
 class Fold:
-    """Content that a reader opens when wanted; closed at first, and in print."""
+    """Content that a reader opens when wanted; closed at first; in print left out unless `printed`."""
 
     title: str
     blocks: tuple[Block, ...]
+    printed: bool = False
 
 
-Block = str | list[str] | Code | Gallery | FilledTable | Fold
+Block = str | list[str] | Code | Looks | Gallery | FilledTable | Fold
 """A part of a page; a text is a paragraph, a list of texts a list of sentences."""
 
 
@@ -92,6 +125,7 @@ class Report:
         first: table beside the answers; None where there is none.
         sections: the evidence.
         numbers: name of the file with all numbers.
+        files: beside the page.
     """
 
     name: str
@@ -100,6 +134,12 @@ class Report:
     first: FilledTable | None
     sections: tuple[Section, ...]
     numbers: str = "report.json"
+    files: tuple[Link, ...] = ()
+
+    @property
+    def has_lines(self) -> bool:
+        """Whether there is a page of all lines beside it."""
+        return any(file.address == LINES for file in self.files)
 
     @property
     def figures(self) -> tuple[Figure, ...]:
@@ -128,8 +168,8 @@ def _kept(blocks: Iterable[Maybe]) -> tuple[Block, ...]:
     return tuple(block for block in blocks if block)
 
 
-def _fold(title: str, *blocks: Maybe) -> Fold | None:
-    return Fold(title, _kept(blocks)) if any(blocks) else None
+def _fold(title: str, *blocks: Maybe, printed: bool = False) -> Fold | None:
+    return Fold(title, _kept(blocks), printed) if any(blocks) else None
 
 
 def _gallery(*figures: Figure | None) -> Gallery | None:
@@ -137,10 +177,13 @@ def _gallery(*figures: Figure | None) -> Gallery | None:
     return Gallery(there) if there else None
 
 
-def study_report(result: StudyResult, *, model: Path | str | None = None, folder: str = "") -> Report:
+def study_report(
+    result: StudyResult, *, model: Path | str | None = None, folder: str = "", recordings: str = ""
+) -> Report:
     """Lay out the report of a study, or of a search alone, which is a study without trials.
 
-    `model` and `folder` are named in commands.
+    `model` and `folder` are named in commands; `recordings` is the folder of the recordings beside the page,
+    empty where there is none.
     """
     decided = decide.of_study(result, model, folder)
     sections = []
@@ -154,14 +197,26 @@ def study_report(result: StudyResult, *, model: Path | str | None = None, folder
     if result.finding is not None:
         sections.append(Section("missing", "What is missing", _kept(_missing(result.finding))))
     if result.trials:
-        sections.append(Section("trials", "Quality of the trials", _kept(_quality(result, decided))))
+        looks = _looks(result, folder, recordings)
+        sections.append(Section("trials", "Quality of the trials", _kept(_quality(result, decided, looks))))
     sections.append(_provenance(result.source, decided.steps[1:]))
     if result.trials or result.finding is None:
         table = SLIP_BY_SPEED.fill(decided.speeds, virtual=bool(decided.virtual))
         first = table if decided.speeds else None
-        return Report(result.name, f"Report of a study, {today()}", decided, first, tuple(sections))
+        files = (
+            *([Link("all lines", LINES)] if result.trials else []), Link("PDF", "report.pdf"),
+            Link("Markdown", "report.md"), Link("numbers", "report.json"),
+            *([Link("recordings", f"{recordings}/")] if recordings else []),
+            Link("tables", "tables/"), Link("figures", "figures/"),
+        )  # fmt: skip
+        kind = f"Report of a study, {today()}"
+        return Report(result.name, kind, decided, first, tuple(sections), files=files)
     kind = f"Report of a search for a missing effect, {today()}"
-    return Report(result.name, kind, decided, None, tuple(sections), "finding.json")
+    beside = (
+        Link("Markdown", "report.md"), Link("numbers", "finding.json"), Link("tables", "tables/"),
+        Link("figures", "figures/"),
+    )  # fmt: skip
+    return Report(result.name, kind, decided, None, tuple(sections), "finding.json", beside)
 
 
 def _slip(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
@@ -197,11 +252,11 @@ def _missing(finding: Finding) -> Iterator[Maybe]:
     yield (
         "The model is fitted to the readings of the sensors, together with the sand of each trial, the time "
         "offset of the IMU, and offsets and gains of the sensors, so that none of these can pass for a "
-        "missing effect. What all repetitions of a command share and no parameter explains is held against "
-        f"each candidate effect. Differences up to {percent(finding.tolerance)} of a sensor's rms are "
-        "tolerated."
+        "missing effect. What then still differs in all repetitions of a command is compared with "
+        f"what each candidate effect would cause. Differences up to {percent(finding.tolerance)} of a "
+        "sensor's rms are tolerated."
     )
-    yield _gallery(plot_search.gap_figure(finding), plot_search.candidates_figure(finding))
+    yield _gallery(plot_search.gap_figure(finding))
     yield search_tables.effects_table(finding, finding.effects)
     yield tables.A_THETA.fill(finding.a_theta, virtual=finding.virtual) if finding.a_theta else None
     if finding.description:
@@ -228,6 +283,7 @@ def _missing(finding: Finding) -> Iterator[Maybe]:
     yield _fold("Prediction of trials and speeds left out of the fit", search_tables.left_out_table(finding))
     yield _fold(
         "Candidates, and what these trials could have shown of them",
+        _gallery(plot_search.candidates_figure(finding)),
         search_tables.candidates_table(finding),
         search_tables.effects_table(finding, finding.small, "small"),
         search_tables.detectable_table(finding),
@@ -240,7 +296,16 @@ def _failures(result: StudyResult) -> list[str]:
     return [f"{f.trial}: {f.message}" + (f" ({f.hint})" if f.hint else "") for f in result.failures]
 
 
-def _quality(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
+def _looks(result: StudyResult, folder: str, recordings: str) -> Looks:
+    """Say how to look at each trial; with recordings, by a command."""
+    names = recordings_of(result)[1:]
+    place = f"{folder or result.name}/{recordings}"
+    commands = [f"granite-lab view {pasted(f'{place}/{name}')}" if recordings else "" for name in names]
+    trials = [r.trial.name for r in result.trials]
+    return Looks(tuple(Look(t, lines_of(t), c) for t, c in zip(trials, commands, strict=True)))
+
+
+def _quality(result: StudyResult, decided: Answers, looks: Looks) -> Iterator[Maybe]:
     n = len(result.trials)
     doubtful = [r for r in result.trials if not r.comparison.motion.health.good]
     which = {1: "The estimate of the motion is", 2: "Both estimates of the motion are"}
@@ -254,12 +319,11 @@ def _quality(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
     yield [f"{r.trial.name}: {r.comparison.motion.health.verdict}" for r in doubtful]
     yield "Trials that were left out:" if result.failures else None
     yield _failures(result)
-    warnings = shared(
-        [(r.trial.name, (*r.trial.warnings, *r.comparison.motion.warnings)) for r in result.trials]
-    )
+    warnings = shared([(r.trial.name, warnings_of(r)) for r in result.trials])
     yield "Warnings:" if warnings else None
     yield list(warnings)
-    yield _fold("Results of each trial", tables.trial_table(result))
+    yield _fold("Results of each trial", tables.trial_table(result), printed=True)
+    yield _fold("Look at each trial", looks)
     typical = [s.typical for s in decided.speeds]
     checked = [r for r in result.trials if r in typical or r in doubtful]
     checks = [plot_motion.health_figure(r.comparison.motion, k) for k, r in enumerate(checked, 1)]

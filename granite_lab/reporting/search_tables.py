@@ -31,7 +31,6 @@ from granite_lab.reporting.names import (
     meaning,
     plain,
     scale_of,
-    shown_candidates,
 )
 from granite_lab.rounding import NONE, interval, percent, percent_of
 
@@ -63,6 +62,9 @@ SCALES = {
 SURE = 0.95
 """Share of sets from which on a candidate is told from all others."""
 
+FORMULA = percent(FORMULA_ERROR[0])
+"""Error of the formula of an effect, as a reader sees it."""
+
 TERM = "term of an empirical law"
 
 NO_NUMBER = FoundParameter(NONE, "", Estimate(math.nan))
@@ -91,8 +93,8 @@ def effects_table(
     name, title = "found_effects", "What is missing, with sizes"
     note = (
         f"Fitted together with the sand and the errors of the sensors. The std of a strength includes "
-        f"{percent(FORMULA_ERROR[0])} for the error of its formula. Last column: share of the closed gap "
-        f"that opens again without the effect, {gap_pair(finding)[2]}."
+        f"{FORMULA} for the error of its formula. Last column: how much of the closed "
+        f"gap is lost when the effect is left out, {gap_pair(finding)[2]}."
     )
     if kind == "described":
         name, title = "found_description", "What describes the rest"
@@ -215,7 +217,7 @@ CANDIDATES = Table[Candidate](
 
 def candidates_table(finding: Finding) -> FilledTable:
     """List every candidate with its probability, the share of the gap it closes, and what became of it."""
-    return CANDIDATES.fill(shown_candidates(finding), virtual=finding.virtual)
+    return CANDIDATES.fill(finding.tried, virtual=finding.virtual)
 
 
 def detectable_table(finding: Finding) -> FilledTable:

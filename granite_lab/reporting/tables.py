@@ -10,6 +10,7 @@ from granite_lab.columns import Cell, Column, FilledTable, Table, good, number, 
 from granite_lab.estimate import Estimate, Part, mean_over
 from granite_lab.fitting import fit as records
 from granite_lab.fitting.fit import (
+    K92_APART,
     K92_FITS,
     K92_STEADY,
     K92_TRAJECTORY,
@@ -22,7 +23,7 @@ from granite_lab.fitting.fit import (
 )
 from granite_lab.logs.trial import InputFile
 from granite_lab.reporting.speeds import Speed
-from granite_lab.results import StudyResult, TrialResult, shown_path
+from granite_lab.results import StudyResult, TrialResult, shown_path, warnings_of
 from granite_lab.rounding import NONE, interval, places, significant, tidy_unit
 
 
@@ -75,7 +76,6 @@ def trial_table(result: StudyResult) -> FilledTable:
         Column("trial", lambda r: r.trial.name),
         Column("data", lambda r: "virtual" if r.trial.info.virtual else "measured", shown=mixed),
         Column("speed", speed, "speed_mps speed_is", unit="m/s"),
-        Column("repetition", lambda r: r.trial.info.repetition, "repetition"),
         Column("distance", lambda r: r.comparison.motion.distance, "distance_m distance_std_m", unit="m"),
         Column(
             "λ_R", lambda r: r.comparison.motion.slip_ratio,
@@ -83,16 +83,16 @@ def trial_table(result: StudyResult) -> FilledTable:
         ),
         K92_STEADY.of(lambda r: r.comparison.fit),
         K92_TRAJECTORY.of(lambda r: r.comparison.fit),
+        K92_APART.of(lambda r: r.comparison.fit),
         Column(
             "wheel stamps late", lambda r: r.comparison.motion.stamps_late,
             "wheel_stamps_late_s wheel_stamps_late_std_s", unit="ms", scale=1000,
         ),
         Column("estimate", lambda r: good(r.comparison.motion.health.good)),
-        Column(
-            "warnings", lambda r: len({*r.trial.warnings, *r.comparison.motion.warnings}), "warnings"
-        ),
-        note="Value ± standard deviation of a single trial. Wheel stamps late: how much later the time "
-        "stamps of encoders and currents are than those of the IMU; negative where they are earlier.",
+        Column("warnings", lambda r: len(warnings_of(r)), "warnings"),
+        note="Value ± standard deviation of a single trial. Apart: difference of the two k_92 over its std. "
+        "Wheel stamps late: how much later the time stamps of encoders and currents are than those of the "
+        "IMU; negative where they are earlier.",
     ).fill(result.trials, virtual=result.virtual and not mixed)  # fmt: skip
 
 

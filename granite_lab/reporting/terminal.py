@@ -53,7 +53,7 @@ def show_study(
         _search(result.finding, console)
     for failure in result.failures:
         say(console, f"left out: {failure.trial}: {failure.message}", "red")
-    doubts = sum(bool(r.trial.warnings or r.comparison.motion.warnings) for r in result.trials)
+    doubts = sum(bool(results.warnings_of(r)) for r in result.trials)
     if doubts:
         text = f"{doubts} of {len(result.trials)} trials have warnings; the report lists them."
         say(console, text, "yellow")

@@ -13,16 +13,19 @@ from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.folders import replacing
+from granite_lab.parameters import by_speed
 from granite_lab.processes import shared_out
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import FORMATS, Figure, converted, drawn, on_page
 from granite_lab.reporting.channels import CHANNEL_TABLE, MISFITS, channels_of
+from granite_lab.reporting.explore import to_explore
 from granite_lab.reporting.json_report import dumps, to_json
 from granite_lab.reporting.latex import to_latex
+from granite_lab.reporting.names import LINES
 from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.render import to_html, to_markdown, to_pdf
 from granite_lab.reporting.report import Block, Gallery, made_by, study_report
-from granite_lab.results import StudyResult, gaps
+from granite_lab.results import RECORDINGS, StudyResult, gaps, recordings_of
 
 
 def write_report(
@@ -47,7 +50,9 @@ def write_report(
     """
     beside = Path(model).name if model is not None else None
     named = folder.name if folder.is_absolute() else folder.as_posix()  # of an absolute path only the name
-    report = study_report(result, model=beside, folder=named)
+    there = [folder / RECORDINGS / name for name in recordings_of(result)]
+    recordings = RECORDINGS if result.trials and all(path.is_file() for path in there) else ""
+    report = study_report(result, model=beside, folder=named, recordings=recordings)
     with replacing(folder, "report") as new:
         pictures = _write_figures(report.figures, new, jobs)
         _write_tables(report.tables, new)
@@ -57,6 +62,8 @@ def write_report(
         if report.numbers == "finding.json" and result.finding is not None:
             _write(new / "finding.json", dumps(finding_as_json(result.finding, model)))
         else:
+            if result.trials:
+                _write(new / LINES, to_explore(result, report.name, jobs))
             (new / "report.pdf").write_bytes(to_pdf(result, report, made_by(result.source), pictures))
             for name in (MODEL, DESIGN) if result.finding is not None else ():
                 if (folder / name).is_file():
@@ -83,7 +90,12 @@ def write_comparison(comparisons: Sequence[Comparison], folder: Path) -> list[Pa
         LabError: a file cannot be written.
     """
     found, virtual = gaps(comparisons), any(c.motion.virtual for c in comparisons)
-    figures = tuple(comparison_figure(c, i) for i, c in enumerate(comparisons, 1))
+    like = {
+        k: [comparisons[i] for i in positions]
+        for positions in by_speed(c.motion.variant.velocity for c in comparisons).values()
+        for k in positions
+    }
+    figures = tuple(comparison_figure(c, k + 1, like[k]) for k, c in enumerate(comparisons))
     judged = CHANNEL_TABLE.fill(channels_of(found), virtual=virtual)
     return write_parts([Gallery(figures), judged, MISFITS.fill(found.values(), virtual=virtual)], folder)
 

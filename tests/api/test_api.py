@@ -1,5 +1,6 @@
 """Every command is a function: the same numbers, as records and tables."""
 
+import dataclasses
 import importlib.util
 import inspect
 import json
@@ -17,7 +18,12 @@ from granite_lab.api.records import Records
 from granite_lab.discovery.finding import Finding
 from granite_lab.errors import EstimateError, InputError, UsageError
 from granite_lab.fitting.fit import K92Fit
+from granite_lab.reporting import write_report
+from granite_lab.reporting.answers import of_study
+from granite_lab.reporting.notebook import study_as_html
+from granite_lab.reporting.render import marked
 from tests.corpus.cli import ROOT, SAMPLES, lab, refused, succeeded, told
+from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding
 
 SAMPLE = SAMPLES / "virtual_v0.3_r1.csv"
@@ -47,12 +53,15 @@ def test_motions_fits_and_findings_are_drawn_and_shown_in_a_notebook(
 ) -> None:
     motions, finding, law = gl.ingest(SAMPLE), made_up_finding(), gl.fit_a_theta(list(fits))
     records = {"motion": motions[0].motion, "fits": fits, "fit": fits[0], "law": law, "finding": finding}
+    records |= {"run": gl.simulate(0.3), "wheel": gl.wheel([0.1, 0.2]), "slip": gl.wheel(0.2)}
     for name, record in records.items():
         assert len(repr(record)) < 600
         assert "<table" in record._repr_html_()
         assert len(record._repr_html_()) < 20_000
         figure = gl.plot(record)
-        assert any("virtual" in text.get_text() for text in figure.texts)
+        assert figure._repr_png_().startswith(b"\x89PNG")
+        if name not in ("run", "wheel", "slip"):
+            assert any("virtual" in text.get_text() for text in figure.texts)
         labels = [label for axis in figure.axes for label in (axis.get_xlabel(), axis.get_ylabel()) if label]
         assert labels
         assert all(label.endswith("]") for label in labels), (name, labels)
@@ -64,6 +73,30 @@ def test_motions_fits_and_findings_are_drawn_and_shown_in_a_notebook(
     np.testing.assert_array_equal(velocity.get_ydata(), motions[0].motion.v)
     with pytest.raises(TypeError, match="of other records one"):
         gl.plot(gl.params())
+
+
+def test_every_record_has_a_short_repr_and_a_table_for_a_notebook(tmp_path: Path) -> None:
+    study = made_up_study()
+    write_report(study, tmp_path / "a")
+    hidden = gl.hide("none", tmp_path / "set", repetitions=1)
+    records = [
+        gl.inspect(SAMPLE), gl.check(SAMPLE), gl.params(), gl.list_effects(), study, study.trials[0], hidden,
+        gl.reveal(tmp_path / "set"), gl.compare_studies(tmp_path / "a", tmp_path / "a"),
+    ]  # fmt: skip
+    for record in records:
+        assert len(repr(record)) < 600, record
+        assert "<table" in record._repr_html_()
+        assert len(record._repr_html_()) < 20_000
+    assert len(repr(study.trials[0].trial)) < 200
+
+
+def test_a_study_shows_its_answers_in_a_notebook() -> None:
+    study = dataclasses.replace(made_up_study(), finding=made_up_finding(), name="<b>x</b>")
+    shown = study_as_html(study)
+    assert study._repr_html_() == shown
+    for answer in of_study(study).questions:
+        assert str(marked(answer.question)) in shown
+        assert str(marked(answer.verdict)) in shown
 
 
 def test_what_a_command_prints_and_writes_is_what_the_function_returns(

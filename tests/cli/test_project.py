@@ -8,6 +8,7 @@ import pytest
 
 import granite_lab as gl
 from granite_lab.api.project import FILE, choose, results_folder
+from granite_lab.files import sha256
 from granite_lab.options import Options
 from tests.corpus.cli import GRANITE, SAMPLES, lab, refused, succeeded, told
 from tests.running.processes import trials
@@ -33,6 +34,23 @@ def test_robot_of_the_file_is_used_where_none_is_given(tmp_path: Path) -> None:
     assert results_folder(folder, "study") == folder / "results" / "study"
     assert found.options.soil is None
     assert choose(folder, Options(robot="granite")).options.robot == "granite"
+
+
+def test_a_report_of_other_logs_is_not_overwritten_by_default(tmp_path: Path) -> None:
+    folder = folder_with(tmp_path, 'out = "results"\n')
+    report = folder / "results" / "study" / "report.json"
+    report.parent.mkdir(parents=True)
+
+    def holds(*shas: str) -> None:
+        inputs = [{"file": "run.csv", "sha256": sha} for sha in shas]
+        report.write_text(json.dumps({"provenance": {"inputs": inputs}}), encoding="utf-8")
+
+    holds("00" * 32)
+    assert results_folder(folder, "study") == folder / "results" / "study-2"
+    holds("00" * 32, sha256(folder / f"{A}.csv"))  # a trial of this study is among them
+    assert results_folder(folder, "study") == report.parent
+    report.write_text("no JSON", encoding="utf-8")
+    assert results_folder(folder, "study") == report.parent
 
 
 def test_ingest_follows_the_file_and_lists_what_it_excludes(tmp_path: Path) -> None:

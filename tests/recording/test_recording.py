@@ -433,7 +433,8 @@ def test_log_lines_name_what_is_missing_and_where(searched: ReadBack) -> None:
     assert "simulated pitch rate differs from the measured one by 35 % of its rms, 0.53 s to 1.53 s" in where
     assert [line for line in lines if "IMU stamps 4.0 ± 1.0\u00a0ms behind those of wheels" in line]
     levels = dict(zip(lines, searched.texts("/events", "TextLog:level"), strict=True))
-    assert levels[missing] == levels[where] == "WARN"
+    assert levels[missing] == "WARN"
+    assert levels[where] == "INFO"  # the model differs; the trial is as good as any
 
 
 def test_nothing_found_and_not_searched_are_said(trial: TrialResult, tmp_path: Path) -> None:

@@ -120,7 +120,7 @@ def test_a_paper_value_is_compared_with_the_interval_as_it_is_printed() -> None:
 def test_a_law_is_not_tested_by_fewer_than_three_speeds() -> None:
     for speeds, verdict in (((0.3, 0.7), "Not tested"), ((0.2, 0.3, 0.7), "Yes")):
         answer = next(q for q in of_study(made_up_study(speeds=speeds)).questions if q.id == "a_theta")
-        assert answer.verdict == verdict
+        assert answer.verdict.partition(",")[0] == verdict
 
 
 def test_a_theta_is_stated_by_the_files_with_their_uncertainty_and_with_what_was_found(

@@ -83,3 +83,36 @@ def test_print_takes_eight_pages_and_leaves_no_heading_alone(page: Page, twelve_
     for sheet in text.split("\f"):
         lines = [" ".join(line.split()) for line in sheet.splitlines() if line.strip()]
         assert not lines or lines[-1] not in headings, lines[-1]
+
+
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 900)])
+def test_lines_can_be_chosen_and_a_zoom_is_shared(
+    page: Page, twelve_folder: Path, width: int, height: int, dark: bool
+) -> None:
+    page.open(twelve_folder / "explore.html", width, height, dark=dark)
+    drawn = "document.querySelectorAll('.plot.js-plotly-plot')"
+    page.evaluate(f"new Promise(go => {{ const w = () => {drawn}.length ? go(1) : setTimeout(w, 50); w() }})")
+    assert page.evaluate("document.documentElement.scrollWidth") == width
+    assert page.evaluate("document.getElementById('trial').value") == "virtual_0.2_1"
+    assert page.evaluate("document.querySelectorAll('.plot').length") == 12
+    count = "document.querySelector('.plot').data.length"
+    all_lines = page.evaluate(count)
+    assert all_lines == 7  # two bands, estimate, and twice simulation and difference
+    page.evaluate("document.querySelectorAll('#lines input')[2].click()")  # the bands
+    assert page.evaluate(count) == all_lines - 2
+    page.evaluate("document.querySelectorAll('#lines input')[2].click()")
+    ranges = page.evaluate(
+        "Plotly.relayout(document.querySelector('.plot'), {'xaxis2.range': [1, 2]})"
+        f".then(() => new Promise(go => setTimeout(go, 500))).then(() => [...{drawn}].map(d => "
+        "[d.layout.xaxis.range, d.layout.xaxis2.range]))"
+    )
+    assert len(ranges) > 1
+    assert all(pair == [[1, 2], [1, 2]] for pair in ranges)
+    page.evaluate("location.hash = 'trial=virtual_0.7_2&quantity=search_wheel'")
+    page.evaluate("new Promise(go => setTimeout(go, 500))")
+    assert page.evaluate("document.getElementById('about').textContent").startswith("virtual_0.7_2, 0.7 m/s")
+    assert page.evaluate("document.querySelectorAll('.plot').length") == 1
+    assert page.complaints() == []
+    name = f"explore_{width}_{'dark' if dark else 'light'}.png"
+    page.save(ARTEFACTS / name, "Page.captureScreenshot")

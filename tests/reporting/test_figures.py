@@ -161,7 +161,7 @@ def test_a_trial_whose_log_holds_nothing_of_the_command_has_a_figure_too(later: 
     assert low == -0.5
     assert high > 5
     assert all(np.asarray(line.get_xdata()).size == 0 for axis in drawn.axes for line in axis.get_lines())
-    assert {axis.texts[0].get_text() for axis in drawn.axes} == {"not measured"}
+    assert {axis.texts[0].get_text() for axis in drawn.axes[::2]} == {"not measured"}
     assert len(saved(drawn, "svg")) > 1000
 
 

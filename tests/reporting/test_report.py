@@ -20,7 +20,7 @@ from markdown_it import MarkdownIt
 from granite_lab.estimate import Estimate
 from granite_lab.files import write_table
 from granite_lab.folders import LIST, replacing
-from granite_lab.reporting import write, write_report
+from granite_lab.reporting import render, write, write_report
 from granite_lab.reporting.json_report import to_json
 from granite_lab.reporting.report import study_report
 from granite_lab.results import Failure, Source, StudyResult, command_of
@@ -59,7 +59,7 @@ class Strict(HTMLParser):
 
     def hidden(self) -> bool:
         folded = "details" in self.open and "summary" not in self.open
-        return folded or "style" in self.open or "title" in self.open
+        return folded or "script" in self.open or "style" in self.open or "title" in self.open
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.attributes += [(tag, name, value) for name, value in attrs]
@@ -83,13 +83,17 @@ def test_the_page_is_well_formed_and_needs_nothing_else(which: str, request: pyt
     folder: Path = request.getfixturevalue(which)
     page = Strict(folder)
     tags = {tag for tag, _, _ in page.attributes}
-    assert not tags & {"script", "iframe", "object", "embed", "base", "form"}
+    assert not tags & {"iframe", "object", "embed", "base", "form"}
+    scripts = re.findall(r"<script>(.*?)</script>", (folder / "index.html").read_text(encoding="utf-8"), re.S)
+    template = Path(render.__file__).parent / "templates" / "report.js"
+    assert [s.strip() for s in scripts] == [template.read_text(encoding="utf-8").strip()]
     assert len(page.ids) == len(set(page.ids))
     for tag, name, value in page.attributes:
         assert not name.startswith("on")
         assert (tag, name) != ("details", "open")
         if name in ("src", "href", "xlink:href", "data", "action", "poster"):
-            assert value.startswith("data:,") or (value[0] == "#" and value[1:] in page.ids)
+            inside = value[0] == "#" and value[1:] in page.ids
+            assert value.startswith("data:,") or inside or (folder / value.partition("#")[0]).exists(), value
     text = (folder / "index.html").read_text(encoding="utf-8")
     assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", text)
     assert "@import" not in text
@@ -158,7 +162,7 @@ def test_a_real_experiment_is_not_virtual_and_gives_the_same_bytes(writer: Write
         data = (tmp_path / "a" / file).read_bytes()
         assert data == (tmp_path / "b" / file).read_bytes(), file
         if file.suffix in (".html", ".md", ".svg", ".csv"):
-            text = re.sub(r"<style>.*?</style>", "", data.decode(), flags=re.S)
+            text = re.sub(r"<(style|script)>.*?</\1>", "", data.decode(), flags=re.S)
             assert "virtual" not in text.lower(), file
 
 

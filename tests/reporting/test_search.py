@@ -54,8 +54,8 @@ def test_the_first_screen_says_what_is_missing_and_how_far_to_trust_it(findings:
     for id_, needed in (
         ("missing", "Multi-pass compaction. Rear wheels in the compacted rut (pressure 0.300 ± 0.004"),
         ("missing", "from slip sinkage."),
-        ("closes", "93 %. On trials that were left out of the fit"),
-        ("closes", "falls from 3.10 to 1.15 times what noise and a tolerance of 2 %"),
+        ("closes", "93 %. Gap on trials that were left out of the fit"),
+        ("closes", ": 3.10 without, 1.15 with it. 1 means that noise and a tolerance of 2 %"),
         ("trust", "With care."), ("trust", "finding: 97 %"), ("trust", "multi-pass compaction has a twin"),
         ("trust", "12 of 12 trials and 4 of 4 speeds left out of the fit are predicted"),
         ("trust", "1 trial left out because no model fits"),

@@ -30,7 +30,7 @@ CLEAR = 0.4
 TURNING = 0.25
 """Gyro over yaw rate by the wheels from which on the robot really turns; skidding takes half of it."""
 
-AXES = "give its [imu] rotation in the robot's file, or let forward = 'find' look for it"
+AXES = "write its [imu] rotation into the robot's file, or forward = 'find' there to have it searched"
 """What to do about an IMU whose axes are not the robot's."""
 
 
@@ -138,14 +138,15 @@ def _against(imu: BodyImu, grid: Array, speed: Array) -> bool:
         return False
     if abs(heading) <= 135:
         raise EstimateError(
-            f"the IMU is accelerated {heading:.0f} deg beside its x axis when the wheels gain speed: "
-            "its axes are not the robot's",
+            f"when the wheels gain speed, the IMU's acceleration points {heading:.0f} deg away from its x "
+            "axis: its axes are not the robot's",
             AXES,
         )
     if float(common.sum()) < 0:
         return True
     raise EstimateError(
-        "the IMU is accelerated backwards while the wheels gain speed: its x axis points backwards", AXES
+        "when the wheels gain speed, the IMU's acceleration points backwards: its x axis points backwards",
+        AXES,
     )
 
 

@@ -108,18 +108,9 @@ def _simulated(
     return Line(f"{plot}/from_model", names, unit, t, value, colours, widths, step=FINE)
 
 
-def command_start(comparison: Comparison) -> float:
-    """Return the log's own time [s] at which the comparison's clock reads zero."""
-    motion = comparison.motion
-    if len(motion.t) == len(comparison.t):
-        return float(np.median(motion.t - comparison.t))
-    start = comparison.fit.t_start.value
-    return start if np.isfinite(start) else motion.t_start.value
-
-
 def lines_of(trial: Trial, comparison: Comparison, finding: Finding | None = None) -> list[Line]:
     """Return every line of a trial as shown, with simulations of a finding; none without a finite sample."""
-    motion, start = comparison.motion, command_start(comparison)
+    motion, start = comparison.motion, comparison.start
     run, t = comparison.run, motion.t - start
     wheels = mean_of_known(motion.v_wheel, 1)
     lines = [
@@ -163,7 +154,7 @@ def _channels(c: Comparison) -> Iterator[Line]:
 
 def _innovations(comparison: Comparison) -> Iterator[Line]:
     """Yield the innovations of the filter, in units of their predicted std."""
-    start, health = command_start(comparison), comparison.motion.health
+    start, health = comparison.start, comparison.motion.health
     scale = np.where(health.innovation_std > 0, health.innovation_std, np.nan)
     for kind, colour in zip(dict.fromkeys(health.kind), cycle((*OF_WHEELS, VERMILION, GREY))):
         own = np.array([k == kind for k in health.kind])
@@ -186,7 +177,7 @@ def _found(finding: Finding, comparison: Comparison) -> Iterator[Line]:
     effect, later = ("without the effect", "with the effect"), (VERMILION, GREEN)
     many = 2 if finding.terms else 1
     for r in residuals_of(finding, comparison):
-        t = r.t + r.t_start - command_start(comparison)
+        t = r.t + r.t_start - comparison.start
         both = np.column_stack([r.before, r.after][:many])
         names = effect if many > 1 else ("simulated",)
         if r.unit == "rad":
@@ -199,7 +190,7 @@ def _found(finding: Finding, comparison: Comparison) -> Iterator[Line]:
 def overlaid(row: str, name: str, comparison: Comparison, colour: Rgb) -> list[Line]:
     """Return velocity and mean slip of one trial, as shown, in plots of a row that many trials share."""
     motion, run = comparison.motion, comparison.run
-    t, last = motion.t - command_start(comparison), rr.escape_entity_path_part(name)
+    t, last = motion.t - comparison.start, rr.escape_entity_path_part(name)
     slip = (run["slip_f"] + run["slip_r"]) / 2
     lines = []
     for plot, unit, simulated, measured in (
@@ -266,7 +257,7 @@ def intervals_of(comparison: Comparison, finding: Finding | None) -> list[Interv
     own = residuals_of(finding, comparison) if finding is not None else []
     if finding is None or not own:
         return []
-    start = command_start(comparison)
+    start = comparison.start
     late = own[0].t_start - start
     low, high = float(comparison.motion.t[0] - start), float(comparison.motion.t[-1] - start)
     found = [
@@ -285,7 +276,7 @@ def write_events(
 ) -> None:
     """Write phases, standstills, intervals of disagreement and log lines."""
     motion = comparison.motion
-    start = command_start(comparison)
+    start = comparison.start
     t = motion.t - start
     first = [0] + [i for i in range(1, len(t)) if motion.phase[i] != motion.phase[i - 1]]
     _lane(writer, "phase", {float(t[i]): motion.phase[i] for i in first}, dict(PHASES))
@@ -298,7 +289,7 @@ def write_events(
     events = [*_events(comparison), *_updates(comparison, start), *_told(comparison, finding)]
     for one in intervals:
         what = f"simulated {one.channel} differs from the measured one by {one.label} of its rms"
-        events.append(Event(one.start, f"{what}, {one.start:.2f} s to {one.end:.2f} s", "WARN"))
+        events.append(Event(one.start, f"{what}, {one.start:.2f} s to {one.end:.2f} s"))
     events.sort(key=lambda e: e.t)
     text = [drawable(f"{e.t:6.2f} s  {e.text}") for e in events]
     stamps = np.clip([e.t for e in events], t[0], t[-1])
@@ -324,7 +315,7 @@ def _bars(writer: Writer, name: str, low: float, intervals: Sequence[Interval], 
 
 def _events(comparison: Comparison) -> Iterator[Event]:
     motion, fit, run = comparison.motion, comparison.fit, comparison.run
-    start = command_start(comparison)
+    start = comparison.start
     begin = float(motion.t[0] - start)
     kind = "virtual trial (written by a simulator)" if motion.virtual else "trial of a real robot"
     yield Event(begin, f"{kind}, {motion.variant.velocity:g} m/s, variant {motion.variant_source}")
@@ -333,6 +324,8 @@ def _events(comparison: Comparison) -> Iterator[Event]:
     yield Event(begin, f"filter: {motion.health.verdict}", "INFO" if motion.health.good else "WARN")
     for note in fit.notes:
         yield Event(begin, f"fit: {note}")
+    for warning in fit.warnings:
+        yield Event(begin, warning, "WARN")
     if fit.status != "ok":
         yield Event(begin, f"fit of k_92: {fit.status.replace('_', ' ')}", "WARN")
     yield Event(0.0, f"command starts, at {plus_minus(motion.t_start, 's')} of the log's own time")
@@ -345,7 +338,7 @@ def _told(comparison: Comparison, finding: Finding | None) -> Iterator[Event]:
     """Yield what a search found, at the start of the trial; for a trial that it left out, why."""
     if finding is None:
         return
-    t = float(comparison.motion.t[0] - command_start(comparison))
+    t = float(comparison.motion.t[0] - comparison.start)
     for trial, reason in finding.dropped:
         if trial == comparison.motion.trial:
             yield Event(t, f"left out of the search: {reason}", "WARN")

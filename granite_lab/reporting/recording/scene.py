@@ -14,7 +14,7 @@ import rerun as rr
 from granite_lab.comparison.compare import Comparison
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import WHEELS, Chassis, Robot, Wheels
-from granite_lab.reporting.recording.lines import MOST_ROWS, SIMULATED, Rgb, command_start
+from granite_lab.reporting.recording.lines import MOST_ROWS, SIMULATED, Rgb
 from granite_lab.reporting.recording.stream import Writer
 
 STEP = 0.04
@@ -62,7 +62,7 @@ def poses(comparison: Comparison, t: Array) -> tuple[Pose, Pose]:
     r = run.robot.wheels.radius
     sinkage = (run["sinkage_f_m"] + run["sinkage_r_m"]) / 2
     z = r - _at(t, run.t, sinkage)
-    τ = motion.t - command_start(comparison)
+    τ = motion.t - comparison.start
     x0 = float(_at(np.zeros(1), τ, motion.x)[0])
     rate = np.column_stack([_at(t, τ, motion.v_wheel[:, i]) for i in range(4)]) / r
     steps = (rate[1:] + rate[:-1]) / 2 * np.diff(t)[:, None]
@@ -79,7 +79,7 @@ def write_scene(writer: Writer, comparison: Comparison) -> None:
     robot = comparison.run.robot
     chassis = robot.chassis
     assert chassis is not None  # or there were no run
-    start, end = comparison.motion.t[[0, -1]] - command_start(comparison)
+    start, end = comparison.motion.t[[0, -1]] - comparison.start
     t = np.linspace(start, end, min(MOST_ROWS, max(2, round((end - start) / STEP) + 1)))
     measured, simulated = poses(comparison, t)
     writer.static("scene", rr.ViewCoordinates.FLU)

@@ -1,0 +1,205 @@
+"""`explore.html`: each quantity of each trial over time, to zoom into, with its values under the pointer.
+
+The page holds the numbers of its lines and Plotly's program, so that it works from disk and offline.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+import math
+from collections.abc import Iterator, Sequence
+from importlib import resources
+from typing import Any, NamedTuple
+
+import numpy as np
+from markupsafe import Markup
+
+from granite_lab.comparison.compare import STANDSTILL, UNITS, Comparison, simulated_channels, standstill_mean
+from granite_lab.discovery.finding import Finding
+from granite_lab.errors import EstimateError
+from granite_lab.logs.trial import Array, Trial
+from granite_lab.model.simulator import simulate
+from granite_lab.parameters import WHEELS, by_speed
+from granite_lab.processes import shared_out
+from granite_lab.reporting.canvas import extremes
+from granite_lab.reporting.names import SENSORS, with_found
+from granite_lab.reporting.plot_motion import shown_channel
+from granite_lab.reporting.render import rendered
+from granite_lab.results import CHANNELS, StudyResult, TrialResult
+from granite_lab.rounding import shown_as, tidy_unit
+
+POINTS, FEWEST = 900, 150
+"""Points of a line, and how few of them are left where there are many trials."""
+FULL = 12
+"""So many trials have all the points of their lines; with more the page does not grow."""
+MOST = 120
+"""So many trials are on the page, of each speed the first ones."""
+
+READ = ("torque_f", "torque_r", "accel", "pitch_rate")
+"""Channels of a comparison that a sensor reads; the others are estimated from several."""
+WHEEL_NAMES = dict(zip(WHEELS, ("front left", "front right", "rear left", "rear right"), strict=True))
+AXIS = {"-": ("%", 100.0), "rad": ("°", 180 / math.pi), "rad/s": ("°/s", 180 / math.pi)}
+"""Unit of a record to that of an axis and the factor to it; other units stay."""
+
+
+class Curves(NamedTuple):
+    """A quantity of a trial, in the unit of its record.
+
+    Attributes:
+        id, name, unit: of the quantity.
+        read: a sensor read it; else it is estimated.
+        t: (N,) time since the start of the command [s].
+        measured, std, simulated: (N,); NaN where nothing is known.
+        found: (N,) simulated with what was found; None without any.
+        raw: stamps and values of the sensor behind an estimate; None where there is no single one.
+    """
+
+    id: str
+    name: str
+    unit: str
+    read: bool
+    t: Array
+    measured: Array
+    std: Array
+    simulated: Array
+    found: Array | None = None
+    raw: tuple[Array, Array] | None = None
+
+
+def explore_data(result: StudyResult, jobs: int = 1) -> dict[str, Any]:
+    """Return what the page shows of a study, ready for JSON; `jobs` as in `processes.shared_out`."""
+    shown = _shown(result.trials)
+    points = max(FEWEST, POINTS * FULL // max(FULL, len(shown)))
+    rows = shared_out(_packed, (result, shown, points), len(shown), "thinned lines", jobs=jobs, few=2)
+    trials = [row for row in rows if row["curves"]]
+    quantities: dict[str, dict[str, Any]] = {}
+    for row in trials:
+        for id_, own in row["curves"].items():
+            quantities.setdefault(id_, own.pop("about"))
+            own.pop("about", None)
+    order = [*UNITS, *(f"search_{name}" for name in SENSORS), *sorted(quantities)]
+    named = {id_: quantities[id_] for id_ in sorted(quantities, key=order.index)}
+    left = len(result.trials) - len(trials)
+    return {
+        "kind": "virtual" if result.virtual else "measured", "quantities": named, "trials": trials,
+        "left": left,
+        "found": with_found(result.finding) if result.finding and result.finding.terms else "",
+    }  # fmt: skip
+
+
+def to_explore(result: StudyResult, name: str, jobs: int = 1) -> str:
+    """Return the page of a study that is called `name`; `jobs` as in `processes.shared_out`."""
+    data = explore_data(result, jobs)
+    program = (resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
+    script = Markup(as_script(data))
+    return rendered("explore.html", name=name, data=data, script=script, plotly=Markup(program))
+
+
+def _shown(trials: Sequence[TrialResult]) -> list[TrialResult]:
+    """Return the trials of the page, slow ones first: all, or of each speed equally many."""
+    speeds = by_speed(r.comparison.motion.variant.velocity for r in trials)
+    each = max(1, MOST // max(1, len(speeds))) if len(trials) > MOST else len(trials)
+    return [trials[i] for positions in speeds.values() for i in positions[:each]]
+
+
+def _packed(given: tuple[StudyResult, Sequence[TrialResult], int], k: int) -> dict[str, Any]:
+    """Return trial number `k` for JSON, its lines thinned."""
+    result, shown, points = given
+    r = shown[k]
+    c = r.comparison
+    curves = [*_motion_curves(r.trial, c, result.finding), *_search_curves(c, result.finding)]
+    steady = [x if math.isfinite(x) else None for x in c.run.steady]
+    return {
+        "name": r.trial.name, "speed": float(f"{c.motion.variant.velocity:.3g}"), "steady": steady,
+        "good": c.motion.health.good, "curves": {own.id: _thin(own, points) for own in curves},
+    }  # fmt: skip
+
+
+def _motion_curves(trial: Trial, c: Comparison, finding: Finding | None) -> Iterator[Curves]:
+    """Yield the channels of a comparison."""
+    later = _with_found(c, finding)
+    for name in (n for n in UNITS if n in c.measured):
+        value, std = shown_channel(c, "measured", name)
+        simulated = shown_channel(c, "simulated", name)[0]
+        found = None if later is None else shown_channel(later, "simulated", name)[0]
+        words = CHANNELS.get(name) or f"{WHEEL_NAMES[name.removeprefix('wheel_')]} wheel speed"
+        raw = _raw_wheel(trial, c, name)
+        yield Curves(name, words, UNITS[name], name in READ, c.t, value, std, simulated, found, raw)
+
+
+def _with_found(c: Comparison, finding: Finding | None) -> Comparison | None:
+    """Return a comparison with the simulation by what was found, in the trial's sand; None without any."""
+    if finding is None or not finding.active or not finding.terms:
+        return None
+    soil, a_theta = finding.sand_of(c.motion.trial)
+    try:
+        run = simulate(c.run.variant, finding.robot, soil, a_theta=a_theta, effects=finding.active)
+    except EstimateError:
+        return None
+    simulated = simulated_channels(run, c.t)
+    for name in STANDSTILL & c.measured.keys():  # as of the paper's model, its change is compared
+        simulated[name] = simulated[name] + standstill_mean(c.t, c.measured[name] - simulated[name])[0]
+    return dataclasses.replace(c, run=run, simulated=simulated)
+
+
+def _raw_wheel(trial: Trial, c: Comparison, name: str) -> tuple[Array, Array] | None:
+    """Return the speed of a wheel by the differences of its encoder's angle [m/s]."""
+    if not name.startswith("wheel_") or trial.wheels is None:
+        return None
+    k, own = WHEELS.index(name.removeprefix("wheel_")), trial.wheels
+    late = c.motion.clock_left.value if math.isfinite(c.motion.clock_left.value) else 0.0
+    t = own.t + late - (c.motion.t[0] - c.t[0])
+    radius = c.run.robot.wheels.radius
+    if own.rate is not None:
+        return t, radius * own.rate[:, k]
+    there = np.isfinite(own.angle[:, k])
+    t, angle = t[there], own.angle[there, k]
+    return ((t[1:] + t[:-1]) / 2, radius * np.diff(angle) / np.diff(t)) if t.size > 1 else None
+
+
+def _search_curves(c: Comparison, finding: Finding | None) -> Iterator[Curves]:
+    """Yield the sensors as the search fitted them; of wheel angles the difference to the paper's model."""
+    for r in finding.residuals if finding else ():
+        if r.trial != c.motion.trial:
+            continue
+        zero = r.before if r.unit == "rad" else np.zeros_like(r.before)
+        t, name = r.t + r.t_start - c.start, SENSORS.get(r.channel, r.channel)
+        name += ", minus the paper's model" if r.unit == "rad" else ""
+        later = r.after - zero if finding and finding.terms else None
+        yield Curves(
+            f"search_{r.channel}", name, r.unit, True, t, r.measured - zero, np.full(len(t), np.nan),
+            r.before - zero, later,
+        )  # fmt: skip
+
+
+def _thin(own: Curves, points: int) -> dict[str, Any]:
+    """Return the lines of a quantity for JSON, with the extremes of each between neighbouring points."""
+    later = () if own.found is None else (own.found, own.found - own.measured)
+    lines = (own.measured, own.simulated, own.simulated - own.measured, *later)
+    kept = extremes(lines, points)
+    unit, scale = AXIS.get(own.unit, (own.unit, 1.0))
+    gap_unit, gap_scale = shown_as(own.unit)
+    about = {
+        "name": own.name, "unit": tidy_unit(unit), "read": own.read, "gap": tidy_unit(gap_unit),
+        "factor": gap_scale / scale, "search": own.id.startswith("search_"),
+    }  # fmt: skip
+    packed: dict[str, Any] = {"about": about, "t": _base64(own.t[kept])}
+    for key, values in (("m", own.measured), ("e", own.std), ("s", own.simulated), ("f", own.found)):
+        if values is not None and np.isfinite(values).any():
+            packed[key] = _base64(scale * values[kept])
+    if own.raw is not None and own.raw[0].size:
+        few = extremes((own.raw[1],), points)
+        packed |= {"rt": _base64(own.raw[0][few]), "r": _base64(scale * own.raw[1][few])}
+    return packed
+
+
+def _base64(values: Array) -> str:
+    return base64.b64encode(np.asarray(values, dtype="<f4").tobytes()).decode()
+
+
+def as_script(data: dict[str, Any]) -> str:
+    """Return data as JSON that no name in it can leave, within an element of a page."""
+    text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")

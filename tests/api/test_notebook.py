@@ -1,0 +1,32 @@
+"""The example notebook runs, and its stored outputs are what a run gives."""
+
+from pathlib import Path
+from typing import Any
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+from tests.corpus.cli import ROOT
+
+NOTEBOOK = ROOT / "examples" / "first_look.ipynb"
+
+
+def texts(cell: Any) -> list[str]:
+    return [output.data["text/plain"] for output in cell.get("outputs", []) if "data" in output]
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # of Jupyter's own packages
+def test_the_example_notebook_gives_what_it_shows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("JUPYTER_RUNTIME_DIR", str(tmp_path))
+    stored, fresh = (nbformat.read(NOTEBOOK, as_version=4) for _ in range(2))
+    place = {"metadata": {"path": str(NOTEBOOK.parent)}}
+    NotebookClient(fresh, timeout=600, kernel_name="python3", resources=place).execute()
+    pictures = 0
+    for before, after in zip(stored.cells, fresh.cells, strict=True):
+        assert texts(after) == texts(before), before.source
+        pictures += sum("image/png" in output.get("data", {}) for output in after.get("outputs", []))
+        assert not any(output.output_type in ("error", "stream") for output in after.get("outputs", []))
+    assert pictures >= 4

@@ -1,0 +1,156 @@
+"""All outputs of one study say the same: page, Markdown, PDF, JSON, tables, figures, terminal."""
+
+import csv
+import dataclasses
+import html
+import io
+import json
+import math
+import re
+from pathlib import Path
+
+import pytest
+from pypdf import PdfReader
+from rich.console import Console
+
+from granite_lab.discovery.finding import Finding
+from granite_lab.estimate import Estimate
+from granite_lab.parameters import load_paper
+from granite_lab.reporting import answers as decide
+from granite_lab.reporting.channels import SENSORS_OF, channels_of
+from granite_lab.reporting.names import describe, plain
+from granite_lab.reporting.plot_motion import comparison_figure
+from granite_lab.reporting.report import study_report
+from granite_lab.reporting.terminal import show_study
+from granite_lab.results import StudyResult, gaps, of_search, warnings_of
+from tests.reporting.made_up_finding import made_up_finding
+
+
+def squeezed(text: str) -> str:
+    """Return a text without spaces, marks of Markdown and low letters, which renderers set alone."""
+    return re.sub(r"[\s\\_*]", "", text.replace("₉₂", "92"))
+
+
+@pytest.fixture(scope="module")
+def outputs(twelve: StudyResult, twelve_folder: Path) -> dict[str, str]:
+    page = (twelve_folder / "index.html").read_text(encoding="utf-8")
+    page = re.sub(r"<(style|script|svg).*?</\1>", "", page, flags=re.S)
+    console = Console(file=io.StringIO(), width=80, highlight=False)
+    show_study(twelve, console, twelve_folder.name, "model.toml")
+    return {
+        "page": html.unescape(re.sub(r"<[^>]+>", "", page)),
+        "markdown": html.unescape((twelve_folder / "report.md").read_text(encoding="utf-8")),
+        "PDF": "".join(p.extract_text() for p in PdfReader(twelve_folder / "report.pdf").pages),
+        "terminal": console.file.getvalue(),
+    }
+
+
+def test_each_answer_has_one_wording(
+    twelve: StudyResult, twelve_folder: Path, outputs: dict[str, str]
+) -> None:
+    decided = decide.of_study(twelve, "model.toml", twelve_folder.name)
+    told = json.loads((twelve_folder / "report.json").read_text(encoding="utf-8"))["answers"]
+    for answer, written in zip(decided.questions, told["questions"], strict=True):
+        assert (written["verdict"] or "", written["text"]) == (answer.verdict, answer.text)
+        for name, text in outputs.items():
+            for part in (answer.verdict, answer.text):
+                assert squeezed(part) in squeezed(text), (name, part)
+    for speed, written in zip(decided.speeds, told["speeds"], strict=True):
+        assert written["slip"]["value"] == speed.slip.value
+        for name, text in outputs.items():
+            assert squeezed(speed.slip.interval) in squeezed(text), name
+
+
+@pytest.mark.parametrize("verdict", ["none", "named", "unknown"])
+def test_a_study_and_its_search_alone_agree(twelve: StudyResult, verdict: str, tmp_path: Path) -> None:
+    finding = made_up_finding(verdict, twins=("slip_sinkage",))
+    finding = dataclasses.replace(finding, origin=dataclasses.replace(finding.origin, source=twelve.source))
+    both = [dataclasses.replace(twelve, finding=finding), of_search(finding, tmp_path)]
+    whole, alone = ({a.id: a for a in decide.of_study(r).questions} for r in both)
+    for id_ in ("model", "missing", "closes"):
+        assert whole[id_].question == alone[id_].question
+        assert whole[id_].verdict.partition(",")[0] == alone[id_].verdict.partition(",")[0], id_
+
+
+def differing(finding: Finding) -> set[str]:
+    return {g.channel for g in finding.gaps if g.train[0] > 1.0}
+
+
+def test_no_quantity_agrees_in_which_the_search_sees_a_difference(twelve: StudyResult) -> None:
+    finding = made_up_finding("named")
+    judged = {c.channel: c for c in channels_of(gaps([r.comparison for r in twelve.trials]), finding)}
+    alone = {c.channel: c for c in channels_of(gaps([r.comparison for r in twelve.trials]))}
+    for channel, sensors in SENSORS_OF.items():
+        if differing(finding).intersection(sensors):
+            assert judged[channel].verdict != "agrees"
+    assert any(alone[c].verdict == "agrees" != judged[c].verdict for c in SENSORS_OF)
+
+
+def test_candidates_and_terms_are_counted_and_named_alike(twelve: StudyResult, twelve_folder: Path) -> None:
+    finding = twelve.finding
+    assert finding is not None
+    with (twelve_folder / "tables" / "found_candidates.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    figures = {f.name: f for f in study_report(twelve).figures}
+    count = len(rows)
+    assert f"Of {count} candidates" in figures["found_candidates"].title
+    assert f"{count} candidates)" in repr(finding)
+    drawn = squeezed(html.unescape((twelve_folder / "figures" / "found_candidates.svg").read_text("utf-8")))
+    for row in rows:
+        for word in row["candidate"].split():
+            assert squeezed(word) in drawn
+    with (twelve_folder / "tables" / "found_effects.csv").open(encoding="utf-8") as file:
+        assert {r["effect"] for r in csv.DictReader(file) if r["effect"]} == {
+            plain(e.id) for e in finding.effects
+        }
+    card = next(a for a in decide.of_study(twelve).questions if a.id == "missing")
+    assert all(describe(e).lower() in card.text.lower() for e in finding.effects)
+
+
+def test_repetitions_of_a_command_have_one_verdict(twelve: StudyResult) -> None:
+    like = [r.comparison for r in twelve.trials if r.comparison.motion.variant.velocity == 0.5]
+    titles = [comparison_figure(c, k, like).title.partition(": ")[2] for k, c in enumerate(like)]
+    assert len(like) == 3
+    assert len(set(titles)) == 1
+
+
+def with_fit(result: StudyResult, **changes: object) -> StudyResult:
+    first = result.trials[0]
+    fit = dataclasses.replace(first.comparison.fit, **changes)
+    changed = dataclasses.replace(first, comparison=dataclasses.replace(first.comparison, fit=fit))
+    return dataclasses.replace(result, trials=(changed, *result.trials[1:]))
+
+
+def test_a_fit_that_did_not_converge_has_no_std_and_a_warning(study: StudyResult) -> None:
+    result = with_fit(study, status_trajectory="not_converged")
+    (line,) = set(warnings_of(result.trials[0])) - set(warnings_of(study.trials[0]))
+    assert "did not converge" in line
+    report = study_report(result)
+    row = next(t for t in report.tables if t.name == "trials").rows[0]
+    cell = next(c for c in row if "not converged" in c.text)
+    assert "±" not in cell.text
+    assert math.isnan(cell.raw[1])
+    assert row[-1].text == str(len(warnings_of(result.trials[0])))
+    (section,) = (s for s in report.sections if s.id == "trials")
+    assert any(line in text for block in section.blocks if isinstance(block, list) for text in block)
+
+
+def test_two_k92_that_exclude_each_other_are_told(study: StudyResult) -> None:
+    fit = study.trials[0].comparison.fit
+    assert fit.apart < 3
+    apart = with_fit(study, k92_trajectory=Estimate(fit.k92.value + 0.1, fit.k92.std))
+    assert apart.trials[0].comparison.fit.apart == pytest.approx(0.1 / math.hypot(*[fit.k92.std] * 2))
+    assert any("does not explain both" in line for line in warnings_of(apart.trials[0]))
+
+
+def test_a_law_that_agrees_says_which_k92_do_not(twelve: StudyResult) -> None:
+    fit = twelve.a_theta
+    assert fit is not None
+    paper = {p.velocity: p.k92 for p in load_paper().table3}
+    near = tuple((n, v, Estimate(paper[v], 0.002), s) for n, v, _, s in fit.points)
+    assert decide.law_answer(dataclasses.replace(fit, points=near)).verdict == "Yes"
+    sharp = tuple((n, v, Estimate(k.value - 0.02 * (v == 0.5), k.std), s) for n, v, k, s in near)
+    answer = decide.law_answer(dataclasses.replace(fit, points=sharp))
+    assert answer.verdict == "Yes, but not k_92 at 0.5 m/s"
+    assert "lies 17 std from the paper's" in answer.text  # 0.02 over 0.002/√3
+    assert answer.tone == "fair"
