@@ -33,8 +33,8 @@ from granite_lab.running.each import HERE
 
 def read(path: Path, options: Options) -> tuple[Trial, Robot]:
     """Return the trial of a log as it was logged, and its robot; raise an InputError if it cannot be used."""
-    names = ("imu", "encoders", "currents", "reference", "rows", "robot", "info", "window")
-    given: dict[str, Any] = {name: getattr(options, name) for name in names}
+    names = ("imu", "encoders", "currents", "reference", "rows", "robot", "window")
+    given: dict[str, Any] = {name: getattr(options, name) for name in names} | {"info": options.known(path)}
     trial = logs.read_trial(path, map=options.column_map, topics=dict(options.topics), **given)
     return trial, load_robot(options.robot or trial.info.robot or "granite")
 
@@ -60,14 +60,15 @@ def corrected(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
         EstimateError: the motion cannot be had from it.
     """
     logged, robot = read(path, options)
-    trial, motion = estimation.correct(logged, robot, **_beside(logged, options))
+    trial, motion = estimation.correct(logged, robot, soil=soil_of(logged, options.soil))
     return trial, robot, motion
 
 
-def _beside(logged: Trial, options: Options) -> dict[str, Any]:
-    """Return what estimation is told besides the log."""
-    soil = soil_of(logged, options.soil)
-    return {"rests": options.rests, "distance_measured": options.distance_measured, "soil": soil}
+def blindly(path: Path, options: Options) -> Motion:
+    """Return the motion of a trial whose reference is not used; errors as of `corrected`."""
+    logged, robot = read(path, options)
+    logged = replace(logged, info=replace(logged.info, use_reference=False))
+    return estimation.correct(logged, robot, soil=soil_of(logged, options.soil))[1]
 
 
 def analyse(path: Path, options: Options) -> TrialResult:
@@ -77,7 +78,7 @@ def analyse(path: Path, options: Options) -> TrialResult:
         LabError: any stage could not do its work; the message says which and why.
     """
     logged, robot = read(path, options)
-    trial, motion = estimation.correct(logged, robot, **_beside(logged, options))
+    trial, motion = estimation.correct(logged, robot, soil=soil_of(logged, options.soil))
     name, effects = ground(trial, options)
     soil = load_soil(name)
     fit = fitting.fit_k92(motion, trial, robot, soil, effects=effects)

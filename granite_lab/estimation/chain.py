@@ -22,7 +22,8 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.nodes import Problem
 from granite_lab.estimation.noise import identify, with_motion_noise
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
-from granite_lab.estimation.rest import coasts, find_rests, inside, refuse_moved, turning_of
+from granite_lab.estimation.reference import readings_of
+from granite_lab.estimation.rest import coasts, find_rests, inside, named_rests, refuse_moved, turning_of
 from granite_lab.estimation.slip import identify_scatter, with_jumps
 from granite_lab.estimation.smoother import Solution, settle, smooth, with_steady_slip
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
@@ -43,6 +44,9 @@ ALONE = "without encoders, noise that only motion makes cannot be told from the 
 
 UNMATCHED = "the ramps of the wheels are not found in the IMU: their clocks may be apart by any time"
 """Why an estimate near standstills is poor where its clock offset does not show."""
+
+TAPE = 0.005
+"""Std of a distance by tape, if none is stated [m]: a mark in sand is read to half a centimetre."""
 
 LONG = 60.0
 """Motion longer than this [s] without a standstill leans on the wheels."""
@@ -77,14 +81,14 @@ def correct(
     Between two standstills velocity is the integral of specific force, corrected for pitch by the
     gyro; zero-velocity updates and a smoother fix what drifts. The wheels show when the robot stands
     and enter as body velocity plus a slip velocity that is free to take any value. The external
-    reference of a trial is not used.
+    reference of a trial is used where the trial says so.
 
     Args:
         trial: what was logged.
         robot: its parameters, with an IMU grade.
         variants: motions to recognise, Table 2 by default.
-        rests: standstills given by hand, in the log's time [s].
-        distance_measured: measured total distance with its std [m].
+        rests: standstills of the body given by hand, in the log's time [s], besides those the trial names.
+        distance_measured: measured total distance with its std [m]; by default as the trial says.
         soil: what it drives on, whose slip ratio counts far from standstills; dry sand by default.
 
     Returns:
@@ -96,6 +100,7 @@ def correct(
             missing in motion, or nothing to estimate.
     """
     known = load_variants() if variants is None else variants
+    rests, distance_measured = (*rests, *named_rests(trial, robot)), distance_measured or _tape(trial)
     if not _feels_thrust(trial.imu, robot):
         wheels, rolling, _ = _roll(trial, None, robot)
         if rolling is None:
@@ -206,13 +211,13 @@ def solve(
         ready.stream, ready.imu, ready.rolling, ready.still, ready.faults, ready.robot,
     )  # fmt: skip
     grade, unseen = ready.grade, ready.unseen
-    far = rolling is not None and _far_from_rest(still, imu)
+    lost = rolling is not None and _far_from_rest(still, imu)
     noise = identify(imu, rolling, robot, still)
     problem = Problem(imu, rolling, robot, still, faults, noise, SlipModel(), unseen=unseen)
     problem = replace(problem, stamp_std=_stamp_std(trial))
     if rolling is not None:
         problem = replace(problem, noise=with_motion_noise(problem, 0.0, folding=False))
-    offset, found, near = _clock(trial, problem, far, apart)
+    offset, found, near = _clock(trial, problem, lost, apart)
     if rolling is not None and offset.value != 0.0:
         still, unseen = find_rests(stream, rolling, grade, offset=offset.value, by_hand=rests)
         problem = replace(problem, rests=still, unseen=unseen, noise=identify(imu, rolling, robot, still))
@@ -225,6 +230,8 @@ def solve(
         stepless = mounting.to_body(without_steps(stream, restarts), imu.rotation, levelled=imu.levelled)
         imu = replace(stepless, scale=imu.scale, scale_std=imu.scale_std)
     problem = replace(problem, imu=imu, faults=faults, slip=SlipModel(fades=True))
+    problem = replace(problem, reference=readings_of(trial, rolling, offset.value))
+    far = lost and not problem.anchored
     warnings = [*ready.signs, *ready.doubts, *_complain(problem, offset)]
     if far:
         slip = replace(FAR, steady=soil.slip, limit=FAR.limit if any_slip else soil.slip_std)
@@ -236,6 +243,9 @@ def solve(
             f"{where}: slow changes of velocity follow the wheels; steady slip is not measured there, "
             f"the std allows for {allowed}"
         )
+    elif lost:  # a reference tells the velocity, and with it the pitch
+        noise = replace(with_motion_noise(problem, offset.value, folding=False), gyro=LOST_PITCH)
+        problem = replace(problem, noise=noise)
     else:
         least = SPIN if _spun(problem, offset.value) else 0.0
         if rolling is not None:
@@ -271,6 +281,14 @@ def finish(trial: Trial, robot: Robot, solved: Solved, known: Sequence[Variant])
         faults=problem.faults, solution=solution,
     )  # fmt: skip
     return clean, motion
+
+
+def _tape(trial: Trial) -> Estimate | None:
+    """Return the total distance by tape that a trial states [m]."""
+    info = trial.info
+    if info.distance_measured is None:
+        return None
+    return Estimate(info.distance_measured, info.distance_measured_std or TAPE)
 
 
 def _feels_thrust(imu: ImuStream | None, robot: Robot) -> bool:
@@ -384,7 +402,7 @@ def _complain(problem: Problem, offset: Estimate) -> list[str]:
     for restart in faults.restarts:
         where = f"in the gap at {restart.begin:.2f} s" if restart.gap else f"after {restart.begin:.2f} s"
         said.append(f"the IMU's biases changed {where}, as after a restart: uncertainty grows there")
-    if still:
+    if still and not problem.anchored:
         if still[0][0] > imu.t[0] + 1.0:
             said.append("no standstill at the start: uncertainty grows towards it")
         if still[-1][1] < imu.t[-1] - 1.0:

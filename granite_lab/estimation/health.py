@@ -30,6 +30,8 @@ WHAT = {
     "zero_rate": "the gyro at standstill",
     "wheel": "the wheels against the IMU",
     "distance": "the measured distance",
+    "reference_v": "the velocity of the external reference",
+    "reference_x": "the place of the external reference",
 }
 
 
@@ -132,7 +134,12 @@ def judge_health(
         complaints.append("the IMU's biases changed while the robot moved")
     limit = max(ANCHORED * pace, SLOW)
     loose = [side for side, std in zip(("start", "end"), ends, strict=True) if std > limit]
-    if not rests:
+    referred = bool(kinds.keys() & {"reference_v", "reference_x"})
+    if referred:
+        anchored = "velocity is anchored by the external reference"
+        anchored += f" and {len(rests)} standstill{'s' * (len(rests) > 1)}" if rests else ""
+        anchored += f", less surely at the {' and '.join(loose)}" if loose else ""
+    elif not rests:
         anchored = (
             "no standstill anchors the velocity: it leans on the wheels, with all the slip they may have, "
             "and steady slip is assumed, not measured"
@@ -144,8 +151,9 @@ def judge_health(
             f"velocity is anchored at both ends, by {len(rests)} standstill{'s' * (len(rests) > 1)} and the "
             "wheels' coming to rest"
         )
-    if not rests or middle > VAGUE * max(pace, SLOW):
-        if rests:
+    nothing_anchors = not rests and not referred
+    if nothing_anchors or middle > VAGUE * max(pace, SLOW):
+        if not nothing_anchors:
             complaints.append(f"the velocity is known to {1e3 * middle:.3g} mm/s only")
         return "poor", (anchored, *complaints), ""
     if complaints or loose:

@@ -22,6 +22,7 @@ from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TAU, TH, Co
 from granite_lab.estimation.faults import UNSEEN, Faults
 from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nominal import Nominal
+from granite_lab.estimation.reference import Readings, anchors
 from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.standstill import COAST, WINDOW, ZERO_VELOCITY, Interval
 from granite_lab.logs.trial import Array, part
@@ -56,6 +57,9 @@ LOOSE_TIME = 0.1
 SWAY = 0.25
 """A body that pitches or gains speed goes on with it for so long [s]."""
 
+ORIGIN = 10.0
+"""Std of the place at the start by the origin of an external reference [m]: nothing is known."""
+
 FREE = 10.0
 """Distance that wheels which spin on the spot may roll between two nodes [m]."""
 
@@ -87,6 +91,7 @@ class Problem:
         spins: wheels may turn in a standstill.
         spacing: of the nodes in motion [s]; 0: a node at each stamp.
         stamp_std: std of a delay between the sensors' stamps, where samples shared them [s].
+        reference: what an external reference measured.
     """
 
     imu: BodyImu
@@ -105,6 +110,7 @@ class Problem:
     spins: bool = True
     spacing: float = 0.0
     stamp_std: float = 0.0
+    reference: tuple[Readings, ...] = ()
 
     def cut(self, begin: float, end: float, offset: float) -> Problem:
         """Return a part of it, from `begin` to `end` on the IMU's clock [s]."""
@@ -115,6 +121,11 @@ class Problem:
         rests = tuple((max(a, begin), min(b, end)) for a, b in self.rests if b > begin and a < end)
         imu, faults = part(self.imu, keep), part(self.faults, keep)
         return replace(part(self, keep), imu=imu, rolling=rolling, rests=rests, faults=faults, coasts=False)
+
+    @property
+    def anchored(self) -> bool:
+        """Whether a reference tells the velocity all along."""
+        return anchors(self.reference, self.imu.t, self.rests)
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,6 +315,7 @@ def build(
     if distance is not None:
         missed = distance.value - float(nominal.x[-1])
         told.append(model.updates_of("distance", last, missed, {X: 1.0, P: -1.0}, distance.std**2))
+    told += [model.reference_updates(one, nominal, course) for one in problem.reference]
     updates = model.in_order(told)
     for kind, factor in problem.louder.items():
         updates.R[updates.kind == kind] *= factor
@@ -317,7 +329,10 @@ def build(
         1e-8 if slip.far else problem.soft, 1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
     ])  # fmt: skip
     places = {f.name: getattr(course, f.name) for f in fields(model.Places)}
-    return Nodes(**places, F=F, Q=Q, updates=updates, x0=x0, P0=np.diag(std**2))
+    P0 = np.diag(std**2)
+    if any(one.kind == "reference_x" for one in problem.reference):  # X + D has its own origin
+        P0[np.ix_([X, D], [X, D])] += ORIGIN**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    return Nodes(**places, F=F, Q=Q, updates=updates, x0=x0, P0=P0)
 
 
 def blur(Q: Array, course: Course, imu: BodyImu, noise: model.Noise) -> None:

@@ -61,6 +61,8 @@ def motion_of(
     extra = np.where(sparse, problem.noise.vibration / omega, 0.0)
     v_std = np.hypot(spread(std_of(found.P, {V: 1.0, PD: -1.0})), extra)
     x_std = np.hypot(spread(std_of(found.P, {X: 1.0, P: -1.0})), extra / omega)
+    if any(one.kind == "reference_x" for one in problem.reference):  # whose origin is none of the motion's
+        x_std = np.hypot(x_std, x_std[0])
     v_std = np.hypot(v_std, _by_latency(t, v, problem, solution))
     if not np.isfinite(v + v_std).all():
         raise EstimateError(

@@ -216,12 +216,13 @@ def _reference(source: Source, streams: dict[str, Any]) -> dict[str, Series]:
         if globe is not None:
             x, y = _metres(latitude=x, longitude=y)
         # Speed over a few samples in each direction: the noise of places at rest adds up to no distance.
-        along = np.hypot(slope(stamps, x), slope(stamps, y))
-        found = {"reference_x": Series(stamps, integral(stamps, along)), "reference_v": Series(stamps, along)}
+        speed_along = np.hypot(slope(stamps, x), slope(stamps, y))
+        way, along = (Series(stamps, s, WINDOW) for s in (integral(stamps, speed_along), speed_along))
+        found = {"reference_x": way, "reference_v": along}
     elif plane is not None:
         found["reference_x"] = way = _series(plane)
         if len(plane.t) > WINDOW:
-            found["reference_v"] = Series(way.t, slope(way.t, way.value))
+            found["reference_v"] = Series(way.t, slope(way.t, way.value), WINDOW)
     return found if speed is None else found | {"reference_v": _series(speed)}
 
 
