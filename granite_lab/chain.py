@@ -16,6 +16,7 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.effects import library
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import EstimateError, LabError, UsageError
+from granite_lab.estimation.guard import slip_is_known
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.logs.trial import InputFile, Trial, name_of
@@ -92,6 +93,9 @@ def ground(trial: Trial, options: Options) -> tuple[str, tuple[Active, ...]]:
     return soil, model.effects if model else ()
 
 
+NO_SLIP = "no trial has a slip ratio that is known to 5 points, so nothing is searched"
+"""Why a search is left out: what is missing from a model cannot be told from motions that are not known."""
+
 NAME = "study"
 """Of a study that is not written; a report has that of its folder."""
 
@@ -128,6 +132,8 @@ def over_trials(
     result = StudyResult(NAME, tuple(results), failures, law_of(results), source)
     if not discover:
         return result
+    if motions and not any(map(slip_is_known, motions)):
+        return replace(result, unsearched=NO_SLIP)
     try:
         finding = find_effect(trials, options, motions=motions, execution=execution, progress=progress)
     except LabError as error:
@@ -156,6 +162,10 @@ def find_effect(
         UsageError: trials of several robots or soils, or options that cannot be used.
         LabError: of `discovery.discover`.
     """
+    if motions and not any(map(slip_is_known, motions)):
+        raise EstimateError(
+            NO_SLIP, "granite-lab ingest shows how well the slip ratio of each trial is known"
+        )
     from granite_lab.discovery.discover import discover  # noqa: PLC0415, heavy
     from granite_lab.running.simulations import effects_of_search, on_cluster  # noqa: PLC0415, heavy
 
@@ -213,6 +223,8 @@ def search_key(inputs: Sequence[Any], options: Options) -> str:
 
 def law_of(trials: Sequence[TrialResult]) -> AThetaFit | None:
     """Fit a_θ over trials; None where they do not allow it."""
+    if not any(trial.comparison.fit.slip_known for trial in trials):
+        return None
     try:
         return fitting.fit_a_theta([trial.comparison.fit for trial in trials])
     except EstimateError:

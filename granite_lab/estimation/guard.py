@@ -133,6 +133,11 @@ def _slips(motion: Motion) -> Iterator[tuple[Estimate, str]]:
         yield Estimate(1.0 - motion.distance.value / rolled, motion.distance.std / abs(rolled)), "over all"
 
 
+def slip_is_known(motion: Motion) -> bool:
+    """Whether a slip ratio of a trial, steady or over all, is known well enough to tell k_92."""
+    return any(slip.std <= TELLING for slip, _ in _slips(motion))
+
+
 def _downhill(motion: Motion) -> float:
     """Return the slope by which the robot drives down [rad]: the upper bound of the mean pitch in motion."""
     moving = np.array([phase != "rest" for phase in motion.phase])

@@ -44,10 +44,10 @@ def show_study(
     """
     decided = reporting.answers.of_study(result, model, folder)
     say(console, decided.lead)
-    if decided.speeds:
+    first = reporting.speeds.first_table(decided.speeds, silent=decided.silent, virtual=bool(decided.virtual))
+    if first is not None:
         console.print()
-        table = reporting.speeds.SLIP_BY_SPEED.fill(decided.speeds, virtual=bool(decided.virtual))
-        show_table(table, console)
+        show_table(first, console)
     _answers(decided.questions, console)
     if result.finding is not None and not result.trials:
         _search(result.finding, console)
