@@ -19,8 +19,9 @@ from granite_lab.errors import EstimateError, LabError, UsageError
 from granite_lab.estimation.guard import slip_is_known
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit
+from granite_lab.inference.conditions import conditions_of
 from granite_lab.logs.trial import InputFile, Trial, name_of
-from granite_lab.model.effect import Active
+from granite_lab.model.effect import Active, activate
 from granite_lab.options import Options
 from granite_lab.origin import Source
 from granite_lab.parameters import Robot, Soil, load_robot, load_soil
@@ -37,7 +38,24 @@ def read(path: Path, options: Options) -> tuple[Trial, Robot]:
     names = ("imu", "encoders", "currents", "reference", "rows", "robot", "window")
     given: dict[str, Any] = {name: getattr(options, name) for name in names} | {"info": options.known(path)}
     trial = logs.read_trial(path, map=options.column_map, topics=dict(options.topics), **given)
-    return trial, load_robot(options.robot or trial.info.robot or "granite")
+    robot = load_robot(options.robot or trial.info.robot or "granite")
+    if (doubt := soil_doubt(trial, robot, options)) is not None:
+        trial = replace(trial, warnings=(*trial.warnings, doubt))
+    return trial, robot
+
+
+def soil_doubt(trial: Trial, robot: Robot, options: Options) -> str | None:
+    """Return what to say of a soil that is taken for another one, or that nobody named."""
+    named = trial.info.soil
+    if options.soil is not None or (named is None and robot.name == "granite"):
+        return None
+    if named is None:
+        return "nobody names the soil: dry sand is assumed (soil = … in the log, its sidecar, or --soil)"
+    try:
+        load_soil(named)
+    except UsageError:
+        return f"the soil '{named}' of the log is not known: dry sand is assumed for the estimate"
+    return None
 
 
 def soil_of(trial: Trial, named: str | None) -> Soil:
@@ -81,9 +99,15 @@ def analyse(path: Path, options: Options) -> TrialResult:
     logged, robot = read(path, options)
     trial, motion = estimation.correct(logged, robot, soil=soil_of(logged, options.soil))
     name, effects = ground(trial, options)
-    soil = load_soil(name)
+    soil, effects = load_soil(name), (*effects, *sloped(trial))
     fit = fitting.fit_k92(motion, trial, robot, soil, effects=effects)
     return TrialResult(trial, compare(motion, trial, fit, robot, soil, effects=effects))
+
+
+def sloped(trial: Trial) -> tuple[Active, ...]:
+    """Return the slope of the ground that a log states, as an effect; nothing on level ground."""
+    slope = conditions_of(trial).slope
+    return (activate(library()["ground_slope"], {"slope": slope}),) if slope else ()
 
 
 def ground(trial: Trial, options: Options) -> tuple[str, tuple[Active, ...]]:

@@ -18,8 +18,9 @@ from granite_lab.estimation.motion import NAN, Health, Motion, PhaseName
 from granite_lab.estimation.nodes import QUICK, Problem
 from granite_lab.estimation.rest import find_rests, inside
 from granite_lab.estimation.smoother import Smoothed, Solution
+from granite_lab.estimation.straight import course_of
 from granite_lab.estimation.wheels import MOVING, Rolling
-from granite_lab.logs.counters import runs
+from granite_lab.logs.counters import Mask, runs
 from granite_lab.logs.sensors.standstill import Interval, bridged
 from granite_lab.logs.trial import Array, Series, Trial, TrialInfo
 from granite_lab.parameters import Robot, Variant
@@ -79,7 +80,8 @@ def motion_of(
         pace = rolling.speed_at(t, offset.value)
     else:
         pace, u, u_std = v, np.full(u.shape, NAN), np.full(u.shape, NAN)
-    course = find_phases(t, pace, health.rests)
+    way = course_of(t, nominal.heading_rate, pace, health.rests, problem.robot)
+    course = find_phases(t, pace, health.rests, way.off)
     variant, source, doubt = recognise(course, trial.info, variants)
     slip_ratio, rolled, parts = Estimate(NAN), Estimate(NAN), tuple[Part, ...]()
     if rolling is not None:
@@ -94,7 +96,7 @@ def motion_of(
                 nodes, found, problem.noise, problem.slip.scatter, slip_ratio.value, travelled + lost, i, j
             )
             course = replace(course, steady=(float(nodes.t[i]), float(nodes.t[j])))
-    more = [doubt] if doubt else []
+    more = [*way.said, *([doubt] if doubt else [])]
     if not np.isfinite(course.steady[0]):
         more.append("no steady part: the robot's slip ratio is not defined")
     return Motion(
@@ -220,8 +222,11 @@ class Phases:
     distance: float  # rolled [m]
 
 
-def find_phases(t: Array, speed: Array, rests: Sequence[Interval]) -> Phases:
-    """Divide a trial into rest, acceleration, steady motion and braking, by the wheels' speed (N,) [m/s]."""
+def find_phases(t: Array, speed: Array, rests: Sequence[Interval], off: Mask | None = None) -> Phases:
+    """Divide a trial into rest, acceleration, steady motion and braking, by the wheels' speed (N,) [m/s].
+
+    Nothing is steady where the robot is `off` (N,) a straight course.
+    """
     period = float(np.median(np.diff(t)))
     smooth = uniform_filter1d(speed, max(round(0.05 / period), 1), mode="nearest")
     pace = np.abs(smooth)
@@ -236,6 +241,7 @@ def find_phases(t: Array, speed: Array, rests: Sequence[Interval]) -> Phases:
             continue
         plateau = float(np.median(part[part > 0.6 * part.max()]))
         flat = np.abs(part - plateau) < BAND * plateau
+        flat &= True if off is None else ~off[a:b]
         pieces = runs(bridged(np.arange(b - a), flat, round(0.2 / period) + 1.5))
         first, last = max(pieces, key=lambda p: p[1] - p[0], default=(0, 0))
         slow = uniform_filter1d(np.gradient(part, t[a:b]), max(round(0.1 / period), 1))
