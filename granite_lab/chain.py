@@ -19,7 +19,6 @@ from granite_lab.errors import EstimateError, LabError, UsageError
 from granite_lab.estimation.guard import slip_is_known
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit
-from granite_lab.inference.conditions import conditions_of
 from granite_lab.logs.trial import InputFile, Trial, name_of
 from granite_lab.model.effect import Active, activate
 from granite_lab.options import Options
@@ -106,6 +105,8 @@ def analyse(path: Path, options: Options) -> TrialResult:
 
 def sloped(trial: Trial) -> tuple[Active, ...]:
     """Return the slope of the ground that a log states, as an effect; nothing on level ground."""
+    from granite_lab.inference.conditions import conditions_of  # noqa: PLC0415, heavy
+
     slope = conditions_of(trial).slope
     return (activate(library()["ground_slope"], {"slope": slope}),) if slope else ()
 
