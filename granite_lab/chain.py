@@ -16,9 +16,9 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.effects import library
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import EstimateError, LabError, UsageError
-from granite_lab.estimation.guard import slip_is_known
-from granite_lab.estimation.motion import Motion
+from granite_lab.estimation.motion import Motion, slip_is_known
 from granite_lab.fitting.fit import AThetaFit
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.trial import InputFile, Trial, name_of
 from granite_lab.model.effect import Active, activate
 from granite_lab.options import Options
@@ -39,7 +39,7 @@ def read(path: Path, options: Options) -> tuple[Trial, Robot]:
     trial = logs.read_trial(path, map=options.column_map, topics=dict(options.topics), **given)
     robot = load_robot(options.robot or trial.info.robot or "granite")
     if (doubt := soil_doubt(trial, robot, options)) is not None:
-        trial = replace(trial, warnings=(*trial.warnings, doubt))
+        trial = replace(trial, doubts=(*trial.doubts, Doubt(doubt)))
     return trial, robot
 
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.health import sentence
-from granite_lab.estimation.motion import SHORTEST, Grade, Motion, mean_known
-from granite_lab.logs.counters import integral
+from granite_lab.estimation.motion import TELLING, Motion, slips_of
+from granite_lab.logs.counters import integral, mean_known
+from granite_lab.logs.sensors.doubt import Doubt, Grade
 from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.trial import WheelStream
 from granite_lab.parameters import GRAVITY, Soil
@@ -24,30 +25,8 @@ RADIUS = 0.04
 """Std of the effective wheel radius against the robot's file, as a share: deflection, wear and lugs of a tyre
 change the rolling radius by some per cent (Wong, Theory of Ground Vehicles, section 1.2)."""
 
-TELLING = 0.05
-"""A slip ratio whose std is larger than this tells little of k_92, which falls by 0.3 over 0.17 of slip ratio
-(paper, Table 3) [-]."""
-
 UNFIT = 4.0
 """Innovations this many times as large as predicted (rms) show a noise model that does not fit the log."""
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """One reason why an estimate is worth less than its filter says.
-
-    Attributes:
-        reason: in plain words.
-        grade: the best that the estimate can still be.
-        std: of slip ratios that covers what is seen [-]; 0 where the std need not grow.
-        way: std of the distance after the instant `after` [s], beside its own [m].
-    """
-
-    reason: str
-    grade: Grade
-    std: float = 0.0
-    way: float = 0.0
-    after: float = math.inf
 
 
 def guard(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) -> Motion:
@@ -63,10 +42,8 @@ def guard(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) -> Motion:
         return motion
     order: tuple[Grade, ...] = ("poor", "fair", "good")
     grade = min((motion.health.grade, *(doubt.grade for doubt in doubts)), key=order.index)
-    reasons = tuple(dict.fromkeys([*(doubt.reason for doubt in doubts), *motion.health.reasons]))
-    health = replace(
-        motion.health, grade=grade, good=grade == "good", reasons=reasons, verdict=sentence(grade, reasons)
-    )
+    reasons = tuple(dict.fromkeys([*map(str, doubts), *motion.health.reasons]))
+    health = replace(motion.health, grade=grade, reasons=reasons, verdict=sentence(grade, reasons))
     motion = _widened(motion, max(doubt.std for doubt in doubts))
     for doubt in doubts:
         motion = _farther(motion, doubt.way, doubt.after)
@@ -89,7 +66,7 @@ def common_gaps(motion: Motion, gaps: Sequence[Interval], wheels: WheelStream | 
             yield Doubt(
                 f"all sensors stop for {end - begin:.3g} s at {begin:.2f} s: samples are missing, or the "
                 "clock was set forward",
-                "fair", way=math.sqrt(0.5) * way, after=end,
+                grade="fair", way=math.sqrt(0.5) * way, after=end,
             )  # fmt: skip
 
 
@@ -98,15 +75,17 @@ def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
     if not np.isfinite(motion.v).any():
         return
     if motion.distance_wheels.value and not math.isfinite(motion.clock_offset.std):
-        yield Doubt("the time offset of IMU and encoders does not show", "fair")
+        yield Doubt("the time offset of IMU and encoders does not show", grade="fair")
     for kind, nis in motion.health.nis.items():
         if nis > UNFIT**2:
-            yield Doubt(f"innovations ({kind}) are {math.sqrt(nis):.1f} times as large as predicted", "poor")
+            far = f"innovations ({kind}) are {math.sqrt(nis):.1f} times as large as predicted"
+            yield Doubt(far, grade="poor")
     known = soil.slip_std < 1.0
     usual = soil.slip if known else SlipModel.steady
     if motion.slip_ratio.std > TELLING:
-        yield Doubt(f"the slip ratio is known to ± {100 * motion.slip_ratio.std:.0f} points only", "fair")
-    for slip, where in _slips(motion):
+        vague = f"the slip ratio is known to ± {100 * motion.slip_ratio.std:.0f} points only"
+        yield Doubt(vague, grade="fair")
+    for slip, where in slips_of(motion):
         low = -SlipModel.per_acceleration * GRAVITY * max(_downhill(motion), 0.0)
         beyond = max(low - slip.value, slip.value - 1.0)
         contradicted = beyond > FAR * math.hypot(slip.std, RADIUS)
@@ -114,28 +93,14 @@ def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
             yield Doubt(
                 f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % {where} is outside of what "
                 "rolling wheels allow",
-                "poor", 0.5 * abs(slip.value - usual),
+                grade="poor", std=0.5 * abs(slip.value - usual),
             )  # fmt: skip
         elif known and abs(slip.value - usual) > FAR * math.hypot(slip.std, soil.slip_std):
             yield Doubt(
                 f"a slip ratio of {100 * slip.value:.1f} ± {100 * slip.std:.1f} % {where} contradicts the "
                 f"soil's {100 * soil.slip:.1f} ± {100 * soil.slip_std:.1f} %",
-                "poor", 0.5 * abs(slip.value - usual),
+                grade="poor", std=0.5 * abs(slip.value - usual),
             )  # fmt: skip
-
-
-def _slips(motion: Motion) -> Iterator[tuple[Estimate, str]]:
-    """Yield the slip ratios by (2) over the steady part and over the whole way, where they are known."""
-    if math.isfinite(motion.slip_ratio.value):
-        yield motion.slip_ratio, "in the steady part"
-    rolled = motion.distance_wheels.value
-    if abs(rolled) > SHORTEST:
-        yield Estimate(1.0 - motion.distance.value / rolled, motion.distance.std / abs(rolled)), "over all"
-
-
-def slip_is_known(motion: Motion) -> bool:
-    """Whether a slip ratio of a trial, steady or over all, is known well enough to tell k_92."""
-    return any(slip.std <= TELLING for slip, _ in _slips(motion))
 
 
 def _downhill(motion: Motion) -> float:

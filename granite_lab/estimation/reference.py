@@ -16,9 +16,8 @@ from typing import Literal
 import numpy as np
 
 from granite_lab.errors import EstimateError
-from granite_lab.estimation.rest import inside
 from granite_lab.estimation.wheels import Rolling
-from granite_lab.logs.sensors.standstill import Interval
+from granite_lab.logs.sensors.standstill import Interval, inside
 from granite_lab.logs.trial import Array, Series, Trial
 
 TOLD = 3.0

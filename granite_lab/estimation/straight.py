@@ -12,15 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from granite_lab.estimation.wheels import MOVING
 from granite_lab.logs.counters import Mask, integral, runs
-from granite_lab.logs.sensors.standstill import Interval, bridged
+from granite_lab.logs.sensors.standstill import MOVING, Interval, bridged
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import Robot
 
 SHARE = 0.05
 """Share of the speed by which a side is faster or slower: a slip ratio known to so much is known
-(`guard.TELLING`)."""
+(`motion.TELLING`)."""
 
 TURN = np.radians(15.0)
 """Turns by less than this correct a straight course [rad]: its way is 1 % longer than the chord at most."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 from granite_lab.columns import Cell, Column, Table
 from granite_lab.estimate import Estimate, Part
-from granite_lab.estimation.guard import TELLING
+from granite_lab.estimation.motion import TELLING
 from granite_lab.origin import NOWHERE, Origin
 from granite_lab.parameters import Variant
 from granite_lab.rounding import plus_minus

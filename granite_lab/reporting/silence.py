@@ -6,7 +6,7 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 
-from granite_lab.estimation.guard import slip_is_known
+from granite_lab.estimation.motion import slip_is_known
 from granite_lab.fitting.fit import BOUNDS
 from granite_lab.reporting.names import listed
 from granite_lab.reporting.speeds import Speed

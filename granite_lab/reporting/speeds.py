@@ -10,7 +10,7 @@ import numpy as np
 
 from granite_lab.columns import Cell, Column, FilledTable, Table, number
 from granite_lab.estimate import mean_over
-from granite_lab.estimation.guard import TELLING
+from granite_lab.estimation.motion import TELLING
 from granite_lab.fitting.fit import BOUNDS
 from granite_lab.parameters import Paper, by_speed
 from granite_lab.results import StudyResult, TrialResult

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from granite_lab.columns import Cell, Column, FilledTable, Table, good, number, share, words
 from granite_lab.estimate import Estimate, Part, mean_over, weights_of
-from granite_lab.estimation.guard import TELLING
+from granite_lab.estimation.motion import TELLING
 from granite_lab.fitting import fit as records
 from granite_lab.fitting.fit import K92_FITS, K92_STEADY, K92_TRAJECTORY, LAW_NAMES, AThetaFit, K92Fit, Law
 from granite_lab.logs.trial import InputFile
