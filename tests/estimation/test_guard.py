@@ -91,7 +91,7 @@ def test_a_slip_ratio_known_to_several_points_is_not_called_good() -> None:
 
 
 def test_what_was_put_right_keeps_the_grade_from_good() -> None:
-    seen = guard(good(), SAND, (Doubt("the IMU is 8.0 deg off level", "fair"),))
+    seen = guard(good(), SAND, (Doubt("the IMU is 8.0 deg off level", grade="fair"),))
     assert seen.health.grade == "fair"
     assert "8.0 deg" in seen.health.verdict
 
