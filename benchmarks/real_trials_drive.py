@@ -1,6 +1,6 @@
 """Steps of DRIVE as logs: windows of 2 s at 20 Hz, put together, of commands that are straight.
 
-The tables are pickles of pandas. Nothing but pandas and NumPy is loaded from them.
+The tables are pickles of pandas. Nothing but pandas, NumPy and Arrow is loaded from them.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ class _Tables(pickle.Unpickler):
     """Loads tables only."""
 
     def find_class(self, module: str, name: str) -> Any:
-        """Return a class of pandas or NumPy; raise an UnpicklingError for any other."""
-        if module.split(".", maxsplit=1)[0] in ("pandas", "numpy") or (module, name) == ("builtins", "slice"):
+        """Return a class of pandas, NumPy or Arrow; raise an UnpicklingError for any other."""
+        own = module.split(".", maxsplit=1)[0] in ("pandas", "numpy", "pyarrow")
+        if own or (module, name) == ("builtins", "slice"):
             return super().find_class(module, name)
         raise pickle.UnpicklingError(f"{module}.{name} is no part of a table")
 
