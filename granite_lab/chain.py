@@ -35,9 +35,11 @@ from granite_lab.running.each import HERE
 
 def read(path: Path, options: Options) -> tuple[Trial, Robot]:
     """Return the trial of a log as it was logged, and its robot; raise an InputError if it cannot be used."""
-    names = ("imu", "encoders", "currents", "reference", "rows", "robot", "window")
-    given: dict[str, Any] = {name: getattr(options, name) for name in names} | {"info": options.known(path)}
-    trial = logs.read_trial(path, map=options.column_map, topics=dict(options.topics), **given)
+    beside = {role: getattr(options, role) for role in ("imu", "encoders", "currents", "reference")}
+    trial = logs.read_trial(
+        path, beside, map=options.column_map, robot=options.robot, info=options.known(path),
+        topics=dict(options.topics), excerpt=logs.Excerpt(options.rows, options.window),
+    )  # fmt: skip
     robot = load_robot(options.robot or trial.info.robot or "granite")
     if (doubt := soil_doubt(trial, robot, options)) is not None:
         trial = replace(trial, doubts=(*trial.doubts, Doubt(doubt)))

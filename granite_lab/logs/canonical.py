@@ -97,24 +97,24 @@ def collect(
     lines = [(at(path, line), text.lstrip("#").strip()) for line, text in comments]
     above = ((where, _parse(bare, where)) for where, bare in lines if _LINE.match(bare))
     beside = ((str(sidecar), read_toml(sidecar)) for sidecar in sidecars)
-    said: Metadata = {"extra": {}}
+    metadata: Metadata = {"extra": {}}
     files = {str(sidecar) for sidecar in sidecars}
     for where, table in chain(above, beside):
         for key, value in table.items():
             if key in _KEYS:
-                said[_KEYS[key]] = getattr(build(Known, {key: value}, where), _KEYS[key])
+                metadata[_KEYS[key]] = getattr(build(Known, {key: value}, where), _KEYS[key])
                 continue
             if key == NOTES and isinstance(value, dict):
-                said["extra"] |= {name: str(note) for name, note in value.items()}
+                metadata["extra"] |= {name: str(note) for name, note in value.items()}
                 continue
             if where in files and key not in CONDITIONS:
                 unknown = unknown_key(where, key, [*_KEYS, *CONDITIONS])
                 raise InputError(unknown.message, f"{unknown.hint}; notes of your own stand below [{NOTES}]")
-            said["extra"][key] = str(value)
+            metadata["extra"][key] = str(value)
             close = difflib.get_close_matches(key, list(_KEYS), n=1, cutoff=0.8)
             if close:
                 warnings.append(f"{where}: metadata key '{key}' is not known; did you mean '{close[0]}'?")
-    return said
+    return metadata
 
 
 def _parse(text: str, where: str) -> dict[str, Any]:
@@ -135,8 +135,8 @@ def trial_info(sources: Sequence[Metadata], given: TrialInfo | None, robot: str 
     The robot is decided already.
     """
     layers = [*reversed(sources), vars(given or TrialInfo())]
-    said = [(key, value) for layer in layers for key, value in layer.items()]
-    merged = {key: value for key, value in said if not unsaid(value)}
+    entries = [(key, value) for layer in layers for key, value in layer.items()]
+    merged = {key: value for key, value in entries if not unsaid(value)}
     merged |= {"robot": robot, "extra": {k: text for layer in layers for k, text in layer["extra"].items()}}
     if "repetition" in merged:
         merged["repetition"] = int(merged["repetition"])
@@ -160,12 +160,12 @@ def write_canonical(path: Path, trial: Trial) -> None:
 
 def _comments(trial: Trial) -> list[str]:
     """Return the metadata as lines of TOML."""
-    wheels, known = trial.wheels, {key: getattr(trial.info, name, None) for key, name in _KEYS.items()}
-    known["imu_gravity_removed"] = trial.imu is not None and trial.imu.gravity_removed
+    wheels, values = trial.wheels, {key: getattr(trial.info, name, None) for key, name in _KEYS.items()}
+    values["imu_gravity_removed"] = trial.imu is not None and trial.imu.gravity_removed
     if wheels is not None and wheels.step > 0:
-        known["enc_step_rad" if wheels.rate is None else "enc_step_radps"] = wheels.step
-    said = {key: value for key, value in known.items() if not unsaid(value)}
-    return [toml_line(key, value) for key, value in (said | trial.info.extra).items()]
+        values["enc_step_rad" if wheels.rate is None else "enc_step_radps"] = wheels.step
+    stated = {key: value for key, value in values.items() if not unsaid(value)}
+    return [toml_line(key, value) for key, value in (stated | trial.info.extra).items()]
 
 
 def _table(trial: Trial) -> pd.DataFrame:
@@ -196,6 +196,6 @@ def write_truth(path: Path, motion: pd.DataFrame) -> None:
     Raises:
         LabError: the file cannot be written.
     """
-    said = {"virtual": True, **motion.attrs}
-    header = "".join(f"# {key} = {json.dumps(value)}\n" for key, value in said.items())
+    metadata = {"virtual": True, **motion.attrs}
+    header = "".join(f"# {key} = {json.dumps(value)}\n" for key, value in metadata.items())
     write_text(path, header + motion.to_csv(index=False, float_format="%.7g"))

@@ -32,12 +32,12 @@ def on_cluster(execution: Execution, effects: Path | None) -> Iterator[Respond |
                 return [world.respond(task) for task in tasks]
             size = max(1, min(16, len(tasks) // (2 * max(1, sum(client.nthreads().values())))))
             parts = [tuple(tasks[i : i + size]) for i in range(0, len(tasks), size)]
-            found: dict[int, list[Array | None]] = {}
+            computed: dict[int, list[Array | None]] = {}
             for index, part in run_on(client, partial(_simulate, encode(world), effects, sha), parts):
                 if isinstance(part, LabError):
                     raise LabError(f"the cluster failed: {part.message.partition(': ')[2]}", part.hint)
-                found[index] = part
-            return [signals for index in range(len(parts)) for signals in found[index]]
+                computed[index] = part
+            return [signals for index in range(len(parts)) for signals in computed[index]]
 
         yield respond
 
