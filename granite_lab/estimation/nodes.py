@@ -268,10 +268,10 @@ def build(
 
 def _origin(problem: Problem) -> Array:
     """(14, 14) covariance at the start by the origin of a reference's place; that of X + D is the wheels'."""
-    P = np.zeros((SIZE, SIZE))
+    covariance = np.zeros((SIZE, SIZE))
     if any(one.kind == "reference_x" for one in problem.reference):
-        P[np.ix_([X, D], [X, D])] = ORIGIN**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    return P
+        covariance[np.ix_([X, D], [X, D])] = ORIGIN**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    return covariance
 
 
 def shaking(noise: model.Noise, nominal: Nominal, course: Course) -> Array:
