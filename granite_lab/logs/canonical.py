@@ -79,6 +79,9 @@ _KEYS = {key_of(f): f.name for f in dataclasses.fields(Known)}
 CONDITIONS = ("payload_kg", "turned", "slope_deg", "same_rut", "wheels_up")
 """Keys of the conditions under which a trial was driven, which later stages read."""
 
+MADE_BY = "made_by"
+"""Key by which a log that a program wrote names it."""
+
 NOTES = "notes"
 """Table of a sidecar for all that the reader need not understand."""
 
@@ -107,7 +110,7 @@ def collect(
             if key == NOTES and isinstance(value, dict):
                 metadata["extra"] |= {name: str(note) for name, note in value.items()}
                 continue
-            if where in files and key not in CONDITIONS:
+            if where in files and key not in (*CONDITIONS, MADE_BY):
                 unknown = unknown_key(where, key, [*_KEYS, *CONDITIONS])
                 raise InputError(unknown.message, f"{unknown.hint}; notes of your own stand below [{NOTES}]")
             metadata["extra"][key] = str(value)
