@@ -49,8 +49,10 @@ def _reason(r: TrialResult) -> str:
     if not math.isfinite(fit.slip_measured.value):
         return "does not exist: nothing in it is steady"
     if not fit.slip_known:
-        cause = [one for one in motion.health.reasons if "known to ±" not in one]
-        because = f" ({cause[0]})" if cause else ""
+        causes = [one for one in motion.health.reasons if "known to ±" not in one]
+        # what anchors the velocity says most of how well slip is known
+        causes.sort(key=lambda one: "anchor" not in one and "standstill" not in one)
+        because = f" ({causes[0].split(': ')[0]})" if causes else ""
         return f"is known to {{known}} points only{because.replace('{', '{{').replace('}', '}}')}"
     if fit.status in BOUNDS:
         low, high = (significant(100 * x, 2) for x in fit.reach)
