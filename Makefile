@@ -8,7 +8,7 @@ USE := .venv/.use-installed
 DEV := .venv/.dev-installed
 MINOR := "import sys; print('%d.%d' % sys.version_info[:2])"
 
-.PHONY: help python study smoke test lint types bench bench-simulator bench-estimation bench-many blind mixtures outside outside-variants validation soak samples clean
+.PHONY: help python study smoke test lint types bench bench-simulator bench-estimation bench-many blind mixtures outside outside-variants real validation soak samples clean
 
 help:
 	@echo "make study             analyse data/samples, write reports/samples/index.html"
@@ -20,6 +20,7 @@ help:
 	@echo "make mixtures          100 mixtures of hidden effects (hours), write docs/blind-mixtures.md"
 	@echo "make outside DIR=...   judge discover by trials of other programs"
 	@echo "make outside-variants  the same trials as other loggers would have written them (an hour)"
+	@echo "make real DATA=...     public trials of other robots through the whole chain, write docs/real-trials.md"
 	@echo "make validation        hold the contact model against measured wheels, write docs/validation.md"
 	@echo "make samples           write the virtual sample trials again"
 	@echo "make clean             remove .venv and all caches"
@@ -82,6 +83,9 @@ DIR ?= ../shared/outside
 
 outside: $(DEV)
 	$(BIN)/python -m benchmarks.outside $(DIR) --jobs 2
+
+real: $(DEV)
+	$(BIN)/python -m benchmarks.real_trials --data $(DATA)
 
 outside-variants: $(DEV)
 	rm -rf build/outside-variants

@@ -16,11 +16,12 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.effects import library
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import EstimateError, LabError, UsageError
-from granite_lab.estimation.motion import Motion
+from granite_lab.estimation.motion import Motion, slip_is_known
 from granite_lab.fitting.fit import AThetaFit
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.trial import InputFile, Trial, name_of
 from granite_lab.model import simulate
-from granite_lab.model.effect import Active
+from granite_lab.model.effect import Active, activate
 from granite_lab.options import Options
 from granite_lab.origin import Source
 from granite_lab.parameters import Robot, Soil, load_robot, load_soil, load_variants
@@ -36,10 +37,27 @@ def read(path: Path, options: Options) -> tuple[Trial, Robot]:
     """Return the trial of a log as it was logged, and its robot; raise an InputError if it cannot be used."""
     beside = {role: getattr(options, role) for role in ("imu", "encoders", "currents", "reference")}
     trial = logs.read_trial(
-        path, beside, map=options.column_map, robot=options.robot, info=options.info,
+        path, beside, map=options.column_map, robot=options.robot, info=options.known(path),
         topics=dict(options.topics), excerpt=logs.Excerpt(options.rows, options.window),
     )  # fmt: skip
-    return trial, load_robot(options.robot or trial.info.robot or "granite")
+    robot = load_robot(options.robot or trial.info.robot or "granite")
+    if (doubt := soil_doubt(trial, robot, options)) is not None:
+        trial = replace(trial, doubts=(*trial.doubts, Doubt(doubt)))
+    return trial, robot
+
+
+def soil_doubt(trial: Trial, robot: Robot, options: Options) -> str | None:
+    """Return what to say of a soil that is taken for another one, or that nobody named."""
+    named = trial.info.soil
+    if options.soil is not None or (named is None and robot.name == "granite"):
+        return None
+    if named is None:
+        return "nobody names the soil: dry sand is assumed (soil = … in the log, its sidecar, or --soil)"
+    try:
+        load_soil(named)
+    except UsageError:
+        return f"the soil '{named}' of the log is not known: dry sand is assumed for the estimate"
+    return None
 
 
 def soil_of(trial: Trial, named: str | None) -> Soil:
@@ -63,14 +81,15 @@ def corrected(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
         EstimateError: the motion cannot be had from it.
     """
     logged, robot = read(path, options)
-    trial, motion = estimation.correct(logged, robot, **_beside(logged, options))
+    trial, motion = estimation.correct(logged, robot, soil=soil_of(logged, options.soil))
     return trial, robot, motion
 
 
-def _beside(logged: Trial, options: Options) -> dict[str, Any]:
-    """Return what estimation is told besides the log."""
-    soil = soil_of(logged, options.soil)
-    return {"rests": options.rests, "distance_measured": options.distance_measured, "soil": soil}
+def blindly(path: Path, options: Options) -> Motion:
+    """Return the motion of a trial whose reference is not used; errors as of `corrected`."""
+    logged, robot = read(path, options)
+    logged = replace(logged, info=replace(logged.info, use_reference=False))
+    return estimation.correct(logged, robot, soil=soil_of(logged, options.soil))[1]
 
 
 def analyse(path: Path, options: Options) -> TrialResult:
@@ -80,12 +99,21 @@ def analyse(path: Path, options: Options) -> TrialResult:
         LabError: any stage could not do its work; the message says which and why.
     """
     logged, robot = read(path, options)
-    trial, motion = estimation.correct(logged, robot, **_beside(logged, options))
+    trial, motion = estimation.correct(logged, robot, soil=soil_of(logged, options.soil))
     soil, effects = ground(trial, options)
     if options.model and (lugs := load_model(options.model, options.effects).lugs) is not None:
         robot = replace(robot, wheels=replace(robot.wheels, lugs=lugs))
+    effects = (*effects, *sloped(trial))
     fit = fitting.fit_k92(motion, trial, robot, soil, effects=effects)
     return TrialResult(trial, compare(motion, trial, fit, robot, soil, effects=effects))
+
+
+def sloped(trial: Trial) -> tuple[Active, ...]:
+    """Return the slope of the ground that a log states, as an effect; nothing on level ground."""
+    from granite_lab.inference.conditions import conditions_of  # noqa: PLC0415, heavy
+
+    slope = conditions_of(trial).slope
+    return (activate(library()["ground_slope"], {"slope": slope}),) if slope else ()
 
 
 def ground(trial: Trial, options: Options) -> tuple[Soil, tuple[Active, ...]]:
@@ -101,6 +129,9 @@ def soil_name(trial: Trial, options: Options) -> str:
     model = load_model(options.model, options.effects) if options.model else None
     return options.soil or (model.soil if model else None) or trial.info.soil or "dry_sand"
 
+
+NO_SLIP = "no trial has a slip ratio that is known to 5 points, so nothing is searched"
+"""Why a search is left out: what is missing from a model cannot be told from motions that are not known."""
 
 NAME = "study"
 """Of a study that is not written; a report has that of its folder."""
@@ -138,6 +169,8 @@ def over_trials(
     result = StudyResult(NAME, tuple(results), failures, law_of(results), source)
     if not discover:
         return result
+    if motions and not any(map(slip_is_known, motions)):
+        return replace(result, unsearched=NO_SLIP)
     try:
         finding = find_effect(
             trials, options, motions=motions, law=result.a_theta, execution=execution, progress=progress
@@ -170,6 +203,10 @@ def find_effect(
         UsageError: trials of several robots or soils, or options that cannot be used.
         LabError: of `discovery.discover`.
     """
+    if motions and not any(map(slip_is_known, motions)):
+        raise EstimateError(
+            NO_SLIP, "granite-lab ingest shows how well the slip ratio of each trial is known"
+        )
     from granite_lab.discovery.discover import discover  # noqa: PLC0415, heavy
     from granite_lab.discovery.exponent import views  # noqa: PLC0415, heavy
     from granite_lab.running.simulations import effects_of_search, on_cluster  # noqa: PLC0415, heavy
@@ -258,6 +295,8 @@ def law_by_slip(
 
 def law_of(trials: Sequence[TrialResult]) -> AThetaFit | None:
     """Fit a_θ over trials; None where they do not allow it."""
+    if not any(trial.comparison.fit.slip_known for trial in trials):
+        return None
     try:
         return fitting.fit_a_theta([trial.comparison.fit for trial in trials])
     except EstimateError:

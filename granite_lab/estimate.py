@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
@@ -71,8 +71,27 @@ class Mean(NamedTuple):
     n: int
 
 
-def mean_over(estimates: Iterable[Estimate]) -> Mean:
-    """Average repetitions, with the wider of two 95 % intervals.
+def weights_of(estimates: Sequence[Estimate], vague: float = math.inf) -> list[float]:
+    """Return the weights of repetitions in their mean; they add up to 1.
+
+    They are equal, unless the std of one is beyond `vague`: then they follow from the stated std and the
+    scatter between the repetitions (DerSimonian & Laird, Control. Clin. Trials 7 (1986) 177-188).
+    """
+    n = len(estimates)
+    if n < 2 or not any(e.std > vague for e in estimates):
+        return [1.0 / n] * n if n else []
+    least = min((e.std for e in estimates if e.std > 0), default=1.0)
+    w = [1.0 / max(e.std, 1e-3 * least) ** 2 if e.std >= 0 else 0.0 for e in estimates]
+    total = sum(w)
+    mean = sum(a * e.value for a, e in zip(w, estimates, strict=True)) / total
+    surplus = sum(a * (e.value - mean) ** 2 for a, e in zip(w, estimates, strict=True)) - (n - 1)
+    scatter = max(surplus, 0.0) / max(total - sum(a**2 for a in w) / total, 1e-300)
+    w = [1.0 / (1.0 / a + scatter) if a > 0 else 0.0 for a in w]
+    return [a / sum(w) for a in w]
+
+
+def mean_over(estimates: Iterable[Estimate], vague: float = math.inf) -> Mean:
+    """Average repetitions, with the wider of two 95 % intervals; weights are those of `weights_of`.
 
     One comes from the scatter between the repetitions (Student's t), the other from their stated
     standard deviations. The first knows the sand's scatter, the second the sensors'; with few
@@ -85,9 +104,10 @@ def mean_over(estimates: Iterable[Estimate]) -> Mean:
     n = len(finite)
     if n == 0:
         return Mean(math.nan, math.nan, math.nan, math.nan, 0)
-    values = np.array([e.value for e in finite])
-    stated = float(np.sqrt(np.sum(np.square([e.std for e in finite])))) / n
-    scatter = float(np.std(values, ddof=1) / np.sqrt(n)) if n > 1 else math.nan
+    values, w = np.array([e.value for e in finite]), np.array(weights_of(finite, vague))
+    mean = float(w @ values)
+    own = np.where(w > 0, [e.std for e in finite], 0.0)
+    stated = float(np.linalg.norm(w * own))
+    scatter = float(np.sqrt(w @ (values - mean) ** 2 / (n - 1))) if n > 1 else math.nan
     half = float(np.fmax(1.959964 * stated, float(stdtrit(max(n - 1, 1), 0.975)) * scatter))
-    mean = float(values.mean())
     return Mean(mean, float(np.fmax(stated, scatter)), mean - half, mean + half, n)

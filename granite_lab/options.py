@@ -8,15 +8,42 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
-from granite_lab.logs.trial import TrialInfo
+from granite_lab.logs.trial import TrialInfo, over
 
 GIVEN: dict[str, tuple[str, type]] = {
     "robot": ("robot", str), "soil": ("soil", str), "map": ("column_map", str),
     "model": ("model", Path), "effects": ("effects", Path),
 }  # fmt: skip
 """Option of the command line to field and type."""
+
+
+RESTS = (("rest", "rests"), ("body-rest", "body_rests"))
+"""Options that name standstills, and the fields of `TrialInfo` that hold them."""
+
+
+def _told(info: TrialInfo) -> dict[str, str | None]:
+    """Return the other options of what is known of a trial, to their texts; None where nothing is said."""
+    tape = None if info.distance_measured is None else f"{info.distance_measured:.9g}"
+    if tape and info.distance_measured_std is not None:
+        tape += f"±{info.distance_measured_std:.9g}"
+    said = {"distance-measured": tape, "use-reference": "" if info.use_reference else None}
+    stds = {"ref-v-std": info.ref_v_std, "ref-x-std": info.ref_x_std}
+    return said | {name: None if std is None else f"{std:.9g}" for name, std in stds.items()}
+
+
+def _info_of(given: Sequence[tuple[str, str]]) -> TrialInfo:
+    """Return what is known of all trials, from what `Options.given` made of it."""
+    said = dict(given)
+    tape, _, std = said.get("distance-measured", "").partition("±")
+    named: dict[str, Any] = {
+        field: tuple(tuple(map(float, value.split(":"))) for key, value in given if key == name)
+        for name, field in RESTS
+    }
+    numbers = {"distance_measured": tape, "distance_measured_std": std}
+    numbers |= {field: said.get(field.replace("_", "-"), "") for field in ("ref_v_std", "ref_x_std")}
+    named |= {field: float(text) for field, text in numbers.items() if text}
+    return TrialInfo(**named, use_reference="use-reference" in said)
 
 
 @dataclass(frozen=True)
@@ -29,9 +56,8 @@ class Options:
         rows: which rows of the log to take, as ``run_id = 4``.
         model: model.toml with effects to switch on.
         effects: the user's own effect file that the model may need.
-        info: metadata that overrides the log's.
-        rests: intervals in which the robot stood still (start, end) [s, the log's time].
-        distance_measured: total distance by tape measure [m].
+        info: what is known of all trials; it overrides what a log says.
+        of_trials: what is known of single ones, by the path of the log; `info` counts before it.
         topics: of a bag, what a topic is taken for (imu, joints, odom) and its name.
         tolerance: of a search, discrepancy that does not matter, as a share of a channel's rms in motion.
         latency: of a search, largest delay between the stamps of two sensors that passes for latency [s].
@@ -49,8 +75,7 @@ class Options:
     model: Path | None = None
     effects: Path | None = None
     info: TrialInfo | None = None
-    rests: tuple[tuple[float, float], ...] = ()
-    distance_measured: Estimate | None = None
+    of_trials: tuple[tuple[str, TrialInfo], ...] = ()
     topics: tuple[tuple[str, str], ...] = ()
     tolerance: float = TOLERANCE
     latency: float = LATENCY_LIMIT
@@ -64,6 +89,11 @@ class Options:
         paths = (self.imu, self.encoders, self.currents, self.reference, self.model, self.effects)
         return (*map(Path, named), *(p for p in paths if p is not None))
 
+    def known(self, log: Path) -> TrialInfo | None:
+        """Return what is known of a trial besides what its log says."""
+        own = dict(self.of_trials).get(str(log))
+        return over(self.info, own) if self.info and own else self.info or own
+
     def given(self) -> tuple[tuple[str, str], ...]:
         """Return what was said about all trials, as the options of the command line."""
         start, end = self.window or (-math.inf, math.inf)
@@ -74,8 +104,11 @@ class Options:
             "from": start if math.isfinite(start) else None,
             "to": end if math.isfinite(end) else None,
         }
+        info = self.info or TrialInfo()
+        named |= _told(info)
+        rests = ((name, f"{a:.9g}:{b:.9g}") for name, field in RESTS for a, b in getattr(info, field))
         topics = tuple(("topic", f"{role}={topic}") for role, topic in self.topics)
-        return (*((key, str(value)) for key, value in named.items() if value is not None), *topics)
+        return (*((key, str(value)) for key, value in named.items() if value is not None), *rests, *topics)
 
     @classmethod
     def from_given(cls, given: Sequence[tuple[str, str]]) -> Options:
@@ -84,8 +117,10 @@ class Options:
         fields: dict[str, Any] = {f: kind(said[name]) for name, (f, kind) in GIVEN.items() if name in said}
         if {"from", "to"} & set(said):
             fields["window"] = float(said.get("from", "-inf")), float(said.get("to", "inf"))
+        info = _info_of(given)
         return cls(
             **fields,
+            info=None if info == TrialInfo() else info,
             topics=tuple(tuple(value.split("=", 1)) for key, value in given if key == "topic"),  # type: ignore[misc]
             tolerance=float(said.get("tolerance", TOLERANCE)),
             latency=float(said.get("latency", 1e3 * LATENCY_LIMIT)) / 1e3,

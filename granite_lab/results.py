@@ -75,7 +75,7 @@ def command_of(name: str, logs: Sequence[Path], options: Sequence[tuple[str, str
     folders = list(dict.fromkeys(path.parent for path in logs))
     with suppress(LabError, OSError):  # a folder may be gone, or hold logs that were not named
         logs = folders if len(logs) > 1 and set(trial_files(folders)) == set(logs) else logs
-    given = [part for key, value in options for part in (f"--{key}", value)]
+    given = [part for key, value in options for part in (f"--{key}", value) if part]
     return shlex.join(["granite-lab", name, *map(str, logs), *given])
 
 

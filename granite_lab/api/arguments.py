@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from granite_lab.errors import UsageError
+from granite_lab.estimate import Estimate
+from granite_lab.logs.trial import TrialInfo, over
 from granite_lab.options import Options
 from granite_lab.running import Cache, Execution
 
@@ -21,6 +24,10 @@ Window = tuple[float, float] | None
 
 Topics = Mapping[str, str] | None
 """Of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic."""
+
+
+Rests = Sequence[tuple[float, float]]
+"""Intervals of standstill (start, end) [s, the log's time]."""
 
 
 def text(given: File) -> str | None:
@@ -47,6 +54,30 @@ def options_of(
         text(robot), text(soil), text(column_map), model=path(model), effects=path(effects),
         topics=tuple((topics or {}).items()), window=window,
     )  # fmt: skip
+
+
+def knowing(
+    options: Options,
+    rests: Rests = (),
+    body_rests: Rests = (),
+    distance_measured: Estimate | None = None,
+    use_reference: bool = False,
+    ref_v_std: float | None = None,
+    ref_x_std: float | None = None,
+) -> Options:
+    """Add what is known of trials; raise a UsageError for a std that is not above zero."""
+    for name, std in (("ref-v-std", ref_v_std), ("ref-x-std", ref_x_std)):
+        refuse_outside(name, std, 1e-6)
+    tape = distance_measured or Estimate(math.nan)
+    own = TrialInfo(
+        rests=tuple((float(a), float(b)) for a, b in rests),
+        body_rests=tuple((float(a), float(b)) for a, b in body_rests),
+        distance_measured=tape.value if math.isfinite(tape.value) else None,
+        distance_measured_std=tape.std if math.isfinite(tape.std) else None,
+        use_reference=use_reference, ref_v_std=ref_v_std, ref_x_std=ref_x_std,
+    )  # fmt: skip
+    known = over(own, options.info or TrialInfo())
+    return options if known == TrialInfo() else replace(options, info=known)
 
 
 def refuse_outside(name: str, value: float | None, low: float, high: float = math.inf) -> None:

@@ -6,15 +6,17 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from granite_lab.api.arguments import options_of
+from granite_lab.api.arguments import knowing, options_of
 from granite_lab.api.project import FILE, named_logs, project_in
 from granite_lab.errors import InputError, LabError, UsageError
+from granite_lab.estimate import Estimate
 from granite_lab.files import readable, write_text
 from granite_lab.logs.trial import name_of, trial_files
 from granite_lab.options import Options
@@ -27,7 +29,10 @@ SAMPLES = Path("data") / "samples"
 ABOUT = ("robot", "soil", "column_map", "topics", "window")
 """Parameters that say something of the logs, as `options_of` has them."""
 
-ALONE = ("imu", "encoders", "currents", "reference", "rows", "variant", "rests", "distance_measured")
+KNOWN = ("rests", "body_rests", "distance_measured", "use_reference", "ref_v_std", "ref_x_std")
+"""Parameters that say what is known of the trials, as `knowing` has them."""
+
+ALONE = ("imu", "encoders", "currents", "reference", "rows", "variant")
 """Parameters of `ingest` that no other command has."""
 
 
@@ -106,6 +111,11 @@ def _said_of(found: Sequence[Listed]) -> dict[str, Any]:
             )
     options = Options.from_given(found[0].options)
     said = {name: getattr(options, name) for name in ABOUT} | {"topics": dict(options.topics)}
+    if (info := options.info) is not None:
+        said |= {name: getattr(info, name) for name in KNOWN}
+        if info.distance_measured is not None:
+            std = math.nan if info.distance_measured_std is None else info.distance_measured_std
+            said["distance_measured"] = Estimate(info.distance_measured, std)
     return {name: value for name, value in said.items() if value}
 
 
@@ -173,8 +183,9 @@ def remember(folder: Path, tables: Mapping[Path, Path], said: Mapping[str, Any])
         LabError: the list cannot be written.
     """
     path = folder / LIST
-    options = options_of(**{name: said.get(name) for name in ABOUT}).given()
-    alone = tuple(name.replace("_", "-").replace("rests", "rest") for name in ALONE if said.get(name))
+    own = {name: said[name] for name in KNOWN if said.get(name)}
+    options = knowing(options_of(**{name: said.get(name) for name in ABOUT}), **own).given()
+    alone = tuple(name for name in ALONE if said.get(name))
     known = {one.table: one for one in (_read(path) if path.exists() else ())}
     known |= {table: Listed(log, table, options, alone) for log, table in tables.items()}
     rows = [

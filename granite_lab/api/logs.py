@@ -2,24 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granite_lab import estimation, reporting
 from granite_lab import logs as log_files
-from granite_lab.api.arguments import File, Logs, Topics, Window, execution_of, options_of, refuse_outside
+from granite_lab.api.arguments import (
+    File,
+    Logs,
+    Rests,
+    Topics,
+    Window,
+    execution_of,
+    knowing,
+    options_of,
+    refuse_outside,
+)
 from granite_lab.api.project import Chosen, choose
 from granite_lab.api.records import Records
 from granite_lab.api.run_checks import Checked, check_run, unread
-from granite_lab.chain import analyse, corrected
+from granite_lab.chain import analyse, blindly, corrected
 from granite_lab.errors import EstimateError, InputError, LabError, UsageError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.files import is_folder, refuse_special
 from granite_lab.folders import replacing
-from granite_lab.logs.trial import Trial, TrialInfo, is_log, name_of, trial_files
+from granite_lab.logs.trial import Trial, TrialInfo, is_log, name_of, over, trial_files
 from granite_lab.origin import Origin
 from granite_lab.parameters import Robot
 from granite_lab.results import WHOLE
@@ -63,11 +73,11 @@ def ingest(
     *,
     imu: File = None, encoders: File = None, currents: File = None, reference: File = None,
     rows: str | None = None, variant: float | None = None,
-    rests: Sequence[tuple[float, float]] = (),
-    distance_measured: Estimate | None = None,
     against_reference: bool = False,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
+    rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
+    use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     strict: bool = False,
     jobs: int = 0,
     done: Callable[[Path], None] = lambda _: None,
@@ -84,8 +94,6 @@ def ingest(
         reference: file with an external reference of that trial, as GPS or motion capture.
         rows: rows to take from a log of several runs, as ``run_id = 4``.
         variant: desired velocity [m/s], 0.01 to 5, if the log lacks it.
-        rests: intervals of standstill (start, end) [s, the log's time].
-        distance_measured: total distance by tape [m].
         against_reference: judge the estimate by the log's reference, which the filter does not use.
         robot: the robot: a name of the catalogue or a .toml file; by default as granite-lab.toml or the log
             says, else granite.
@@ -93,6 +101,13 @@ def ingest(
         column_map: column map: a name of the catalogue or a .toml file, or a folder of these.
         topics: of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic.
         window: begin and end of the part to use of every log [s, the log's time], infinite where open.
+        rests: intervals in which robot and wheels stood still (start, end) [s, the log's time].
+        body_rests: intervals in which the body stood still; its wheels may have turned.
+        distance_measured: total distance by tape [m].
+        use_reference: the log's external reference enters the estimate as a measurement. The judgement is
+            then of the estimate without it.
+        ref_v_std: std of the reference's velocity [m/s].
+        ref_x_std: std of its place [m].
         strict: a trial that fails is an error.
         jobs: number of processes; 0 means one per core.
         done: called with each path once it is finished.
@@ -111,10 +126,8 @@ def ingest(
     if files and not isinstance(logs, (str, Path)) and not logs:  # the IMU's file is the log
         logs = files.pop("imu", ())
     execution = execution_of(jobs)
-    options = replace(
-        options_of(robot, soil, column_map, topics, window),
-        rows=rows, rests=tuple(rests), distance_measured=distance_measured,
-    )  # fmt: skip
+    options = replace(options_of(robot, soil, column_map, topics, window), rows=rows)
+    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
     chosen = choose(logs, options)
     together, note = ({}, "") if files or rows else _halves(chosen)
     if together:
@@ -123,23 +136,42 @@ def ingest(
         raise UsageError("--variant and files of sensors go with one trial", "ingest the trials one by one")
     options = replace(chosen.options, **files)
     if variant:
-        options = replace(options, info=TrialInfo(robot=options.robot, v_desired=variant))
+        said = TrialInfo(robot=options.robot, v_desired=variant)
+        options = replace(options, info=over(said, options.info or TrialInfo()))
     outcomes = each_trial(corrected, chosen.files, options, execution=execution, done=done)
+    alone = [path for path, one in zip(chosen.files, outcomes, strict=True) if _refers(one)]
+    blind = dict(zip(alone, each_trial(blindly, alone, options, execution=execution), strict=True))
     pairs = zip(chosen.files, outcomes, strict=True)
-    records = [_ingested(path, outcome, against_reference) for path, outcome in pairs]
+    records = [_ingested(path, outcome, against_reference, blind.get(path)) for path, outcome in pairs]
     ingested, failed = sifted(chosen.files, records, strict=strict)
     warnings = [f"{item.name}: {line}" for item in ingested for line in item.motion.warnings]
     origin = Origin(None, (*chosen.excluded, *failed), tuple([note, *warnings] if note else warnings))
     return Records(ingested, [item.name for item in ingested], origin)
 
 
-def _ingested(log: Path, outcome: tuple[Trial, Robot, Motion] | LabError, judge: bool) -> Ingested | LabError:
-    """Return the record of a log, if asked for with its judgement; the error of one that has none."""
+def _refers(outcome: tuple[Trial, Robot, Motion] | LabError) -> bool:
+    """Whether the reference of a trial entered its estimate."""
+    return not isinstance(outcome, LabError) and outcome[0].info.use_reference
+
+
+def _ingested(
+    log: Path, outcome: tuple[Trial, Robot, Motion] | LabError, judge: bool, blind: Motion | LabError | None
+) -> Ingested | LabError:
+    """Return the record of a log, if asked for with its judgement; the error of one that has none.
+
+    Where the reference entered the estimate, the one without it, `blind`, is judged.
+    """
     if isinstance(outcome, LabError):
         return outcome
     found = Ingested(*outcome, log=log)
+    if isinstance(blind, LabError):
+        said = f"without the reference there is no estimate to compare: {blind.message}"
+        motion = replace(found.motion, warnings=(*found.motion.warnings, said))
+        return replace(found, motion=motion)
+    if blind is None and not judge:
+        return found
     try:
-        return replace(found, judgement=estimation.judge(found.motion, found.trial, 0.0)) if judge else found
+        return replace(found, judgement=estimation.judge(blind or found.motion, found.trial, 0.0))
     except EstimateError as error:
         return error
 
@@ -241,6 +273,8 @@ def check(
     *,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
+    rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
+    use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
 ) -> Checked:  # fmt: skip
     """Check a log after a run in the field: readable, sensors, standstills, speed, slip, estimate.
 
@@ -249,6 +283,8 @@ def check(
     Args:
         log: path of the log.
         robot, soil, column_map, topics, window: what is said of the log, as in `ingest`.
+        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
+            trial, as in `ingest`.
 
     Returns:
         the checks; the table has a row for each.
@@ -256,7 +292,9 @@ def check(
     Raises:
         UsageError: unknown robot or column map, or a folder of several logs.
     """
-    chosen = choose(log, options_of(robot, soil, column_map, topics, window), everything=True)
+    options = options_of(robot, soil, column_map, topics, window)
+    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    chosen = choose(log, options, everything=True)
     if len(chosen.files) > 1:
         raise UsageError(f"{log}: {len(chosen.files)} logs", "check_logs checks several")
     return check_run(chosen.files[0], chosen.options)
@@ -267,6 +305,8 @@ def check_logs(
     *,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
+    rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
+    use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     jobs: int = 0,
     done: Callable[[Path], None] = lambda _: None,
 ) -> Records[Checked]:  # fmt: skip
@@ -277,6 +317,8 @@ def check_logs(
     Args:
         logs: paths of logs, or of folders with logs.
         robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
+            trials, as in `ingest`.
         jobs: number of processes; 0 means one per core.
         done: called with each path once it is finished.
 
@@ -287,7 +329,9 @@ def check_logs(
         UsageError: unknown robot or column map, or no log.
     """
     execution = execution_of(jobs)
-    chosen = choose(logs, options_of(robot, soil, column_map, topics, window), everything=True)
+    options = options_of(robot, soil, column_map, topics, window)
+    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    chosen = choose(logs, options, everything=True)
     outcomes = each_trial(check_run, chosen.files, chosen.options, execution=execution, done=done)
     pairs = zip(chosen.files, outcomes, strict=True)
     checks = [unread(path, one) if isinstance(one, LabError) else one for path, one in pairs]

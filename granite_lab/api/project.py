@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import difflib
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 from granite_lab.api.arguments import Logs
 from granite_lab.effects import library
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import refuse_special, sha256
-from granite_lab.logs.trial import is_log, name_of, trial_files
+from granite_lab.logs.canonical import Said
+from granite_lab.logs.trial import TrialInfo, is_log, name_of, over, trial_files
 from granite_lab.options import Options
 from granite_lab.origin import EXCLUDED, Failure
 from granite_lab.parameters.catalogue import find, forget, load_robot, load_soil
-from granite_lab.parameters.quantity import build, read_toml
+from granite_lab.parameters.quantity import build, quantity, read_toml
 
 FILE = "granite-lab.toml"
 
@@ -30,6 +33,13 @@ class Excluded:
 
     trial: str
     reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class OfTrial(Said):
+    """What is known of a trial, by the name of its log without the ending."""
+
+    name: str
 
 
 @dataclass(frozen=True)
@@ -43,6 +53,8 @@ class Project:
         out: folder in which each command makes its own folder of results.
         exclude: trials that are left out.
         logs: paths of logs, or of folders with logs.
+        use_reference, ref_v_std, ref_x_std: as in `TrialInfo`, for all trials.
+        trial: what is known of single ones.
     """
 
     robot: str = ""
@@ -51,6 +63,16 @@ class Project:
     out: str = ""
     exclude: tuple[Excluded, ...] = ()
     logs: tuple[str, ...] = ()
+    use_reference: bool = False
+    ref_v_std: float = quantity("m/s", 1e-6, 10, "std of the reference's velocity", "", math.nan)
+    ref_x_std: float = quantity("m", 1e-6, 100, "std of the reference's place", "", math.nan)
+    trial: tuple[OfTrial, ...] = ()
+
+    def known(self, name: str) -> TrialInfo:
+        """Return what is known of a trial."""
+        own = next((one.info for one in self.trial if one.name == name), TrialInfo())
+        common = Said(use_reference=self.use_reference, ref_v_std=self.ref_v_std, ref_x_std=self.ref_x_std)
+        return over(own, common.info)
 
 
 @dataclass(frozen=True)
@@ -73,7 +95,7 @@ def project_in(folder: Path) -> Project:
     if not path.is_file():
         return Project()
     read = build(Project, read_toml(path), str(path))
-    named: dict[str, str] = {}
+    named: dict[str, Any] = {}
     for key, kind in (("robot", "robots"), ("soil", "soils"), ("map", "loggers")):
         text = getattr(read, key)
         if not text:
@@ -91,17 +113,20 @@ def project_in(folder: Path) -> Project:
             raise InputError(f"{path}: logs: '{text}': does not exist", f"paths start at {folder}")
     named_too = tuple(str(folder / text) for text in read.logs)
     logs = [name_of(log) for log in _logs_of(folder, named_too)]
-    for i, item in enumerate(read.exclude, 1):
-        if item.trial not in logs:
-            close = difflib.get_close_matches(item.trial, logs, n=1)
+    mentioned = [(f"[exclude.{i}]: trial", item.trial) for i, item in enumerate(read.exclude, 1)]
+    mentioned += [(f"[trial.{i}]: name", item.name) for i, item in enumerate(read.trial, 1)]
+    for where, name in mentioned:
+        if name not in logs:
+            close = difflib.get_close_matches(name, logs, n=1)
             raise InputError(
-                f"{path}: [exclude.{i}]: trial = '{item.trial}': no such log in this folder",
+                f"{path}: {where} = '{name}': no such log in this folder",
                 f"did you mean '{close[0]}'?" if close else "write the log's name without its ending",
             )
+    for i, item in enumerate(read.exclude, 1):
         if not item.reason.strip():
             raise InputError(f"{path}: [exclude.{i}]: reason is empty", "say why the trial is left out")
     out = str(folder / read.out) if read.out else ""
-    return Project(**named, out=out, exclude=read.exclude, logs=named_too)
+    return replace(read, **named, out=out, logs=named_too)
 
 
 def _logs_of(folder: Path, named: Sequence[str]) -> list[Path]:
@@ -154,8 +179,10 @@ def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
     files = trial_files(logs)
     project_of = _projects_of(files)
     projects = dict(project_of.values())
+    known = [(str(path), project.known(name_of(path))) for path, (_, project) in project_of.items()]
     options = replace(
         options,
+        of_trials=tuple((path, info) for path, info in known if info != TrialInfo()),
         robot=_agreed(projects, "robot", options.robot),
         soil=_agreed(projects, "soil", options.soil),
         column_map=_agreed(projects, "map", options.column_map),

@@ -14,6 +14,7 @@ from granite_lab import estimation
 from granite_lab.chain import read, soil_of
 from granite_lab.errors import EstimateError, InputError, LabError
 from granite_lab.estimation.motion import Motion
+from granite_lab.estimation.straight import OFF
 from granite_lab.logs.counters import mean_known
 from granite_lab.logs.sensors.standstill import COAST, inside
 from granite_lab.logs.trial import Array, Trial, is_bag
@@ -179,6 +180,8 @@ def _rate(t: Array) -> str:
 
 def _motion(motion: Motion, trial: Trial) -> Iterator[Check]:
     """Say of the motion what a trial needs to be of use."""
+    for said in (line for line in motion.warnings if f": {OFF}; " in line):
+        yield Check("course", False, said.split(f": {OFF}; ")[0], said.split("; ")[-1])
     step, pace = np.gradient(motion.t), np.abs(mean_known(motion.v_wheel))
     stands = inside(motion.t, motion.health.rests) | (pace < COAST)
     middle = np.nan_to_num(0.5 * sum(motion.steady), nan=0.5 * float(motion.t[0] + motion.t[-1]))

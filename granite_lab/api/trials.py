@@ -13,9 +13,11 @@ from granite_lab import fitting, reporting
 from granite_lab.api.arguments import (
     File,
     Logs,
+    Rests,
     Topics,
     Window,
     execution_of,
+    knowing,
     options_of,
     path,
     refuse_outside,
@@ -27,6 +29,7 @@ from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.effects import library
 from granite_lab.errors import InputError, UsageError
+from granite_lab.estimate import Estimate
 from granite_lab.files import refuse_special
 from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.folders import files_of
@@ -66,6 +69,8 @@ def fit_k92(
     *,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
+    rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
+    use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     model: File = None, effects: File = None,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None,
@@ -75,6 +80,8 @@ def fit_k92(
     Args:
         logs: paths of logs, or of folders with logs.
         robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
+            trials, as in `ingest`.
         model: file (model.toml) of the paper's model with effects switched on.
         effects: your own effect file (.py). It is executed: use only code you trust.
         strict: a trial that fails is an error; by default it is left out and listed in the result.
@@ -91,6 +98,7 @@ def fit_k92(
         EstimateError: an estimate or fit cannot be had.
     """
     options = options_of(robot, soil, column_map, topics, window, model, effects)
+    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
     execution = execution_of(jobs, scheduler, cache=cache)
     results, origin = _analysed("fit-k92", logs, options, execution, strict, done)
     return Records([result.comparison.fit for result in results], (), origin)
@@ -102,6 +110,8 @@ def fit_a_theta(
     published: bool = False,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
+    rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
+    use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     model: File = None, effects: File = None,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None,
@@ -112,6 +122,8 @@ def fit_a_theta(
         logs: paths of logs or of folders, or the fits of `fit_k92`.
         published: use Table 3 of the paper instead of trials.
         robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
+            trials, as in `ingest`.
         model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
 
     Returns:
@@ -129,6 +141,7 @@ def fit_a_theta(
     fits, origin = [item for item in given if isinstance(item, K92Fit)], NOWHERE
     if not fits:
         options = options_of(robot, soil, column_map, topics, window, model, effects)
+        options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
         paths = [item for item in given if not isinstance(item, K92Fit)]
         execution = execution_of(jobs, scheduler, cache=cache)
         results, origin = _analysed("fit-atheta", paths, options, execution, strict, done)
@@ -145,6 +158,8 @@ def compare(
     out: File = None,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
+    rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
+    use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     model: File = None, effects: File = None,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None,
@@ -155,6 +170,8 @@ def compare(
         logs: paths of logs, or of folders with logs.
         out: folder for tables and figures; without it nothing is written.
         robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
+            trials, as in `ingest`.
         model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
 
     Returns:
@@ -165,6 +182,7 @@ def compare(
         LabError: a file cannot be written.
     """
     options = options_of(robot, soil, column_map, topics, window, model, effects)
+    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
     execution = execution_of(jobs, scheduler, cache=cache)
     results, origin = _analysed("compare", logs, options, execution, strict, done)
     comparisons = [result.comparison for result in results]
@@ -180,6 +198,8 @@ def study(
     out: File = None, discover: bool = True, recordings: bool = True,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
+    rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
+    use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     model: File = None, effects: File = None,
     tolerance: float = TOLERANCE, latency: float = LATENCY_LIMIT,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
@@ -196,6 +216,8 @@ def study(
         discover: search for an effect that the model lacks.
         recordings: also write a Rerun recording of each trial into `out`.
         robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
+            trials, as in `ingest`.
         model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
         tolerance, latency: as in `discover`.
         progress: told what is being done and how many steps of it are done.
@@ -208,6 +230,7 @@ def study(
         LabError: no trial went through, or the folder cannot be written.
     """
     options = options_of(robot, soil, column_map, topics, window, model, effects)
+    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
     options = replace(options, tolerance=tolerance, latency=latency)
     execution, folder = execution_of(jobs, scheduler, cache=cache), path(out)
     chosen = choose(logs, options)
@@ -289,6 +312,8 @@ def discover(
     out: File = None,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
+    rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
+    use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     effects: File = None,
     tolerance: float = TOLERANCE, latency: float = LATENCY_LIMIT,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
@@ -301,6 +326,8 @@ def discover(
         out: folder for the report, finding.json, design.json (for `plan_next`) and model.toml; without it
             nothing is written.
         robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
+            trials, as in `ingest`.
         tolerance: accepted discrepancy, as a share of a channel's rms in motion.
         latency: largest delay between the stamps of two sensors that counts as latency [s].
         effects, strict, jobs, scheduler, cache: as in `fit_k92`.
@@ -314,6 +341,7 @@ def discover(
         EstimateError: a trial has no sensor to compare with, or the simulation fails.
     """
     options = options_of(robot, soil, column_map, topics, window, effects=effects)
+    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
     options = replace(options, tolerance=tolerance, latency=latency)
     execution, folder = execution_of(jobs, scheduler, cache=cache), path(out)
     chosen = choose(logs, options)

@@ -11,6 +11,7 @@ from typing import Any
 
 from granite_lab import __version__, reporting
 from granite_lab.api.arguments import File, Logs, execution_of
+from granite_lab.api.project import choose
 from granite_lab.chain import over_trials
 from granite_lab.errors import InputError, UsageError
 from granite_lab.logs.trial import name_of, trial_files
@@ -74,6 +75,7 @@ def verify(
     said = [(o["name"], o["value"]) for o in origin["options"]]
     own = _agreed(dict(said).get("effects"), None if effects is None else Path(effects), path)
     options = replace(Options.from_given(said), effects=own)
+    options = replace(options, of_trials=choose(files, options, everything=True).options.of_trials)
     differences = list(reporting.json_report.changed_files(old, path))
     result = over_trials(
         files, options, execution=execution_of(jobs, scheduler),

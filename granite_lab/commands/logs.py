@@ -11,6 +11,7 @@ import granite_lab as gl
 from granite_lab import reporting
 from granite_lab.columns import Column, Table, words
 from granite_lab.commands.options import (
+    BodyRests,
     ColumnMap,
     Format,
     From,
@@ -19,18 +20,21 @@ from granite_lab.commands.options import (
     Logs,
     LogsAtHand,
     Quiet,
+    RefVStd,
+    RefXStd,
+    RestTexts,
     Robot,
     Soil,
     Strict,
+    Tape,
     To,
     Topics,
+    UseReference,
     about,
     at_hand,
     count_of,
-    interval_of,
-    measured,
+    known,
     picture,
-    read_all,
     topics_of,
 )
 from granite_lab.commands.printer import Printer, progress, warn_of, write_picture
@@ -49,6 +53,8 @@ def check(
     jobs: Jobs = 0,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
     begin: From = None, end: To = None,
+    rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
+    use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     quiet: Quiet = False, as_json: Json = False,
 ) -> None:  # fmt: skip
     """Check logs after runs in the field: readable, sensors, standstills, speed, slip, estimate.
@@ -57,7 +63,10 @@ def check(
 
     Of several logs one line each is shown. The exit code is 3 if one cannot be used, 4 if one is poor.
     """
-    given = at_hand(about(logs, robot, soil, column_map, topics, begin, end))
+    given = at_hand(
+        about(logs, robot, soil, column_map, topics, begin, end)
+        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    )
     with progress("checking", quiet=quiet, total=count_of(given["logs"])) as watch:
         checked = gl.check_logs(**given, jobs=jobs, done=watch.done)
     printer = Printer(as_json)
@@ -152,16 +161,14 @@ def ingest(
         help="Rows to take from a log of several runs, as run_id = 4.")] = None,
     variant: Annotated[float | None, Option(
         help="Desired velocity [m/s], if the log lacks it (0.01 to 5).")] = None,
-    rests: Annotated[list[str] | None, Option(
-        "--rest", help="Interval of standstill, as 0:1.2 [s]; may be repeated.")] = None,
-    distance_measured: Annotated[str | None, Option(
-        help="Total distance by tape [m], as 2.03 or 2.03±0.01.")] = None,
     against_reference: Annotated[str | None, Option("--against",
         help="'ref': judge the estimate by the log's reference, which the filter does not use.")] = None,
     strict: Strict = False,
     jobs: Jobs = 0,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
     begin: From = None, end: To = None,
+    rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
+    use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     out: Annotated[Path | None, Option(
         help="Folder for the motion tables.", show_default="reports/ingest")] = None,
     table_format: Format = None,
@@ -181,14 +188,9 @@ def ingest(
     if against_reference not in (None, "ref"):
         raise UsageError(f"--against {against_reference}: cannot be understood", "use --against ref")
     given = about(logs, robot, soil, column_map, topics, begin, end)
+    given |= known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
     given |= {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference, "rows": rows}
     given |= {"variant": variant}
-    given["rests"] = read_all(
-        "--rest", rests or (), interval_of, "write start:end in seconds, the start first, as 0:1.2"
-    )
-    tape = [] if distance_measured is None else [distance_measured]
-    tape_hint = "write 2.03 or 2.03±0.01 [m]"
-    given["distance_measured"] = next(iter(read_all("--distance-measured", tape, measured, tape_hint)), None)
     ending = ending_of(None, table_format)
     folder = out or results_folder(given["logs"] or [file for file in (imu,) if file], "ingest")
     with progress("ingesting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
@@ -201,16 +203,17 @@ def ingest(
     for motion, path, _ in written:
         write_table(path, motion.to_frame(), ending)
     remember(folder, tables, given)
+    referred = {item.motion.trial for item in ingested if item.trial.info.use_reference}
     documents = [
         {"name": m.trial, "virtual": m.virtual, "warnings": m.warnings, "motion": path}
         | reporting.json_report.motion_as_json(m)
-        | ({"judgement": judged} if judged is not None else {})
+        | ({} if judged is None else {"judgement": judged, "judged_without_reference": m.trial in referred})
         for m, path, judged in written
     ]
     failures = [one for one in ingested.origin.left_out if not one.excluded]
     printer = Printer(as_json)
     printer.json("ingest/2", {"trials": documents, "failures": failures} | warn_of(ingested.origin))
-    reporting.terminal.show_motions(written, printer.shown)
+    reporting.terminal.show_motions(written, printer.shown, referred)
     for one in failures:
         printer.say(f"left out: {one.trial}: {one.message}", "red")
 

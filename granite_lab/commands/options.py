@@ -42,6 +42,17 @@ Topics = Annotated[list[str] | None, Option(
     "--topic", help="Topic of a bag, as imu=/imu/data, joints=… or odom=…; may be repeated.")]  # fmt: skip
 From = Annotated[float | None, Option("--from", help="Start of the part to use [s, the log's time].")]
 To = Annotated[float | None, Option("--to", help="End of the part to use [s, the log's time].")]
+RestTexts = Annotated[list[str] | None, Option(
+    "--rest", help="Interval in which robot and wheels stand, as 0:1.2 [s]; may be repeated.")]  # fmt: skip
+BodyRests = Annotated[list[str] | None, Option(
+    "--body-rest", help="Interval in which the body stands and its wheels may turn; may be repeated.",
+)]  # fmt: skip
+Tape = Annotated[str | None, Option(help="Total distance by tape [m], as 2.03 or 2.03±0.01.")]
+UseReference = Annotated[bool, Option(
+    "--use-reference", help="Use the log's external reference as a measurement; its std must be known.",
+)]  # fmt: skip
+RefVStd = Annotated[float | None, Option(help="Std of the reference's velocity [m/s].")]
+RefXStd = Annotated[float | None, Option(help="Std of the reference's place [m].")]
 ModelFile = Annotated[Path | None, Option(
     help="File (model.toml) of the paper's model with effects switched on.")]  # fmt: skip
 EffectFile = Annotated[Path | None, Option(
@@ -100,6 +111,32 @@ def about(
         keywords["window"] = (first, last)
     given = {name: value for name, value in keywords.items() if value is not None}
     return {"logs": list(logs or ()), **given}
+
+
+def known(
+    rests: Sequence[str] | None,
+    body_rests: Sequence[str] | None,
+    distance_measured: str | None,
+    use_reference: bool,
+    ref_v_std: float | None,
+    ref_x_std: float | None,
+) -> dict[str, Any]:
+    """Return what is known of trials as keywords of the API; what was not given is left to it.
+
+    Raises:
+        UsageError: an interval or a distance cannot be understood.
+    """
+    hint = "write start:end in seconds, the start first, as 0:1.2"
+    tape = [] if distance_measured is None else [distance_measured]
+    keywords: dict[str, Any] = {
+        "rests": read_all("--rest", rests or (), interval_of, hint),
+        "body_rests": read_all("--body-rest", body_rests or (), interval_of, hint),
+        "distance_measured": next(
+            iter(read_all("--distance-measured", tape, measured, "write 2.03 or 2.03±0.01 [m]")), None
+        ),
+        "use_reference": use_reference, "ref_v_std": ref_v_std, "ref_x_std": ref_x_std,
+    }  # fmt: skip
+    return {name: value for name, value in keywords.items() if value not in (None, False, [])}
 
 
 def at_hand(keywords: dict[str, Any]) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from granite_lab import reporting
 from granite_lab.columns import Column
 from granite_lab.columns import Table as Tabular
 from granite_lab.commands.options import (
+    BodyRests,
     ColumnMap,
     EffectFile,
     From,
@@ -21,18 +22,24 @@ from granite_lab.commands.options import (
     LogsAtHand,
     ModelFile,
     Quiet,
+    RefVStd,
+    RefXStd,
+    RestTexts,
     Robot,
     Scheduler,
     Soil,
     Strict,
     Table,
+    Tape,
     To,
     Tolerance,
     Topics,
     UseCache,
+    UseReference,
     about,
     at_hand,
     count_of,
+    known,
 )
 from granite_lab.commands.printer import Printer, progress, provenance, warn, warn_of
 from granite_lab.errors import LabError
@@ -55,6 +62,8 @@ def fit_k92(
     logs: LogsAtHand = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
     begin: From = None, end: To = None,
+    rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
+    use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
@@ -66,7 +75,10 @@ def fit_k92(
 
     Fits without an optimum are marked; --verbose prints notes on all fits.
     """
-    given = at_hand(about(logs, robot, soil, column_map, topics, begin, end))
+    given = at_hand(
+        about(logs, robot, soil, column_map, topics, begin, end)
+        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    )
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
         fits = gl.fit_k92(
             **given, model=model, effects=effects, strict=strict, jobs=jobs, scheduler=scheduler,
@@ -91,6 +103,8 @@ def fit_atheta(
         "--published", help="Use Table 3 of the paper instead of trials.")] = False,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
     begin: From = None, end: To = None,
+    rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
+    use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
@@ -102,6 +116,7 @@ def fit_atheta(
     A verdict needs three speeds.
     """
     given = about(logs, robot, soil, column_map, topics, begin, end)
+    given |= known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
     if not published:
         given = at_hand(given)
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
@@ -126,6 +141,8 @@ def compare(
         help="Folder for tables and figures.", show_default="reports/compare")] = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
     begin: From = None, end: To = None,
+    rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
+    use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
@@ -137,7 +154,10 @@ def compare(
     """
     from granite_lab.api.project import results_folder
 
-    given = at_hand(about(logs, robot, soil, column_map, topics, begin, end))
+    given = at_hand(
+        about(logs, robot, soil, column_map, topics, begin, end)
+        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    )
     out = out or results_folder(given["logs"], "compare")
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
         comparisons = gl.compare(
@@ -159,6 +179,8 @@ def study(
     logs: LogsAtHand = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
     begin: From = None, end: To = None,
+    rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
+    use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
@@ -189,7 +211,10 @@ def study(
             )  # fmt: skip
         _show_verification(printer, verified)
         return
-    given = at_hand(about(logs, robot, soil, column_map, topics, begin, end))
+    given = at_hand(
+        about(logs, robot, soil, column_map, topics, begin, end)
+        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    )
     out = out or results_folder(given["logs"], "study")
     with progress("trials", quiet=quiet, total=count_of(given["logs"])) as watch:
         result = gl.study(
@@ -266,6 +291,8 @@ def discover(
         help="Folder of the report, finding.json and model.toml.", show_default="reports/discover")] = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
     begin: From = None, end: To = None,
+    rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
+    use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     tolerance: Tolerance = 0.02, latency: Latency = 20.0,
@@ -279,7 +306,10 @@ def discover(
     from granite_lab.discovery.as_json import finding_as_json
     from granite_lab.results import of_search
 
-    given = at_hand(about(logs, robot, soil, column_map, topics, begin, end))
+    given = at_hand(
+        about(logs, robot, soil, column_map, topics, begin, end)
+        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    )
     out = out or results_folder(given["logs"], "discover")
     with progress("discovering", quiet=quiet) as watch:
         finding = gl.discover(

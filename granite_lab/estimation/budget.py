@@ -34,7 +34,7 @@ STEADY = "steady slip that no standstill shows"
 
 MEASURED = {
     "specific_force": WHITE, "zero_rate": RATE, "wheel": COUNTS, "zero_velocity": "standstill not perfect",
-    "distance": "measured distance",
+    "distance": "measured distance", "reference_v": "external reference", "reference_x": "external reference",
 }  # fmt: skip
 """Source of the noise of each kind of measurement."""
 
@@ -98,10 +98,20 @@ def _sources(nodes: Nodes, noise: Noise, scatter: float) -> Mapping[str, tuple[K
         SCALE: ("B", "1", float(start[K])),
         MEASURED["zero_velocity"]: ("B", "m/s", ZERO_VELOCITY),
         MEASURED["distance"]: ("B", "m", 0.0),
+        MEASURED["reference_v"]: ("B", *_reference(nodes)),
         BEGUN[V]: ("B", "m/s", float(start[V])),
         WALKING[BA]: ("B", "m/s²/√s", noise.accel_walk),
         WALKING[BG]: ("B", "rad/s/√s", noise.gyro_walk),
     }
+
+
+def _reference(nodes: Nodes) -> tuple[str, float]:
+    """Return unit and std of what an external reference measures; of the velocity where it gives both."""
+    for kind, unit in (("reference_v", "m/s"), ("reference_x", "m")):
+        found = nodes.updates.R[nodes.updates.kind == kind]
+        if found.size:
+            return unit, math.sqrt(float(np.median(found)))
+    return "m/s", 0.0
 
 
 def _shares(nodes: Nodes, found: Smoothed, towards: Array, i: int, j: int) -> dict[str, float]:
@@ -123,7 +133,10 @@ def _shares(nodes: Nodes, found: Smoothed, towards: Array, i: int, j: int) -> di
     for kind in dict.fromkeys(updates.kind.tolist()):
         of_kind = updates.kind == kind
         shares[MEASURED[kind]] += float(np.sum(told[of_kind] ** 2 * updates.R[of_kind]))
-    for place, variance in enumerate(np.diagonal(nodes.P0)):
+    begun, origin = np.diagonal(nodes.P0).copy(), -float(nodes.P0[X, D])
+    begun[[X, D]] -= origin  # of a reference's place, which both have in common
+    shares[MEASURED["reference_x"]] += float((c[0, X] - c[0, D]) ** 2 * origin)
+    for place, variance in enumerate(begun):
         shares[BEGUN[place]] += float(c[0, place] ** 2 * variance)
     _add_steps(shares, nodes, (behind - c)[1:])
     return shares

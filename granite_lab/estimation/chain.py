@@ -16,6 +16,7 @@ from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.outcome import motion_of, motion_without_imu
 from granite_lab.estimation.problem import Problem
+from granite_lab.estimation.rest import named_rests
 from granite_lab.estimation.smoother import Solution
 from granite_lab.logs.sensors import mounting
 from granite_lab.logs.sensors.doubt import Doubt
@@ -24,6 +25,9 @@ from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.sensors.two_clocks import together
 from granite_lab.logs.trial import ImuStream, Trial
 from granite_lab.parameters import Robot, Soil, Variant, load_soil, load_variants
+
+TAPE = 0.005
+"""Std of a distance by tape, if none is stated [m]: a mark in sand is read to half a centimetre."""
 
 
 def estimate(
@@ -55,14 +59,14 @@ def correct(
     Between two standstills velocity is the integral of specific force, corrected for pitch by the
     gyro; zero-velocity updates and a smoother fix what drifts. The wheels show when the robot stands
     and enter as body velocity plus a slip velocity that is free to take any value. The external
-    reference of a trial is not used.
+    reference of a trial is used where the trial says so.
 
     Args:
         trial: what was logged.
         robot: its parameters, with an IMU grade.
         variants: motions to recognise, Table 2 by default.
-        rests: standstills given by hand, in the log's time [s].
-        distance_measured: measured total distance with its std [m].
+        rests: standstills of the body given by hand, in the log's time [s], besides those the trial names.
+        distance_measured: measured total distance with its std [m]; by default as the trial says.
         soil: what it drives on, whose slip ratio counts far from standstills; dry sand by default.
 
     Returns:
@@ -74,6 +78,7 @@ def correct(
             missing in motion, or nothing to estimate.
     """
     variants = load_variants() if variants is None else variants
+    rests, distance_measured = (*rests, *named_rests(trial, robot)), distance_measured or _tape(trial)
     if not _feels_thrust(trial.imu, robot):
         wheels, rolling, turned = stages.roll_wheels(trial, None, robot)
         if rolling is None:
@@ -124,6 +129,7 @@ def solve(
     soil = load_soil() if soil is None else soil
     problem = stages.stand(stages.roll(trial, robot), rests)
     clock = stages.compare_clocks(problem, trial.info.clock_offset, apart=apart)
+    problem = stages.refer(problem, trial, clock.expected)
     problem = stages.stand_by_clock(problem, clock.expected, rests)
     problem = stages.slip_and_noise(problem, clock, soil)
     solution = stages.smoothed(problem, clock, soil, distance_measured)
@@ -136,6 +142,14 @@ def finish(trial: Trial, robot: Robot, solved: Solved, variants: Sequence[Varian
     health = assess(solution, problem.imu.t, problem.rests, problem.faults, problem.noise)
     motion = motion_of(trial, problem, solution, health, variants)
     return clean_trial(trial, robot, motion, problem.wheels, problem.rolling, problem, solution), motion
+
+
+def _tape(trial: Trial) -> Estimate | None:
+    """Return the total distance by tape that a trial states [m]."""
+    info = trial.info
+    if info.distance_measured is None:
+        return None
+    return Estimate(info.distance_measured, info.distance_measured_std or TAPE)
 
 
 def _feels_thrust(imu: ImuStream | None, robot: Robot) -> bool:

@@ -30,6 +30,7 @@ from math import factorial
 import numpy as np
 
 from granite_lab.estimation.nominal import Nominal
+from granite_lab.estimation.reference import Readings
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import runs
 from granite_lab.logs.sensors.faults import Faults
@@ -417,6 +418,24 @@ def wheel_updates(rolling: Rolling, nominal: Nominal, course: Course, offset: fl
     H = {X: 1.0, D: 1.0, P: -1.0, C: course.thrust[k][told], TAU: (speed - course.loss[k])[told]}
     R = R[told] * repeated(rolling.mean[m][told])
     return updates_of("wheel", k[told], (z - z[:1])[told], H, R), start
+
+
+def reference_updates(readings: Readings, nominal: Nominal, course: Course) -> Updates:
+    """Velocity or place of a reference at the node next to each sample; a place counts from the first one.
+
+    What is measured is held against the nominal motion at the sample's own instant: from there to the node
+    the drift hardly changes.
+    """
+    t, inner = course.t, (readings.t >= course.t[0]) & (readings.t <= course.t[-1])
+    stamps, value, std = readings.t[inner], readings.value[inner], readings.std[inner]
+    after = np.clip(np.searchsorted(t, stamps), 1, t.size - 1)
+    k = after - (stamps - t[after - 1] < t[after] - stamps)
+    if readings.kind == "reference_v":
+        z, H = value - np.interp(stamps, nominal.t, nominal.v), {V: 1.0, PD: -1.0}
+    else:
+        z, H = value - np.interp(stamps, nominal.t, nominal.x), {X: 1.0, P: -1.0}
+        z = z - z[:1]
+    return updates_of(readings.kind, k, z, H, std**2)
 
 
 def repeated(reading: Array) -> Array:

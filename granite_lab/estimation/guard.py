@@ -11,7 +11,7 @@ import numpy as np
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.health import sentence
-from granite_lab.estimation.motion import SHORTEST, Motion
+from granite_lab.estimation.motion import TELLING, Motion, slips_of
 from granite_lab.logs.counters import integral, mean_known
 from granite_lab.logs.sensors.doubt import Doubt, Grade
 from granite_lab.logs.sensors.standstill import Interval
@@ -24,10 +24,6 @@ FAR = 3.0
 RADIUS = 0.04
 """Std of the effective wheel radius against the robot's file, as a share: deflection, wear and lugs of a tyre
 change the rolling radius by some per cent (Wong, Theory of Ground Vehicles, section 1.2)."""
-
-TELLING = 0.05
-"""A slip ratio whose std is larger than this tells little of k_92, which falls by 0.3 over 0.17 of slip ratio
-(paper, Table 3) [-]."""
 
 UNFIT = 4.0
 """Innovations this many times as large as predicted (rms) show a noise model that does not fit the log."""
@@ -94,7 +90,7 @@ def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
     if motion.slip_ratio.std > TELLING:
         vague = f"the slip ratio is known to ± {100 * motion.slip_ratio.std:.0f} points only"
         yield Doubt(vague, grade="fair")
-    for slip, where in _slips(motion):
+    for slip, where in slips_of(motion):
         low = -SlipModel.per_acceleration * GRAVITY * max(_downhill(motion), 0.0)
         beyond = max(low - slip.value, slip.value - 1.0)
         contradicted = beyond > FAR * math.hypot(slip.std, RADIUS)
@@ -110,15 +106,6 @@ def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
                 f"soil's {100 * soil.slip:.1f} ± {100 * soil.slip_std:.1f} %",
                 grade="poor", std=0.5 * abs(slip.value - usual),
             )  # fmt: skip
-
-
-def _slips(motion: Motion) -> Iterator[tuple[Estimate, str]]:
-    """Yield the slip ratios by (2) over the steady part and over the whole way, where they are known."""
-    if math.isfinite(motion.slip_ratio.value):
-        yield motion.slip_ratio, "in the steady part"
-    rolled = motion.distance_wheels.value
-    if abs(rolled) > SHORTEST:
-        yield Estimate(1.0 - motion.distance.value / rolled, motion.distance.std / abs(rolled)), "over all"
 
 
 def _downhill(motion: Motion) -> float:

@@ -31,6 +31,8 @@ WHAT = {
     "zero_rate": "the gyro at standstill",
     "wheel": "the wheels against the IMU",
     "distance": "the measured distance",
+    "reference_v": "the velocity of the external reference",
+    "reference_x": "the place of the external reference",
 }
 
 
@@ -133,20 +135,11 @@ def judge_health(
         complaints.append("the IMU's biases changed while the robot moved")
     limit = max(ANCHORED * pace, SLOW)
     loose = [side for side, std in zip(("start", "end"), ends, strict=True) if std > limit]
-    if not rests:
-        anchored = (
-            "no standstill anchors the velocity: it leans on the wheels, with all the slip they may have, "
-            "and steady slip is assumed, not measured"
-        )
-    elif loose:
-        anchored = f"no standstill at the {' and '.join(loose)}: velocity drifts there, as its std shows"
-    else:
-        anchored = (
-            f"velocity is anchored at both ends, by {len(rests)} standstill{'s' * (len(rests) > 1)} and the "
-            "wheels' coming to rest"
-        )
-    if not rests or middle > VAGUE * max(pace, SLOW):
-        if rests:
+    referred = bool(kinds.keys() & {"reference_v", "reference_x"})
+    anchored = _anchor(rests, loose, referred=referred)
+    nothing_anchors = not rests and not referred
+    if nothing_anchors or middle > VAGUE * max(pace, SLOW):
+        if not nothing_anchors:
             complaints.append(f"the velocity is known to {1e3 * middle:.3g} mm/s only")
         return "poor", (anchored, *complaints), ""
     if complaints or loose:
@@ -156,6 +149,22 @@ def judge_health(
         side = "on the safe side" if wheel.white < 0 else "short of the fastest changes"
         remark = f" (the wheels' innovations correlate by {wheel.white:+.2f}: the std is {side})"
     return "good", (anchored,), remark
+
+
+def _anchor(rests: Sequence[Interval], loose: Sequence[str], *, referred: bool) -> str:
+    """Say what anchors the velocity; `loose` are the ends at which it is not, `referred` with a reference."""
+    several = f"{len(rests)} standstill{'s' * (len(rests) > 1)}"
+    if referred:
+        text = f"velocity is anchored by the external reference{f' and {several}' if rests else ''}"
+        return text + (f", less surely at the {' and '.join(loose)}" if loose else "")
+    if not rests:
+        return (
+            "no standstill anchors the velocity: it leans on the wheels, with all the slip they may have, "
+            "and steady slip is assumed, not measured"
+        )
+    if loose:
+        return f"no standstill at the {' and '.join(loose)}: velocity drifts there, as its std shows"
+    return f"velocity is anchored at both ends, by {several} and the wheels' coming to rest"
 
 
 def sentence(grade: Grade, reasons: Sequence[str], remark: str = "") -> str:

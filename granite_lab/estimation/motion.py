@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
 PhaseName = Literal["rest", "accelerate", "steady", "brake"]
 
 NAN = float("nan")
+
+TELLING = 0.05
+"""A slip ratio whose std is larger than this tells little of k_92, which falls by 0.3 over 0.17 of slip ratio
+(paper, Table 3) [-]."""
 
 SHORTEST = 0.05
 """A way of the wheels shorter than this tells no slip ratio [m]."""
@@ -230,6 +235,20 @@ class Motion(BodyMotion, WheelMotion, Totals, Clocks, Shown):
         add("gyro_bias", "_radps", self.health.gyro_bias, self.health.gyro_bias_std)
         columns["phase"] = list(self.phase)
         return pd.DataFrame(columns)
+
+
+def slips_of(motion: Motion) -> Iterator[tuple[Estimate, str]]:
+    """Yield the slip ratios by (2) over the steady part and over the whole way, where they are known."""
+    if math.isfinite(motion.slip_ratio.value):
+        yield motion.slip_ratio, "in the steady part"
+    rolled = motion.distance_wheels.value
+    if abs(rolled) > SHORTEST:
+        yield Estimate(1.0 - motion.distance.value / rolled, motion.distance.std / abs(rolled)), "over all"
+
+
+def slip_is_known(motion: Motion) -> bool:
+    """Whether a slip ratio of a trial, steady or over all, is known well enough to tell k_92."""
+    return any(slip.std <= TELLING for slip, _ in slips_of(motion))
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,9 @@ LOOSE_TIME = 0.1
 SWAY = 0.25
 """A body that pitches or gains speed goes on with it for so long [s]."""
 
+ORIGIN = 10.0
+"""Std of the place at the start by the origin of an external reference [m]: nothing is known."""
+
 FREE = 10.0
 """Distance that wheels which spin on the spot may roll between two nodes [m]."""
 
@@ -246,6 +249,7 @@ def build(
     if distance is not None:
         missed = distance.value - float(nominal.x[-1])
         told.append(model.updates_of("distance", last, missed, {X: 1.0, P: -1.0}, distance.std**2))
+    told += [model.reference_updates(one, nominal, course) for one in problem.reference]
     updates = model.in_order(told)
     for kind, factor in problem.louder.items():
         updates.R[updates.kind == kind] *= factor
@@ -259,7 +263,15 @@ def build(
         1e-8 if slip.far else problem.soft, 1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
     ])  # fmt: skip
     places = {f.name: getattr(course, f.name) for f in fields(model.Places)}
-    return Nodes(**places, F=F, Q=Q, updates=updates, x0=x0, P0=np.diag(std**2))
+    return Nodes(**places, F=F, Q=Q, updates=updates, x0=x0, P0=np.diag(std**2) + _origin(problem))
+
+
+def _origin(problem: Problem) -> Array:
+    """(14, 14) covariance at the start by the origin of a reference's place; that of X + D is the wheels'."""
+    covariance = np.zeros((SIZE, SIZE))
+    if any(one.kind == "reference_x" for one in problem.reference):
+        covariance[np.ix_([X, D], [X, D])] = ORIGIN**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    return covariance
 
 
 def shaking(noise: model.Noise, nominal: Nominal, course: Course) -> Array:

@@ -19,8 +19,9 @@ from granite_lab.estimation.nodes import QUICK
 from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.rest import find_rests
 from granite_lab.estimation.smoother import Smoothed, Solution
+from granite_lab.estimation.straight import course_of
 from granite_lab.estimation.wheels import Rolling
-from granite_lab.logs.counters import runs
+from granite_lab.logs.counters import Mask, runs
 from granite_lab.logs.sensors.standstill import MOVING, Interval, bridged, inside
 from granite_lab.logs.trial import Array, Series, Trial, TrialInfo
 from granite_lab.parameters import Robot, Variant
@@ -49,10 +50,11 @@ def motion_of(
             "cut the log with --from and --to",
         )
     pace = body.v if rolling is None else rolling.speed_at(t, offset.value)
-    course = find_phases(t, pace, health.rests)
+    way = course_of(t, solution.nominal.heading_rate, pace, health.rests, problem.robot)
+    course = find_phases(t, pace, health.rests, way.off)
     variant, source, doubt = recognise(course, trial.info, variants)
     totals = totals_of(problem, solution, body, course.steady)
-    more = [doubt] if doubt else []
+    more = [*way.said, *([doubt] if doubt else [])]
     if not np.isfinite(course.steady[0]):
         more.append("no steady part: the robot's slip ratio is not defined")
     return Motion(
@@ -81,9 +83,11 @@ def body_motion(problem: Problem, solution: Solution) -> BodyMotion:
     omega = problem.noise.vibration_omega
     extra = np.where(sparse, problem.noise.vibration / omega, 0.0)
     v_std = np.hypot(at_stamps(std_of(drift.P, {V: 1.0, PD: -1.0})), extra)
+    x_std = np.hypot(at_stamps(std_of(drift.P, {X: 1.0, P: -1.0})), extra / omega)
+    if any(one.kind == "reference_x" for one in problem.reference):  # whose origin is none of the motion's
+        x_std = np.hypot(x_std, x_std[0])
     return BodyMotion(
-        x=x - x[0], x_std=np.hypot(at_stamps(std_of(drift.P, {X: 1.0, P: -1.0})), extra / omega),
-        v=v, v_std=np.hypot(v_std, _by_latency(t, v, problem, solution)),
+        x=x - x[0], x_std=x_std, v=v, v_std=np.hypot(v_std, _by_latency(t, v, problem, solution)),
         pitch=nominal.pitch + at_stamps(drift.x[:, TH]), pitch_std=at_stamps(std_of(drift.P, {TH: 1.0})),
     )  # fmt: skip
 
@@ -239,8 +243,11 @@ class Phases:
     distance: float  # rolled [m]
 
 
-def find_phases(t: Array, speed: Array, rests: Sequence[Interval]) -> Phases:
-    """Divide a trial into rest, acceleration, steady motion and braking, by the wheels' speed (N,) [m/s]."""
+def find_phases(t: Array, speed: Array, rests: Sequence[Interval], off: Mask | None = None) -> Phases:
+    """Divide a trial into rest, acceleration, steady motion and braking, by the wheels' speed (N,) [m/s].
+
+    Nothing is steady where the robot is `off` (N,) a straight course.
+    """
     period = float(np.median(np.diff(t)))
     smooth = uniform_filter1d(speed, max(round(0.05 / period), 1), mode="nearest")
     pace = np.abs(smooth)
@@ -255,6 +262,7 @@ def find_phases(t: Array, speed: Array, rests: Sequence[Interval]) -> Phases:
             continue
         plateau = float(np.median(part[part > 0.6 * part.max()]))
         flat = np.abs(part - plateau) < BAND * plateau
+        flat &= True if off is None else ~off[a:b]
         pieces = runs(bridged(np.arange(b - a), flat, round(0.2 / period) + 1.5))
         first, last = max(pieces, key=lambda p: p[1] - p[0], default=(0, 0))
         slow = uniform_filter1d(np.gradient(part, t[a:b]), max(round(0.1 / period), 1))

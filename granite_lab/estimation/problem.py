@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from granite_lab.estimation.error_model import Noise, SlipModel
+from granite_lab.estimation.reference import Readings, anchors
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.faults import Faults
@@ -84,6 +85,7 @@ class Problem(Sensors, Standing):
         soft: std of the compliance itself [s^2].
         louder: factors on the variance of kinds of measurements.
         spacing: of the nodes in motion [s]; 0: a node at each stamp.
+        reference: what an external reference measured.
     """
 
     noise: Noise
@@ -93,6 +95,12 @@ class Problem(Sensors, Standing):
     soft: float = COMPLIANCE
     louder: Mapping[str, float] = field(default_factory=dict)
     spacing: float = 0.0
+    reference: tuple[Readings, ...] = ()
+
+    @property
+    def anchored(self) -> bool:
+        """Whether a reference tells the velocity all along."""
+        return anchors(self.reference, self.imu.t, self.rests)
 
     def cut(self, begin: float, end: float, offset: float) -> Problem:
         """Return a part of it, from `begin` to `end` on the IMU's clock [s]."""

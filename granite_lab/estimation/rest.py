@@ -12,6 +12,7 @@ from granite_lab.logs.counters import integral, runs
 from granite_lab.logs.sensors.mounting import BodyImu
 from granite_lab.logs.sensors.standstill import (
     COAST,
+    MOVING,
     WINDOW,
     Interval,
     Turning,
@@ -19,8 +20,8 @@ from granite_lab.logs.sensors.standstill import (
     imu_quiet,
     inside,
 )
-from granite_lab.logs.trial import Array, ImuStream
-from granite_lab.parameters import ImuGrade
+from granite_lab.logs.trial import Array, ImuStream, Trial
+from granite_lab.parameters import ImuGrade, Robot
 
 GAINED, TURNED = 0.15, 0.15
 """A robot whose IMU gains this velocity [m/s] or angle [rad] in a second does not stand."""
@@ -71,6 +72,27 @@ def coasts(
     last = (rolling.t + offset >= end - WINDOW) & np.isfinite(rolling.speed)
     slow = last.any() and float(np.abs(rolling.speed[last]).max()) < COAST
     return bool(slow and imu_quiet(imu, grade, inside(imu.t, rests))[imu.t >= end - WINDOW].all())
+
+
+def named_rests(trial: Trial, robot: Robot) -> tuple[Interval, ...]:
+    """Return the standstills of the body that a trial names [s].
+
+    Raises:
+        EstimateError: the wheels turn in one in which robot and wheels are said to stand.
+    """
+    info, wheels = trial.info, trial.wheels
+    for begin, end in info.rests if wheels is not None else ():
+        assert wheels is not None
+        angle = wheels.angle[(wheels.t >= begin) & (wheels.t <= end)]
+        way = max((float(np.ptp(a[np.isfinite(a)])) for a in angle.T if np.isfinite(a).any()), default=0.0)
+        if (way := way * robot.wheels.radius) > MOVING * (end - begin):
+            raise EstimateError(
+                f"{trial.name}: the wheels roll {way:.2f} m in the standstill named from {begin:g} s to "
+                f"{end:g} s",
+                "name the part in which they stand; where they spin while the body stands, name it in "
+                "body_rests (--body-rest)",
+            )
+    return (*info.rests, *info.body_rests)
 
 
 def refuse_moved(imu: BodyImu, by_hand: Sequence[Interval]) -> None:

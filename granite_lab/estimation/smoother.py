@@ -31,7 +31,7 @@ SETTLED = 0.02
 PASSES = 4
 """Passes at most."""
 
-NOISY = ("wheel", "specific_force", "zero_rate")
+NOISY = ("wheel", "specific_force", "zero_rate", "reference_v", "reference_x")
 """Measurements whose noise grows where they miss their prediction. A standstill or a tape is exact: there the
 prediction is to blame."""
 

@@ -15,6 +15,7 @@ from granite_lab.estimation.error_model import FAR, LOST_PITCH, UNKNOWN, SlipMod
 from granite_lab.estimation.guard import UNMATCHED
 from granite_lab.estimation.noise import identify, with_motion_noise
 from granite_lab.estimation.problem import Problem, Sensors
+from granite_lab.estimation.reference import readings_of
 from granite_lab.estimation.rest import coasts, find_rests, refuse_moved, turning_of
 from granite_lab.estimation.slip import identify_scatter, with_jumps
 from granite_lab.estimation.smoother import Solution, settle, smooth, with_steady_slip
@@ -117,6 +118,16 @@ def compare_clocks(problem: Problem, given: float | None = None, *, apart: bool 
     return Clock(offset, offset, offset.value)
 
 
+def refer(problem: Problem, trial: Trial, offset: Estimate) -> Problem:
+    """Add the external reference where the trial says that it is a measurement.
+
+    Raises:
+        EstimateError: there is none, or nobody states its std.
+    """
+    problem = replace(problem, reference=readings_of(trial, problem.rolling, offset.value))
+    return replace(problem, far=problem.far and not problem.anchored)
+
+
 def stand_by_clock(problem: Problem, offset: Estimate, by_hand: Sequence[Interval] = ()) -> Problem:
     """Find the standstills again now that the offset of the clocks is known, and restarts between them.
 
@@ -144,6 +155,10 @@ def slip_and_noise(problem: Problem, clock: Clock, soil: Soil) -> Problem:
     """Say how the slip ratio may change, and how loud motion makes the IMU."""
     if problem.far:
         return _slip_of_soil(problem, clock.expected.value, soil)
+    if problem.rolling is not None and _far_from_rest(problem.rests, problem.imu):
+        # a reference tells the velocity, and with it the pitch
+        noise = with_motion_noise(problem, clock.expected.value, folding=False)
+        return replace(problem, noise=replace(noise, gyro=LOST_PITCH))
     least = SPIN if _spun(problem, clock.expected.value) else 0.0
     if problem.rolling is not None:
         problem = (
@@ -246,9 +261,9 @@ def _limits(problem: Problem, offset: Estimate) -> list[Doubt]:
     if not imu.has_pitch_rate:
         lines.append("no pitch rate was logged: pitch is taken as constant with 1 deg of doubt in motion")
     ends = []
-    if still and still[0][0] > imu.t[0] + 1.0:
+    if still and still[0][0] > imu.t[0] + 1.0 and not problem.anchored:
         ends.append("no standstill at the start: uncertainty grows towards it")
-    if still and still[-1][1] < imu.t[-1] - 1.0:
+    if still and still[-1][1] < imu.t[-1] - 1.0 and not problem.anchored:
         ends.append("no standstill at the end: uncertainty grows towards it")
     if rolling is not None and not np.isfinite(offset.std):
         ends.append("clock offset between IMU and encoders unobservable: taken as zero")

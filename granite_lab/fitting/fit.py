@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 from granite_lab.columns import Cell, Column, Table, number
 from granite_lab.estimate import Estimate, Part
+from granite_lab.estimation.motion import TELLING
 from granite_lab.origin import NOWHERE, Origin
 from granite_lab.parameters import Variant
 from granite_lab.rounding import plus_minus
@@ -46,6 +47,14 @@ K92_BOUNDS = (0.0, 1.0)
 """The model needs k_92 >= 0 (section 5), and k_92 = 1 is the value at rest, below (4)."""
 
 FitStatus = Literal["ok", "at_lower_bound", "at_upper_bound", "not_converged", "not_evaluated"]
+
+BOUNDS: tuple[FitStatus, ...] = ("at_lower_bound", "at_upper_bound")
+
+LEAST = 1e-3
+"""k_92 below it: the law (5) holds it for zero."""
+
+ANYTHING = 12**-0.5
+"""Std of a k_92 that is anywhere from 0 to 1."""
 
 STATUS_NAMES: Mapping[FitStatus, str] = {
     "ok": "fitted",
@@ -136,6 +145,23 @@ class K92Fit(Shown):
             )
         return tuple(lines)
 
+    @property
+    def slip_known(self) -> bool:
+        """Whether λ_R is known well enough to tell k_92."""
+        return self.slip_measured.std <= TELLING
+
+    @property
+    def tells(self) -> bool:
+        """Whether `k92` is a number that means something: an inner optimum by a λ_R that is known."""
+        return self.status == "ok" and self.slip_known
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """The least and the largest λ_R that the model attains, at both bounds of k_92; NaN if not known."""
+        slips = dict(self.curve)
+        low, high = K92_BOUNDS
+        return slips.get(high, math.nan), slips.get(low, math.nan)
+
     def __repr__(self) -> str:
         return (
             f"K92Fit('{self.trial}'{', virtual' if self.virtual else ''}: {self.variant.velocity:g} m/s, "
@@ -147,28 +173,38 @@ class K92Fit(Shown):
         """Return the fit as one row, units in the column names."""
         row = {"trial": self.trial, "virtual": self.virtual, "variant_mps": self.variant.velocity}
         found = {"k92": self.k92, "k92_trajectory": self.k92_trajectory, "slip_ratio": self.slip_measured}
+        if self.status in BOUNDS:
+            found["k92"] = Estimate(math.nan)
         for name, one in found.items():
             row |= {name: one.value, f"{name}_std": one.std}
         row |= {"slip_ratio_simulated": self.slip_simulated}
         return frame([row | picked(self, "status", "status_trajectory")])
 
 
-def _with_status(value: Estimate, status: FitStatus) -> Cell:
-    """Return k_92; where it is no inner optimum it stands with the reason."""
+def _cell(value: Estimate, status: FitStatus, known: bool = True) -> Cell:
+    """Return k_92, or why it is no number: a bound is none, and what is not known tells nothing."""
+    if status in BOUNDS:
+        return Cell(STATUS_NAMES[status], (math.nan, math.nan, STATUS_NAMES[status]), "fair")
     if status == "not_converged":  # the curvature where a fit stopped is no std
         value = Estimate(value.value)
     text, raw = plus_minus(value), (value.value, value.std, STATUS_NAMES[status])
+    if not known:
+        return Cell("not known", (*raw[:2], "not known"), "fair")
     return Cell(text, raw) if status == "ok" else Cell(f"{text} ({STATUS_NAMES[status]})", raw, "fair")
 
 
+def _by_trajectory(f: K92Fit) -> Cell:
+    """Return k_92 by the trajectory; below `LEAST` the exponent of (5) runs away."""
+    k92, status = f.k92_trajectory, f.status_trajectory
+    at_limit = status == "ok" and k92.value < LEAST
+    return _cell(k92, "at_lower_bound" if at_limit else status, not k92.std > ANYTHING)
+
+
 K92_STEADY = Column[K92Fit](
-    "k_92, steady slip", lambda f: _with_status(f.k92, f.status), "k92 k92_std k92_status", unit="–"
+    "k_92, steady slip", lambda f: _cell(f.k92, f.status, f.slip_known), "k92 k92_std k92_status", unit="–"
 )
 K92_TRAJECTORY = Column[K92Fit](
-    "k_92, trajectory",
-    lambda f: _with_status(f.k92_trajectory, f.status_trajectory),
-    "k92_trajectory k92_trajectory_std k92_trajectory_status",
-    unit="–",
+    "k_92, trajectory", _by_trajectory, "k92_trajectory k92_trajectory_std k92_trajectory_status", unit="–"
 )
 
 
@@ -333,15 +369,20 @@ class Budget:
         return (part.contribution / self.combined) ** 2 if self.combined > 0 else math.nan
 
 
-def of_mean(speed: float, mean: Estimate, trials: Sequence[Sequence[Part]]) -> Budget | None:
-    """Return the budget of a mean over trials of a speed [m/s] by the components of each.
+def of_mean(
+    speed: float, mean: Estimate, trials: Sequence[Sequence[Part]], weights: Sequence[float] = ()
+) -> Budget | None:
+    """Return the budget of a mean over trials of a speed [m/s] by the components and the weight of each.
+
+    Without weights all are equal.
 
     None where a trial has no components, or the mean no std: by the trials' own or by their scatter.
     """
     if not trials or not all(trials) or not math.isfinite(mean.std):
         return None
     n = len(trials)
-    parts = _pooled(part.times(1 / n) for own in trials for part in own)
+    weighed = zip(weights or [1 / n] * n, trials, strict=True)
+    parts = _pooled(part.times(w) for w, own in weighed for part in own)
     beyond = mean.std**2 - sum(part.contribution**2 for part in parts)
     if beyond > 1e-6 * mean.std**2:
         one = math.sqrt(beyond * n)

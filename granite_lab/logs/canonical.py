@@ -16,8 +16,16 @@ from typing import TYPE_CHECKING, Any
 from granite_lab.errors import InputError, at
 from granite_lab.files import write_text, writing
 from granite_lab.logs.quantities import ACCELERATION, CURRENTS, ENCODERS, RATE
-from granite_lab.logs.trial import Trial, TrialInfo
-from granite_lab.parameters.quantity import build, key_of, parse_toml, quantity, read_toml, toml_line
+from granite_lab.logs.trial import Trial, TrialInfo, unsaid
+from granite_lab.parameters.quantity import (
+    build,
+    key_of,
+    parse_toml,
+    quantity,
+    read_toml,
+    toml_line,
+    unknown_key,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,16 +37,36 @@ Metadata = dict[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Known:
-    """Keys that mean something to the reader, with their bounds."""
+class Said:
+    """Keys by which a laboratory says what it knows about a trial, with their bounds."""
 
-    robot: str = ""
     soil: str = ""
     v_desired: float = quantity("m/s", 0, 50, "desired velocity of the steady part", "v_Ru", math.nan)
     a_max: float = quantity("m/s^2", 0, 500, "largest acceleration", "a_Rmax", math.nan)
     distance: float = quantity("m", 0, 1e6, "total desired distance", "L_p", math.nan)
     repetition: float = quantity("", 0, 1e6, "number of the repetition", "", math.nan)
     clock_offset: float = quantity("s", -1e4, 1e4, "encoder clock behind the IMU's", "", math.nan)
+    rests: tuple[tuple[float, float], ...] = ()
+    body_rests: tuple[tuple[float, float], ...] = ()
+    distance_measured: float = quantity("m", 1e-3, 1e6, "total distance by tape", "", math.nan)
+    distance_measured_std: float = quantity("m", 1e-6, 1e4, "its std", "", math.nan)
+    ref_v_std: float = quantity("m/s", 1e-6, 10, "std of the reference's velocity", "", math.nan)
+    ref_x_std: float = quantity("m", 1e-6, 100, "std of the reference's place", "", math.nan)
+    use_reference: bool = False
+
+    @property
+    def info(self) -> TrialInfo:
+        """The same as a record."""
+        names = {f.name for f in dataclasses.fields(TrialInfo)} & vars(self).keys()
+        values = {name: getattr(self, name) for name in names}
+        return TrialInfo(**{name: value for name, value in values.items() if not unsaid(value)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Known(Said):
+    """Keys that mean something to the reader of a log, with their bounds."""
+
+    robot: str = ""
     virtual: bool = False
     imu_gravity_removed: bool = False
     enc_counts: float = quantity("1/rev", 1e-3, 1e9, "counts per wheel revolution", "", math.nan)
@@ -48,24 +76,43 @@ class Known:
 
 _KEYS = {key_of(f): f.name for f in dataclasses.fields(Known)}
 
+CONDITIONS = ("payload_kg", "turned", "slope_deg", "same_rut", "wheels_up")
+"""Keys of the conditions under which a trial was driven, which later stages read."""
+
+MADE_BY = "made_by"
+"""Key by which a log that a program wrote names it."""
+
+NOTES = "notes"
+"""Table of a sidecar for all that the reader need not understand."""
+
 
 def collect(
     comments: Iterable[tuple[int, str]], path: Path, warnings: list[str], sidecars: Sequence[Path] = ()
 ) -> Metadata:
     """Read the metadata of a log: of its numbered comment lines, and of TOML files, of which the last counts.
 
+    Comment lines may be a logger's own; a sidecar was written for the reader: an unknown key in it is wrong.
+
     Raises:
-        InputError: a known key with a value that is not allowed; a sidecar that cannot be read.
+        InputError: a known key with a value that is not allowed; a sidecar that cannot be read, or with a key
+            that is not known.
     """
     lines = [(at(path, line), text.lstrip("#").strip()) for line, text in comments]
     above = ((where, _parse(bare, where)) for where, bare in lines if _LINE.match(bare))
     beside = ((str(sidecar), read_toml(sidecar)) for sidecar in sidecars)
     metadata: Metadata = {"extra": {}}
+    files = {str(sidecar) for sidecar in sidecars}
     for where, table in chain(above, beside):
         for key, value in table.items():
             if key in _KEYS:
                 metadata[_KEYS[key]] = getattr(build(Known, {key: value}, where), _KEYS[key])
                 continue
+            if key == NOTES and isinstance(value, dict):
+                metadata["extra"] |= {name: str(note) for name, note in value.items()}
+                continue
+            if where in files and key not in (*CONDITIONS, MADE_BY):
+                unknown = unknown_key(where, key, [*_KEYS, *CONDITIONS])
+                raise InputError(unknown.message, f"{unknown.hint}; notes of your own stand below [{NOTES}]")
             metadata["extra"][key] = str(value)
             close = difflib.get_close_matches(key, list(_KEYS), n=1, cutoff=0.8)
             if close:
@@ -92,9 +139,7 @@ def trial_info(sources: Sequence[Metadata], given: TrialInfo | None, robot: str 
     """
     layers = [*reversed(sources), vars(given or TrialInfo())]
     entries = [(key, value) for layer in layers for key, value in layer.items()]
-    merged = {
-        key: value for key, value in entries if value is not None and value is not False and value != ""
-    }
+    merged = {key: value for key, value in entries if not unsaid(value)}
     merged |= {"robot": robot, "extra": {k: text for layer in layers for k, text in layer["extra"].items()}}
     if "repetition" in merged:
         merged["repetition"] = int(merged["repetition"])
@@ -122,7 +167,7 @@ def _comments(trial: Trial) -> list[str]:
     values["imu_gravity_removed"] = trial.imu is not None and trial.imu.gravity_removed
     if wheels is not None and wheels.step > 0:
         values["enc_step_rad" if wheels.rate is None else "enc_step_radps"] = wheels.step
-    stated = {key: value for key, value in values.items() if value is not None and value is not False}
+    stated = {key: value for key, value in values.items() if not unsaid(value)}
     return [toml_line(key, value) for key, value in (stated | trial.info.extra).items()]
 
 

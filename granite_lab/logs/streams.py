@@ -245,12 +245,13 @@ def _reference(
         if globe is not None:
             x, y = _metres(latitude=x, longitude=y)
         # Speed over a few samples in each direction: the noise of places at rest adds up to no distance.
-        along = np.hypot(slope(stamps, x), slope(stamps, y))
-        path = {"reference_x": Series(stamps, integral(stamps, along)), "reference_v": Series(stamps, along)}
+        speeds = np.hypot(slope(stamps, x), slope(stamps, y))
+        way, along = (Series(stamps, s, WINDOW) for s in (integral(stamps, speeds), speeds))
+        path = {"reference_x": way, "reference_v": along}
     elif plane is not None:
         path["reference_x"] = way = _series(plane)
         if len(plane.t) > WINDOW:
-            path["reference_v"] = Series(way.t, slope(way.t, way.value))
+            path["reference_v"] = Series(way.t, slope(way.t, way.value), WINDOW)
     return path if speed is None else path | {"reference_v": _series(speed)}
 
 

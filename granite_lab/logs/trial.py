@@ -91,10 +91,14 @@ class CurrentStream:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """One logged quantity (K,), in the unit that its holder names, at stamps (K,) [s]."""
+    """One logged quantity (K,), in the unit that its holder names, at stamps (K,) [s].
+
+    `places` is how many logged places each value was computed from; 1 where it was logged itself.
+    """
 
     t: Array
     value: Array
+    places: int = 1
 
 
 @dataclass(frozen=True)
@@ -114,6 +118,11 @@ class TrialInfo:
         v_desired, a_max, distance: of the desired motion [m/s], [m/s^2], [m].
         virtual: a simulator wrote the log.
         clock_offset: known offset of the encoder clock behind the IMU's [s].
+        rests: intervals in which robot and wheels stood still (start, end) [s, the log's time].
+        body_rests: intervals in which the body stood still; its wheels may have turned.
+        distance_measured, distance_measured_std: total distance by tape measure [m].
+        ref_v_std, ref_x_std: std of the external reference's velocity [m/s] and place [m].
+        use_reference: the reference enters the estimate as a measurement.
         extra: other metadata of the file, as text.
     """
 
@@ -125,7 +134,25 @@ class TrialInfo:
     repetition: int | None = None
     virtual: bool = False
     clock_offset: float | None = None
+    rests: tuple[tuple[float, float], ...] = ()
+    body_rests: tuple[tuple[float, float], ...] = ()
+    distance_measured: float | None = None
+    distance_measured_std: float | None = None
+    ref_v_std: float | None = None
+    ref_x_std: float | None = None
+    use_reference: bool = False
     extra: dict[str, str] = field(default_factory=dict, hash=False)
+
+
+def unsaid(value: Any) -> bool:
+    """Whether a value is the one of something that nobody said; zero was said."""
+    return value is None or value is False or value in ("", (), {}) or bool(value != value)  # noqa: PLR0124, NaN
+
+
+def over(first: TrialInfo, then: TrialInfo) -> TrialInfo:
+    """Return what is known about a trial from two sources; the first one counts where it says anything."""
+    said = {name: value for name, value in vars(first).items() if not unsaid(value)}
+    return replace(then, **said | {"extra": then.extra | first.extra})
 
 
 @dataclass(frozen=True)
@@ -153,7 +180,8 @@ class Trial:
         name: stem of the log's file.
         imu, wheels, currents: None where the log has none.
         command: commanded velocity [m/s].
-        reference_x, reference_v: external reference [m], [m/s]; judges the estimate, never enters it.
+        reference_x, reference_v: external reference [m], [m/s]; it judges the estimate, and enters it
+            only where `info.use_reference` says so.
         doubts: every one that the reader had.
         layout: name of the column map that was used.
         corrections: what estimation changed.

@@ -192,6 +192,16 @@ def build(cls: type[T], table: dict[str, Any], where: str, label: str = "") -> T
     return cls(**values)
 
 
+def _interval(place: str, key: str, pair: Any) -> tuple[float, float]:
+    """Check one [start, end] of a list of intervals."""
+    if not isinstance(pair, list) or len(pair) != 2:
+        raise InputError(f"{place}: {key}: {pair!r} is no interval", f"write {key} = [[start, end], …] [s]")
+    start, end = (check_number(place, key, x, "s", -1e12, 1e12) for x in pair)
+    if not start < end:
+        raise InputError(f"{place}: {key}: {start:g} to {end:g} s is no interval", "the start comes first")
+    return start, end
+
+
 @cache
 def _hints(cls: type[Any]) -> dict[str, Any]:
     """Return the types of a record's fields."""
@@ -231,6 +241,8 @@ def _convert(
             return tuple(build(typing.cast(type, item), row, where, f"{key}.{i}") for i, row in rows)
         if not isinstance(value, list):
             raise InputError(f"{place}: {key} = {value!r} is not a list", "write it as [a, b, …]")
+        if typing.get_origin(item) is tuple:
+            return tuple(_interval(place, key, pair) for pair in value)
         if item is float:
             numbers = tuple(check_number(place, key, v, "", -1e9, 1e9) for v in value)
             length = field.metadata.get("length")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from granite_lab.discovery.finding import Finding
@@ -23,6 +23,7 @@ from granite_lab.reporting.names import (
     plain,
     together,
 )
+from granite_lab.reporting.silence import REMEDY, assumptions, reach_in_words, silent, why_no_k92
 from granite_lab.reporting.speeds import Speed, speeds_of, velocities_of
 from granite_lab.results import StudyResult, gaps
 from granite_lab.rounding import (
@@ -80,6 +81,7 @@ class Answers:
         a_theta_agrees: the paper's value lies in the interval as printed; None with too few speeds.
         channels: of the comparison of measured and simulated motion.
         a_theta_paper: of the paper [s/m].
+        silent: no slip ratio is known well enough for k_92, a comparison with the model or a search.
     """
 
     lead: str
@@ -91,6 +93,7 @@ class Answers:
     a_theta_agrees: bool | None = None
     channels: tuple[ChannelAnswer, ...] = ()
     a_theta_paper: float = math.nan
+    silent: bool = False
 
 
 def of_study(result: StudyResult, model: Path | str | None = None, folder: str = "") -> Answers:
@@ -102,22 +105,29 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
     speeds = speeds_of(result, paper)
     a_theta, agrees = a_theta_of(result.a_theta)
     channels = channels_of(gaps([r.comparison for r in result.trials]), finding)
-    questions = []
-    if speeds:
-        questions = [_slip(speeds), law_answer(result.a_theta, finding), model_answer(channels, finding)]
+    questions, no_k92 = [], why_no_k92(result)
+    if quiet := silent(result):
+        speeds = tuple(replace(s, k92_note="not known") for s in speeds)
+        questions = [_slip(speeds), _k92_answer(no_k92)]
+    elif speeds:
+        unknown = no_k92 and not (finding and finding.a_theta)
+        law = _k92_answer(no_k92) if unknown else law_answer(result.a_theta, finding)
+        questions = [_slip(speeds), law, model_answer(channels, finding)]
     elif finding is not None:
         verdict, tone, sensors = explained(finding)
         text = f"{sensors} {_differ(finding, gap_pair(finding)[0])}"
         questions = [Answer("model", MODEL_QUESTION, verdict, text, tone)]
         questions += [law_answer(None, finding)] if finding.a_theta else []
-    questions.append(missing_answer(finding, result.unsearched))
+    questions += [] if quiet else [missing_answer(finding, result.unsearched)]
     questions += [closes_answer(finding)] if finding else []
     questions.append(_trust(result, finding))
     own = dict(result.source.options).get("effects", "")
-    steps = next_steps(finding, model, folder or result.name, own) if finding else ()
+    steps: tuple[str, ...] = (REMEDY,) if quiet else ()
+    if finding is not None:
+        steps = next_steps(finding, model, folder or result.name, own)
     return Answers(
         _lead(result, speeds), _virtual(result), (*questions, *_next(steps)), steps, speeds, a_theta, agrees,
-        channels, paper.a_theta,
+        channels, paper.a_theta, quiet,
     )  # fmt: skip
 
 
@@ -163,7 +173,8 @@ def _lead(result: StudyResult, speeds: Sequence[Speed]) -> str:
     failed = len(result.failures) - excluded
     left_out = f" {plural(failed, 'more trial')} could not be used." if failed else ""
     left_out += f" {plural(excluded, 'more trial')} excluded by the user." if excluded else ""
-    return f"{_drove(len(runs), robots, soils, [s.velocity for s in speeds])}{each}.{left_out}"
+    assumed = f" {text}" if (text := assumptions(result)) else ""
+    return f"{_drove(len(runs), robots, soils, [s.velocity for s in speeds])}{each}.{left_out}{assumed}"
 
 
 def _virtual(result: StudyResult) -> str:
@@ -185,14 +196,18 @@ def _virtual(result: StudyResult) -> str:
 
 
 def _slip(speeds: Sequence[Speed]) -> Answer:
-    known = [s for s in speeds if math.isfinite(s.slip.value)]
+    known = [s for s in speeds if s.slip_is_known]
     inside, outside = ([f"{s.velocity:g}" for s in known if s.agrees is agrees] for agrees in (True, False))
     verdict = " to ".join(
         f"{s.slip.quantity} at {s.velocity:g} m/s" for s in dict.fromkeys(known[:1] + known[-1:])
     )
     tone = "fair" if outside else "good"
     if not known:
-        verdict, text, tone = "Not known", "No trial has a steady part with a slip ratio.", "bad"
+        verdict, text, tone = (
+            "Not known",
+            "No trial has a steady part with a slip ratio that is known.",
+            "bad",
+        )
     elif not inside and not outside:
         text, tone = "The paper has no experiment to compare with.", ""
     elif inside and outside:
@@ -207,7 +222,12 @@ def _slip(speeds: Sequence[Speed]) -> Answer:
         text += (
             f" The interval of a single trial ({listed(alone)} m/s) leaves out the scatter between trials."
         )
+    text = " ".join(filter(None, (text, reach_in_words(speeds))))
     return Answer("slip", "How much does the robot slip?", verdict, text, tone)
+
+
+def _k92_answer(why: str) -> Answer:
+    return Answer("k92", "Which k_92 do the trials have?", "None", why, "bad")
 
 
 def a_theta_of(fit: AThetaFit | None) -> tuple[Number | None, bool | None]:

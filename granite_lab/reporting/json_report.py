@@ -6,15 +6,17 @@ Slip ratios are fractions, NaN is null.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.errors import InputError
+from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.files import sha256
-from granite_lab.fitting.fit import AThetaFit, K92Fit
+from granite_lab.fitting.fit import BOUNDS, AThetaFit, K92Fit
 from granite_lab.origin import Source
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.canvas import FORMATS
@@ -123,8 +125,9 @@ def motion_as_json(m: Motion) -> dict[str, Any]:
 
 def k92_as_json(fit: K92Fit) -> dict[str, Any]:
     """Return both fits of k_92 of a trial as plain objects."""
+    k92 = Estimate(math.nan) if fit.status in BOUNDS else fit.k92
     return {
-        "k92": fit.k92.as_json() | {"status": fit.status},
+        "k92": k92.as_json() | {"status": fit.status, "known": fit.tells},
         "k92_trajectory": fit.k92_trajectory.as_json() | {"status": fit.status_trajectory},
         "slip_ratio_simulated": fit.slip_simulated,
         "notes": fit.notes,

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure as Canvas
 
 from granite_lab.comparison.compare import Comparison
 from granite_lab.estimate import Estimate
-from granite_lab.fitting.fit import AThetaFit
+from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.parameters import Paper, load_paper
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import Answers
@@ -35,7 +35,7 @@ Point = tuple[Estimate, Estimate, int]
 
 def slip_figure(answers: Answers, paper: Paper) -> Figure:
     """Draw λ_R over the desired velocity: each trial, the means with their intervals, and the paper."""
-    known = [s for s in answers.speeds if math.isfinite(s.slip.value)]
+    known = [s for s in answers.speeds if s.slip_is_known]
     rising = all(a.slip.value < b.slip.value for a, b in pairwise(known))
     title = "Slip grows with speed" if rising else "Slip does not grow steadily with speed"
     if len(known) < 2:
@@ -84,7 +84,7 @@ def k92_figure(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
             None: "fewer than three speeds do not test the law",
         }[answers.a_theta_agrees].format(answers.a_theta_paper)
         title = f"a_θ = {number.with_std} s/m; {where}"
-    points, law = _over_speed(answers.speeds, lambda c: c.fit.k92), fit if number is not None else None
+    points, law = _over_speed(answers.speeds, lambda c: _told(c.fit)), fit if number is not None else None
     draw = partial(_k92_panel, points, [s.velocity for s in answers.speeds], law, paper)
     caption = (
         "Ratio of the rear to the front contact angle, fitted to the slip of each trial, with the law "
@@ -135,7 +135,7 @@ def k92_over_slip(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figu
         if line is not None:
             axis.plot(100 * x, line[0] + line[1] * x, color=canvas.FITTED, label="fitted line")
         fits = [(r.comparison.fit, len(s.results)) for s in answers.speeds for r in s.results]
-        _trials(axis, [(f.slip_measured, f.k92, n) for f, n in fits], (100.0, 1.0))
+        _trials(axis, [(f.slip_measured, _told(f), n) for f, n in fits], (100.0, 1.0))
         axis.plot(100 * x, paper.fig4_intercept + paper.fig4_slope * x, color=canvas.PAPER, linestyle=DASHED)
         _published(axis, [(100 * p.slip_measured, p.k92) for p in paper.table3])
         axis.axhline(0, color=canvas.INK, linewidth=0.6)
@@ -144,6 +144,11 @@ def k92_over_slip(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figu
     caption = "k_92 of each trial over its slip ratio. Dashed: the line of the paper (as in its Fig. 4)."
     make = partial(_panel, draw, SLIP, RATIO)
     return Figure("k92_over_slip", title, caption, make, bool(answers.virtual))
+
+
+def _told(fit: K92Fit) -> Estimate:
+    """Return k_92 of a trial that tells it, else nothing to draw."""
+    return fit.k92 if fit.tells else Estimate(math.nan)
 
 
 def _panel(draw: Callable[[Axes], None], x: str, y: str) -> Canvas:

@@ -29,7 +29,7 @@ from granite_lab.reporting.names import (
     pasted,
     shared,
 )
-from granite_lab.reporting.speeds import SLIP_BY_SPEED
+from granite_lab.reporting.speeds import first_table
 from granite_lab.results import StudyResult, gaps, recordings_of, warnings_of
 from granite_lab.rounding import percent
 
@@ -188,10 +188,10 @@ def study_report(
     decided = decide.of_study(result, model, folder)
     sections = []
     if result.trials:
-        sections = [
-            Section("slip", "Slip and k_92", _kept(_slip(result, decided))),
-            Section("model", "Model and measurement", _kept(_model(result, decided))),
-        ]
+        slip = _slip_alone(decided) if decided.silent else _slip(result, decided)
+        sections = [Section("slip", "Slip" if decided.silent else "Slip and k_92", _kept(slip))]
+        if not decided.silent:
+            sections.append(Section("model", "Model and measurement", _kept(_model(result, decided))))
     elif result.failures:
         sections = [Section("trials", "Trials that were left out", (_failures(result),))]
     if result.finding is not None:
@@ -201,8 +201,7 @@ def study_report(
         sections.append(Section("trials", "Quality of the trials", _kept(_quality(result, decided, looks))))
     sections.append(_provenance(result.source, decided.steps[1:]))
     if result.trials or result.finding is None:
-        table = SLIP_BY_SPEED.fill(decided.speeds, virtual=bool(decided.virtual))
-        first = table if decided.speeds else None
+        first = first_table(decided.speeds, silent=decided.silent, virtual=bool(decided.virtual))
         files = (
             *([Link("all lines", LINES)] if result.trials else []), Link("PDF", "report.pdf"),
             Link("Markdown", "report.md"), Link("numbers", "report.json"),
@@ -231,6 +230,15 @@ def _slip(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
         list(fit.notes) if fit else None,
     )
     yield _fold("Uncertainty budgets", *tables.budget_tables(result, decided.speeds))
+
+
+def _slip_alone(decided: Answers) -> Iterator[Maybe]:
+    """Show what can be had where no slip ratio is known well enough for k_92: the motion of each speed."""
+    yield (
+        "No trial has a slip ratio that is known to 5 points: k_92, a comparison with the model and a search "
+        "for what it lacks are left out."
+    )
+    yield _gallery(plot_results.slip_figure(decided, load_paper()) if decided.speeds else None)
 
 
 def _model(result: StudyResult, decided: Answers) -> Iterator[Maybe]:

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from granite_lab.columns import Cell, Column, Table, number
+from granite_lab.columns import Cell, Column, FilledTable, Table, number
 from granite_lab.estimate import mean_over
+from granite_lab.estimation.motion import TELLING
+from granite_lab.fitting.fit import BOUNDS
 from granite_lab.parameters import Paper, by_speed
 from granite_lab.results import StudyResult, TrialResult
 from granite_lab.rounding import NONE, Number, decided
+
+EVERYTHING = 100.0
+"""An interval of λ_R wider than this [points] holds all slip that wheels may have: it tells nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +30,8 @@ class Speed:
         trials: how many have a slip ratio.
         slip: mean λ_R over the trials [%], with its standard error and 95 % interval.
         k92: mean of k_92 fitted to the steady slip [–], likewise.
-        k92_note: stands in place of k_92 where no trial has an inner optimum.
+        k92_note: stands in place of k_92 where no trial tells it.
+        reach: the least and the largest λ_R that the model attains [%]; NaN if not known.
         paper_slip: λ_R of the paper's experiment [%] as printed there; NaN where it has none.
         paper_k92: k_92 of the paper; NaN likewise.
     """
@@ -37,11 +44,17 @@ class Speed:
     k92_note: str
     paper_slip: float
     paper_k92: float
+    reach: tuple[float, float] = (math.nan, math.nan)
 
     @property
     def agrees(self) -> bool | None:
         """Whether the paper's slip lies in the interval as printed; None where that cannot be said."""
         return self.slip.holds(self.paper_slip)
+
+    @property
+    def slip_is_known(self) -> bool:
+        """Whether the interval of the slip leaves anything out."""
+        return math.isfinite(self.slip.value) and not self.slip.high - self.slip.low > EVERYTHING
 
     @property
     def typical(self) -> TrialResult:
@@ -53,9 +66,7 @@ class Speed:
 
 AGREES = {True: Cell("yes", (True,), "good"), False: Cell("no", (False,), "fair"), None: Cell(NONE, (None,))}
 
-SLIP_BY_SPEED = Table[Speed](
-    "slip_by_speed",
-    "Slip ratio λ_R and contact-angle ratio k_92 by speed",
+_SLIP: tuple[Column[Speed], ...] = (
     Column("speed", lambda s: s.velocity, "speed_mps", unit="m/s", form="g"),
     Column("slip", lambda s: Cell(s.slip.text, (s.slip.value / 100,)), "slip_ratio", unit="%"),
     Column(
@@ -66,16 +77,31 @@ SLIP_BY_SPEED = Table[Speed](
         "paper", lambda s: number(s.paper_slip / 100, scale=100), "slip_ratio_paper_experiment", unit="%"
     ),
     Column("paper in interval", lambda s: AGREES[s.agrees]),
+)  # fmt: skip
+_TRIALS: Column[Speed] = Column("trials", lambda s: s.trials, "trials")
+_NOTE = "Means over the trials; the interval covers their scatter and their standard deviations."
+
+SLIP_BY_SPEED = Table[Speed](
+    "slip_by_speed",
+    "Slip ratio λ_R and contact-angle ratio k_92 by speed",
+    *_SLIP,
     Column(
         "k_92", lambda s: Cell(s.k92_note or s.k92.with_std, (s.k92.value, s.k92.std)),
         "k92 k92_std", unit="–",
     ),
     Column("paper's k_92", lambda s: s.paper_k92, "k92_paper", unit="–", form="g"),
-    Column("trials", lambda s: s.trials, "trials"),
-    note="Means over the trials; the interval covers their scatter and their standard deviations. k_92 ± "
-    "standard error is fitted to the slip.",
+    _TRIALS,
+    note=f"{_NOTE} k_92 ± standard error is fitted to the slip.",
 )  # fmt: skip
-"""The table of the first screen."""
+SLIP_ALONE = Table[Speed]("slip_by_speed", "Slip ratio λ_R by speed", *_SLIP, _TRIALS, note=_NOTE)
+"""The table of the first screen, with k_92 and where there is none."""
+
+
+def first_table(speeds: Sequence[Speed], *, silent: bool, virtual: bool) -> FilledTable | None:
+    """Return the table of the first screen; None where it would hold nothing that is known."""
+    if not speeds or (silent and not any(s.slip_is_known for s in speeds)):
+        return None
+    return (SLIP_ALONE if silent else SLIP_BY_SPEED).fill(speeds, virtual=virtual)
 
 
 def speeds_of(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
@@ -86,8 +112,8 @@ def speeds_of(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
     for velocity, positions in by_speed(velocities_of(result)).items():
         trials = [result.trials[i] for i in positions]
         fits = [t.comparison.fit for t in trials]
-        inner = [f for f in fits if f.status == "ok"]
-        *slip, count = mean_over(t.comparison.motion.slip_ratio for t in trials)
+        inner = [f for f in fits if f.tells]
+        *slip, count = mean_over((t.comparison.motion.slip_ratio for t in trials), TELLING)
         k92 = mean_over(f.k92 for f in inner)
         # The interval is by the likelihood where the covariance is not enough.
         ends = k92_interval(inner, (k92.low, k92.high))
@@ -96,9 +122,10 @@ def speeds_of(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
             Speed(
                 velocity, tuple(trials), count, decided(*slip, unit="%", scale=100),
                 decided(k92.value, k92.std, *ends),
-                "at its limit" if all(f.status.endswith("bound") for f in fits) else "",
+                "" if inner else "at its limit" if all(f.status in BOUNDS for f in fits) else "not known",
                 # The paper prints three digits; the tail of 100 times a fraction is none of them.
                 round(100 * own.slip_measured, 6) if own else math.nan, own.k92 if own else math.nan,
+                (100 * min(f.reach[0] for f in fits), 100 * max(f.reach[1] for f in fits)),
             )
         )  # fmt: skip
     return tuple(rows)

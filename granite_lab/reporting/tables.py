@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from granite_lab.columns import Cell, Column, FilledTable, Table, good, number, share, words
-from granite_lab.estimate import Estimate, Part, mean_over
+from granite_lab.estimate import Estimate, Part, mean_over, weights_of
+from granite_lab.estimation.motion import TELLING
 from granite_lab.fitting import fit as records
 from granite_lab.fitting.fit import (
     K92_APART,
@@ -121,12 +122,13 @@ def budget_tables(result: StudyResult, speeds: Sequence[Speed]) -> list[FilledTa
     for speed in speeds:
         motions = [r.comparison.motion for r in speed.results]
         known = [m for m in motions if math.isfinite(m.slip_ratio.value)]
-        inner = [r.comparison.fit for r in speed.results if r.comparison.fit.status == "ok"]
-        slip, k92 = mean_over(m.slip_ratio for m in known), mean_over(f.k92 for f in inner)
+        inner = [r.comparison.fit for r in speed.results if r.comparison.fit.tells]
+        slips, k92 = [m.slip_ratio for m in known], [f.k92 for f in inner]
         parts = {"slip": [m.slip_parts for m in known], "k92": [f.parts for f in inner]}
-        for what, mean in (("slip", slip), ("k92", k92)):
+        for what, own, vague in (("slip", slips, TELLING), ("k92", k92, math.inf)):
+            mean, weights = mean_over(own, vague), weights_of(own, vague)
             stated = Estimate(mean.value, mean.std)
-            budgets[what].append(records.of_mean(speed.velocity, stated, parts[what]))
+            budgets[what].append(records.of_mean(speed.velocity, stated, parts[what], weights))
     if result.a_theta is not None:
         budgets["a_theta"].append(
             records.of_a_theta(result.a_theta, [r.comparison.fit for r in result.trials])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import TYPE_CHECKING
 
 from rich.text import Text
@@ -44,10 +44,10 @@ def show_study(
     """
     decided = reporting.answers.of_study(result, model, folder)
     say(console, decided.lead)
-    if decided.speeds:
+    first = reporting.speeds.first_table(decided.speeds, silent=decided.silent, virtual=bool(decided.virtual))
+    if first is not None:
         console.print()
-        table = reporting.speeds.SLIP_BY_SPEED.fill(decided.speeds, virtual=bool(decided.virtual))
-        show_table(table, console)
+        show_table(first, console)
     _answers(decided.questions, console)
     if result.finding is not None and not result.trials:
         _search(result.finding, console)
@@ -102,15 +102,23 @@ MOTIONS: Table[Motion] = Table(
 )
 
 
-def show_motions(rows: Sequence[tuple[Motion, Path, Sequence[Judgement] | None]], console: Console) -> None:
-    """Print what was estimated of each trial, where its table stands, and how it meets a reference."""
+def show_motions(
+    rows: Sequence[tuple[Motion, Path, Sequence[Judgement] | None]],
+    console: Console,
+    referred: Collection[str] = (),
+) -> None:
+    """Print what was estimated of each trial, where its table stands, and how it meets a reference.
+
+    Of trials that are `referred` to, the reference entered the estimate, and the one without it is judged.
+    """
     motions = [motion for motion, _, _ in rows]
     show_table(MOTIONS.fill(motions, virtual=any(m.virtual for m in motions)), console)
     for motion, path, judged in rows:
         if not motion.health.good:
             say(console, f"{motion.trial}: {motion.health.verdict}", "yellow")
         for j in judged or ():
-            say(console, f"{motion.trial}: {_against_reference(j)}")
+            without = "estimated without the reference: " if motion.trial in referred else ""
+            say(console, f"{motion.trial}: {without}{_against_reference(j)}")
         say(console, f"{motion.trial}: {path}", "dim")
 
 

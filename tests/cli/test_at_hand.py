@@ -113,8 +113,15 @@ def test_logs_are_taken_with_what_they_were_ingested_with(folder: Path) -> None:
     refused(lab("fit-k92", cwd=folder), 2, "ingested with different options", "name the logs")
     (folder / "reports" / "ingest" / "trial.csv").unlink()  # which takes its log off the list
     assert [fit["trial"] for fit in told("fit-k92", cwd=folder)["fits"]] == [B]
-    succeeded("ingest", f"{B}.csv", "--rest", "0:1", cwd=folder)
-    refused(lab("fit-k92", cwd=folder), 2, "ingested with --rest, which only ingest has", "TOML file")
+    known = ("--rest", "0:1", "--distance-measured", "2.03±0.02")
+    succeeded("ingest", f"{B}.csv", *known, cwd=folder)
+    document = told("fit-k92", cwd=folder)
+    assert {o["name"]: o["value"] for o in document["provenance"]["options"]} == {
+        "rest": "0:1", "distance-measured": "2.03±0.02",
+    }  # fmt: skip
+    assert document["provenance"]["command"].endswith("--distance-measured '2.03±0.02' --rest 0:1")
+    succeeded("ingest", f"{B}.csv", "--variant", "0.7", cwd=folder)
+    refused(lab("fit-k92", cwd=folder), 2, "ingested with --variant, which only ingest has", "TOML file")
     (folder / f"{B}.csv").unlink()
     with pytest.raises(InputError, match="is gone since it was ingested"):
         logs_at_hand(folder)

@@ -4,11 +4,13 @@ import json
 import shutil
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 import granite_lab as gl
 from granite_lab.api.project import FILE, choose, results_folder
 from granite_lab.files import sha256
+from granite_lab.logs.trial import TrialInfo
 from granite_lab.options import Options
 from tests.corpus.cli import GRANITE, SAMPLES, lab, refused, succeeded, told
 from tests.running.processes import trials
@@ -136,3 +138,33 @@ def test_params_shows_where_robot_and_soil_come_from(tmp_path: Path) -> None:
     assert given["robot"]["origin"] == "--robot"
     refused(lab("params", tmp_path / "nowhere"), 3, "nowhere: does not exist", "folder")
     refused(lab("params", folder / FILE), 3, "is not a folder", "folder")
+
+
+def test_the_file_says_what_is_known_of_single_trials(tmp_path: Path) -> None:
+    text = f'use_reference = true\nref_x_std_m = 0.01\n[[trial]]\nname = "{A}"\nrests = [[0, 1]]\n'
+    folder = folder_with(tmp_path, text)
+    options = choose(folder, Options(info=TrialInfo(ref_x_std=0.02))).options
+    one, other = (options.known(folder / f"{name}.csv") for name in (A, B))
+    assert one == TrialInfo(rests=((0.0, 1.0),), use_reference=True, ref_x_std=0.02)
+    assert other == TrialInfo(use_reference=True, ref_x_std=0.02)
+    done = lab("ingest", folder, "--jobs", 1)
+    assert done.code == 4
+    assert "there is no external reference to use" in done.error
+    (folder / FILE).write_text(text.replace(A, "virtual_v0.4_r1"), encoding="utf-8")
+    refused(lab("ingest", folder), 3, "[trial.1]: name = 'virtual_v0.4_r1': no such log", A[:9])
+
+
+def test_with_a_reference_ingest_also_compares_the_estimate_without_it(tmp_path: Path) -> None:
+    trials(tmp_path, A)
+    path = tmp_path / "logs" / f"{A}.csv"
+    motion = gl.ingest(path)[0].motion
+    frame = pd.DataFrame({"t_s": motion.t, "ref_x_m": motion.x})
+    frame.to_csv(tmp_path / "tape.csv", index=False)
+    apart = gl.ingest(path, reference=tmp_path / "tape.csv", use_reference=True, ref_x_std=0.001)[0]
+    assert apart.motion.slip_ratio.std < 0.5 * motion.slip_ratio.std
+    places = {one.quantity: one for one in apart.judgement}
+    assert places["distance"].rmse < 1e-3
+    done = succeeded(
+        "ingest", path, "--reference", tmp_path / "tape.csv", "--use-reference", "--ref-x-std", 0.001
+    )
+    assert "estimated without the reference: distance" in done.out

@@ -8,7 +8,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from granite_lab.errors import InputError
+from granite_lab.inference.conditions import KEYS
 from granite_lab.logs import read_trial, write_canonical
+from granite_lab.logs.canonical import CONDITIONS
 from granite_lab.logs.trial import CurrentStream, ImuStream, Series, Trial, TrialInfo, WheelStream
 from tests.logs import make
 
@@ -115,7 +118,7 @@ def test_sparse_rows_give_each_sensor_its_own_stamps(tmp_path: Path) -> None:
 
 
 def test_metadata_of_comments_sidecar_and_caller_in_this_order(tmp_path: Path) -> None:
-    make.written(tmp_path, 'v_desired_mps = 0.3\nsoil = "dry_sand"\nweather = "wet"\n', "trial.toml")
+    make.written(tmp_path, 'v_desired_mps = 0.3\nsoil = "dry_sand"\n[notes]\nweather = "wet"\n', "trial.toml")
     head = (
         '# robot = "granite"\n# a remark, not TOML = really\n# v_desired_mps = 0.2\n# distance_m = 2.0\n'
         "# operator = Jan\n# a_max_mps = 2.0\n#\n"
@@ -125,6 +128,45 @@ def test_metadata_of_comments_sidecar_and_caller_in_this_order(tmp_path: Path) -
     assert trial.info.extra == {"operator": "Jan", "weather": "wet", "a_max_mps": "2.0"}
     assert any("did you mean 'a_max_mps2'" in line for line in trial.warnings)
     assert [file.path.name for file in trial.inputs] == ["trial.csv", "trial.toml"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message", "hint"),
+    [
+        ("rest = [[0, 1]]", "unknown key 'rest'", "did you mean 'rests'?"),
+        ("v_desired = 0.3", "unknown key 'v_desired'", "'v_desired_mps'"),
+        ("weather = 'wet'", "unknown key 'weather'", "[notes]"),
+        ("rests = [[1, 0]]", "1 to 0 s is no interval", "the start comes first"),
+        ("rests = [0, 1]", "0 is no interval", "[[start, end], …]"),
+        ("body_rests = [[0, 'x']]", "'x' is not a number", ""),
+        ("ref_v_std_mps = 0", "out of range", ""),
+    ],
+)
+def test_a_sidecar_says_only_what_is_understood(tmp_path: Path, text: str, message: str, hint: str) -> None:
+    side = make.written(tmp_path, text, "trial.toml")
+    with pytest.raises(InputError) as refusal:
+        make.read(tmp_path, make.text())
+    assert str(side) in refusal.value.message
+    assert message in refusal.value.message
+    assert hint in refusal.value.hint
+
+
+def test_what_a_laboratory_knows_is_read_and_written(tmp_path: Path) -> None:
+    text = "rests = [[0, 1.2], [8, 9]]\nbody_rests = [[3, 4.0]]\ndistance_measured_m = 2.03\nturned = true\n"
+    make.written(
+        tmp_path, text + "use_reference = true\nref_x_std_m = 0.002\nclock_offset_s = 0\n", "trial.toml"
+    )
+    trial = make.read(tmp_path, make.text())
+    info = trial.info
+    assert info.rests == ((0.0, 1.2), (8.0, 9.0))
+    assert (info.body_rests, info.distance_measured, info.use_reference) == (((3.0, 4.0),), 2.03, True)
+    assert (info.ref_x_std, info.ref_v_std, info.clock_offset) == (0.002, None, 0.0)
+    write_canonical(tmp_path / "again.csv", trial)
+    assert read_trial(tmp_path / "again.csv").info == info
+
+
+def test_the_conditions_that_later_stages_read_are_known() -> None:
+    assert set(CONDITIONS) == set(KEYS)
 
 
 @pytest.mark.parametrize("name", ["t_ns", "time_ns", "timestamp_ns", "stamp_ns"])

@@ -4,7 +4,6 @@ import copy
 import dataclasses
 import errno
 import json
-import math
 import os
 import pickle
 import tracemalloc
@@ -43,7 +42,7 @@ def test_any_plain_value_comes_back_with_its_types(value: object) -> None:
 
 
 def test_equal_records_have_equal_hashes() -> None:
-    options = Options(robot="granite", model=Path("m.toml"), distance_measured=Estimate(2.0, math.inf))
+    options = Options(robot="granite", model=Path("m.toml"), info=TrialInfo(rests=((0.0, 1.5),)))
     assert content(options) == content(Options(**vars(options)))
     assert content(options) != content(Options(**vars(options) | {"rows": "x"}))
     assert content({"x": np.arange(5000)}) != content({"x": np.arange(5000) % 4000})

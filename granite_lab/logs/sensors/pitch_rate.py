@@ -41,6 +41,10 @@ TURNS_ABOUT = 0.3
 SEGMENTS = 4
 """Parts of a motion in each of which the roll may be another one."""
 
+TURNED, SLOPED = float(np.radians(30.0)), float(np.radians(6.0))
+"""A robot that turns by more than this, or stands on more of a slope, explains what is left with the right
+axis, too: on a slope gravity comes from the side, and yaw turns it into pitch [rad]."""
+
 LONGEST = 60.0
 """The drift of a motion longer than this hides everything [s]."""
 
@@ -114,6 +118,8 @@ def _between(
     std = means.std(axis=1, ddof=1) / np.sqrt(BLOCKS) / GRAVITY
     bias = 0.5 * (rate[first].mean(axis=0) + rate[last].mean(axis=0))
     slope = float(np.max(np.arctan2(np.hypot(up[:, 0], up[:, 1]), np.abs(up[:, 2]))))
+    if slope > SLOPED or np.ptp(integral(t[motion], rate[motion, 2] - bias[2])) > TURNED:
+        return None
     return Motion(t[motion], force[motion, 0], rate[motion] - bias, level, std, slope)
 
 

@@ -1,0 +1,285 @@
+"""Public trials of other robots through the whole chain: estimate, reference, k_92, and what a report says.
+
+The logs are not part of the project; `docs/real-trials.md`, which this writes, says where they are. What a
+user has to write by hand is in `benchmarks/robots` and in the sidecars that are made here.
+
+``python -m benchmarks.real_trials --data FOLDER [--out docs/real-trials.md]``
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+import granite_lab as gl
+from benchmarks.real_logs import SNOW_STD, by_hand, standstills
+from benchmarks.real_trials_drive import steps_of
+from benchmarks.real_trials_page import page
+from granite_lab.errors import LabError
+from granite_lab.estimate import Estimate
+from granite_lab.estimation.motion import Motion
+from granite_lab.files import write_text
+from granite_lab.logs import read_trial
+from granite_lab.logs.counters import mean_known
+from granite_lab.logs.trial import Trial, trial_files
+from granite_lab.reporting.answers import of_study
+
+HUSKY = str(Path(__file__).parent / "robots" / "husky.toml")
+"""The robot of the catalogue with a chassis, by hand."""
+
+BOREAL = ("SANDY_LOAM_{}_01", "SANDY_LOAM_{}_06", "SNOW_{}_01")
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A set of trials, ready to be analysed.
+
+    Attributes:
+        title, source, licence: what it is and where it is from.
+        logs: folder of the logs with their sidecars.
+        robot, column_map: files or names; None where the log says it or is recognised.
+        written: what was written by hand, one line each.
+        reference: std of the reference, as a keyword of the verbs; empty where there is none.
+        reference_is: what it is.
+    """
+
+    title: str
+    source: str
+    licence: str
+    logs: Path
+    robot: str | None = None
+    column_map: str | None = None
+    written: tuple[str, ...] = ()
+    reference: dict[str, Any] = field(default_factory=dict)
+    reference_is: str = "none"
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """Keywords of the verbs."""
+        said = {"robot": self.robot, "column_map": self.column_map}
+        return {name: value for name, value in said.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One trial: λ_R without and with the reference, by that alone, and k_92 or why there is none."""
+
+    name: str
+    grade: str
+    slip: Estimate
+    referred: Estimate
+    truth: Estimate
+    k92: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came out of a set: a row a trial, what the report says, and how long all of it took [s]."""
+
+    prepared: Prepared
+    rows: tuple[Row, ...]
+    said: tuple[str, ...]
+    seconds: float
+
+
+def snow(data: Path, work: Path) -> Prepared:
+    """Rover on snow; standstills of the body are named by its inertial navigation."""
+    robot, columns = by_hand("snow_rover")
+    for path in sorted((data / "snow").glob("event_1_*.mat")):
+        shutil.copy(path, work)
+        try:
+            rests = standstills(read_trial(path, robot=robot, map=columns))
+        except LabError:
+            continue
+        named = ", ".join(f"[{a:.3f}, {b:.3f}]" for a, b in rests)
+        (work / f"{path.stem}.toml").write_text(f"body_rests = [{named}]\n", encoding="utf-8")
+    return Prepared(
+        "Rover on snow", "austinlines/PhD, Thesis - Code/ImmobilizationDetection", "none: not committed",
+        work, robot, columns,
+        ("robot: 10 lines; column map: 14 lines, with two axes of the gyro exchanged",
+         "sidecar of each run: the standstills of the body"),
+        {"ref_v_std": SNOW_STD}, "inertial navigation with GPS, ± 30 mm/s at rest",
+    )  # fmt: skip
+
+
+def vulpi(data: Path, work: Path) -> Prepared:
+    """Husky on farm land, currents of both sides, no reference."""
+    pairs(data / "vulpi", work, [p.stem for p in sorted((data / "vulpi").glob("*_imu_*.csv"))])
+    return Prepared(
+        "Husky on ploughed, unploughed and dirt ground (Vulpi et al.)", "norlab-ulaval/BorealTC, data/vulpi",
+        "see its README: not committed", work, HUSKY,
+        written=("a folder for each run with imu.csv and motors.csv", "robot: chassis by its description"),
+    )  # fmt: skip
+
+
+def boreal(data: Path, work: Path) -> Prepared:
+    """Husky on sandy loam and snow, no reference and no standstill."""
+    pairs(data / "borealtc_husky", work, [name.format("imu") for name in BOREAL])
+    return Prepared(
+        "Husky on sandy loam and snow", "norlab-ulaval/BorealTC, data/borealtc", "CC0", work, HUSKY,
+        written=("a folder for each run with imu.csv and motors.csv", "robot: chassis by its description"),
+    )  # fmt: skip
+
+
+def pairs(folder: Path, work: Path, names: Sequence[str]) -> None:
+    """Put the two files of each run into a folder of its own."""
+    for name in names:
+        own = work / name.replace("imu_", "")
+        own.mkdir()
+        shutil.copy(folder / f"{name}.csv", own / "imu.csv")
+        shutil.copy(folder / f"{name.replace('imu', 'pro')}.csv", own / "motors.csv")
+
+
+def drive(robot: str, radius: float) -> Callable[[Path, Path], Prepared]:
+    """Return what prepares the straight steps of DRIVE of a robot with wheels of a radius [m]."""
+
+    def prepared(data: Path, work: Path) -> Prepared:
+        for name, table in steps_of(data / "drive" / f"test_{robot}_torch_ready_dataframe.pkl", radius):
+            table.to_csv(work / f"{name}.csv", index=False)
+        file = str(Path(__file__).parent / "robots" / f"{robot}.toml")
+        return Prepared(
+            f"DRIVE, {robot.capitalize()} on grass, straight steps", "norlab-ulaval/DRIVE, calib_data",
+            "BSD-3", work, file,
+            written=("the table of windows of 2 s cut into steps with columns of the canonical log",
+                     "robot: wheels, chassis where its description states one"),
+            reference={"ref_x_std": 0.02}, reference_is="lidar ICP, ± 20 mm",
+        )  # fmt: skip
+
+    return prepared
+
+
+SETS: dict[str, Callable[[Path, Path], Prepared]] = {
+    "drive/test_warthog_torch_ready_dataframe.pkl": drive("warthog", 0.3),
+    "drive/test_husky_torch_ready_dataframe.pkl": drive("husky", 0.165),
+    "snow": snow,
+    "vulpi": vulpi,
+    "borealtc_husky": boreal,
+}
+"""What must be in the data's folder, and what prepares the set."""
+
+
+def truth_of(motion: Motion, trial: Trial) -> Estimate:
+    """Return λ_R over the steady part by the reference and the wheels, without any estimate."""
+    begin, end = motion.steady
+    way, std = math.nan, math.nan
+    if trial.reference_x is not None and trial.reference_x.places == 1:
+        known = np.isfinite(trial.reference_x.value)
+        t, x = trial.reference_x.t[known], trial.reference_x.value[known]
+        way = float(np.diff(np.interp([begin, end], t, x))[0])
+        std = math.sqrt(2.0) * (trial.info.ref_x_std or 0.0)
+    elif trial.reference_v is not None:
+        keep = (trial.reference_v.t >= begin) & (trial.reference_v.t <= end)
+        if np.count_nonzero(keep) > 1:
+            way = float(np.trapezoid(trial.reference_v.value[keep], trial.reference_v.t[keep]))
+            std = (trial.info.ref_v_std or 0.0) * math.sqrt((end - begin) / np.count_nonzero(keep))
+    keep = (motion.t >= begin) & (motion.t <= end)
+    if not keep.any():
+        return Estimate(math.nan)
+    rolled = float(np.trapezoid(np.nan_to_num(mean_known(motion.v_wheel[keep])), motion.t[keep]))
+    if abs(rolled) < 0.05:
+        return Estimate(math.nan)
+    return Estimate(1.0 - abs(way / rolled), std / abs(rolled))
+
+
+def rows_of(prepared: Prepared) -> Iterator[Row]:
+    """Estimate each trial of a set without and with its reference, and fit k_92."""
+    for log in trial_files(prepared.logs):
+        nothing = Estimate(math.nan)
+        try:
+            (plain,) = gl.ingest(log, jobs=1, **prepared.about, **prepared.reference)
+        except LabError as error:
+            yield Row(log.stem, "refused", nothing, nothing, nothing, _short(error, log))
+            continue
+        referred, truth = nothing, nothing
+        known = {**prepared.reference, "use_reference": True} if prepared.reference else {}
+        if known:
+            truth = truth_of(plain.motion, plain.trial)
+            try:
+                referred = gl.ingest(log, jobs=1, **prepared.about, **known)[0].motion.slip_ratio
+            except LabError:
+                referred = nothing
+        grade, slip = plain.motion.health.grade, plain.motion.slip_ratio
+        yield Row(plain.name, grade, slip, referred, truth, _k92(log, prepared, known))
+
+
+def _k92(log: Path, prepared: Prepared, known: dict[str, Any]) -> str:
+    try:
+        (fit,) = gl.fit_k92(log, jobs=1, cache=False, **prepared.about, **known)
+    except LabError as error:
+        return _short(error, log)
+    low, high = (100 * x for x in fit.reach)
+    if fit.tells:
+        return f"{fit.k92.value:.2f} ± {fit.k92.std:.2f}"
+    if not fit.slip_known:
+        return f"none: λ_R known to ± {100 * fit.slip_measured.std:.0f} points"
+    return f"none: λ_R outside the {low:.1f} to {high:.1f} % of the model"
+
+
+def _short(error: LabError, log: Path) -> str:
+    return (
+        error.message.replace(str(log), log.name).removeprefix(f"{log.name}: ").removeprefix(f"{log.stem}: ")
+    )
+
+
+def said_by_report(prepared: Prepared) -> tuple[str, ...]:
+    """Return the first screen of a study of a set, or the line with which it ends."""
+    known = {**prepared.reference, "use_reference": True} if prepared.reference else {}
+    try:
+        result = gl.study(prepared.logs, discover=False, cache=False, **prepared.about, **known)
+    except LabError as error:
+        return (f"ends with: {error.message.replace(str(prepared.logs), 'logs')}",)
+    answers = of_study(result)
+    return (answers.lead, *(f"{q.question} {q.verdict}. {q.text}" for q in answers.questions))
+
+
+def analysed(prepared: Prepared) -> Outcome:
+    """Take a set through the whole chain."""
+    begin = time.monotonic()
+    rows, said = tuple(rows_of(prepared)), said_by_report(prepared)
+    return Outcome(prepared, rows, said, time.monotonic() - begin)
+
+
+def main() -> None:
+    """Analyse every set that is there, and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--data", type=Path, required=True, help="folder with the sets")
+    parser.add_argument("--out", type=Path, default=Path("docs/real-trials.md"))
+    given = parser.parse_args()
+    outcomes, absent = [], []
+    for name, prepare in SETS.items():
+        if not (given.data / name).exists():
+            absent.append(name)
+            continue
+        with tempfile.TemporaryDirectory(prefix="real-trials-") as folder:
+            work = Path(folder) / "logs"
+            work.mkdir()
+            outcomes.append(analysed(prepare(given.data, work)))
+            print(f"{name}: {len(outcomes[-1].rows)} trials, {outcomes[-1].seconds:.0f} s")
+    table = pd.DataFrame([
+        {
+            "set": o.prepared.title, "trial": r.name, "grade": r.grade, "slip": r.slip.value,
+            "slip_std": r.slip.std, "slip_with_reference": r.referred.value,
+            "slip_with_reference_std": r.referred.std, "slip_by_reference": r.truth.value,
+            "slip_by_reference_std": r.truth.std, "k92": r.k92,
+        }
+        for o in outcomes for r in o.rows
+    ])  # fmt: skip
+    write_text(
+        given.out.parent / "tables" / "real-trials.csv", table.to_csv(index=False, float_format="%.5g")
+    )
+    write_text(given.out, page(outcomes, absent))
+    print(given.out)
+
+
+if __name__ == "__main__":
+    main()

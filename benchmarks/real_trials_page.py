@@ -1,0 +1,83 @@
+"""The page of `benchmarks.real_trials`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from granite_lab.estimate import Estimate
+
+if TYPE_CHECKING:
+    from benchmarks.real_trials import Outcome, Row
+
+HEAD = """# Real trials of other laboratories
+
+Public sets, each through the whole chain: what was written by hand, the slip ratio λ_R with its std against
+the reference that came with the set, k_92 or why there is none, and what the report says. Logs without a
+licence are not part of the project; the sources are named. `make real DATA=FOLDER` writes this page;
+numbers: [tables/real-trials.csv](tables/real-trials.csv).
+
+λ_R by the reference is one less its way over that of the wheels, over the same steady part, without any
+estimate. z: the estimate without the reference less it, over both std. Estimates by IMU and wheels of
+other sets: [estimation-real](estimation-real.md).
+"""
+
+
+def page(outcomes: Sequence[Outcome], absent: Sequence[str]) -> str:
+    """Return the page."""
+    parts = [HEAD, _summary(outcomes), *map(_section, outcomes)]
+    if absent:
+        parts.append(f"Not in the data of this run: {', '.join(absent)}.\n")
+    return "\n".join(parts)
+
+
+def z_of(row: Row) -> float:
+    """Return by how many std λ_R without the reference misses it; NaN where one is not known."""
+    spread = math.hypot(row.slip.std, row.truth.std)
+    return abs(row.slip.value - row.truth.value) / spread if spread > 0 else math.nan
+
+
+def _summary(outcomes: Sequence[Outcome]) -> str:
+    lines = [
+        "| set | trials | refused | λ_R known to 5 points | with reference | beyond 3 std | k_92 |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for o in outcomes:
+        known, referred = (sum(getattr(r, name).std <= 0.05 for r in o.rows) for name in ("slip", "referred"))
+        far = sum(z_of(r) > 3 for r in o.rows)
+        compared = sum(math.isfinite(z_of(r)) for r in o.rows)
+        refused, k92 = sum(r.grade == "refused" for r in o.rows), sum("±" in r.k92[:9] for r in o.rows)
+        with_it = referred if o.prepared.reference else "–"
+        beyond = f"{far} of {compared}" if compared else "–"
+        lines.append(
+            f"| {o.prepared.title} | {len(o.rows)} | {refused} | {known} | {with_it} | {beyond} | {k92} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _section(o: Outcome) -> str:
+    p = o.prepared
+    about = f"Source: {p.source}. Licence: {p.licence}. Reference: {p.reference_is}."
+    hand = f"Written by hand: {'; '.join(p.written) or 'nothing'}. Time for all: {o.seconds:.0f} s."
+    lines = [
+        f"## {p.title}",
+        "",
+        f"{about} {hand}",
+        "",
+        "| trial | estimate | λ_R [%] | with reference [%] | by reference [%] | z | k_92 |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for r in o.rows:
+        z = z_of(r)
+        lines.append(
+            f"| {r.name} | {r.grade} | {_percent(r.slip)} | {_percent(r.referred)} | {_percent(r.truth)} | "
+            f"{f'{z:.1f}' if math.isfinite(z) else '–'} | {r.k92.replace('|', '/')} |"
+        )
+    return "\n".join([*lines, "", "The report:", "", *(f"> {line}\n>" for line in o.said)]) + "\n"
+
+
+def _percent(e: Estimate) -> str:
+    if not math.isfinite(e.value):
+        return "–"
+    return f"{100 * e.value:.1f} ± {100 * e.std:.1f}"

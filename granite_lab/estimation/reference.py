@@ -1,0 +1,121 @@
+"""The external reference of a trial as a measurement: motion capture, RTK, a laser, with its stated std.
+
+A place along the path counts from an origin that is not that of the wheels: what both are apart is a state,
+by the covariance at the start. Places in a plane or on the globe tell how fast the robot goes, not which way;
+the wheels say whether it is ahead. Velocities that were computed from several places share them, so that
+only every one of as many counts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from granite_lab.errors import EstimateError
+from granite_lab.estimation.wheels import Rolling
+from granite_lab.logs.sensors.standstill import Interval, inside
+from granite_lab.logs.trial import Array, Series, Trial
+
+TOLD = 3.0
+"""A speed by places in a plane is never below zero: below so many std it tells nothing of its noise."""
+
+PAUSE = 2.0
+"""A reference that pauses for longer than this in motion [s] leaves the velocity to drift."""
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """A reference as the filter takes it.
+
+    Attributes:
+        kind: what is measured.
+        t: (U,) stamps on the IMU's clock [s].
+        value, std: (U,) [m/s] or [m].
+    """
+
+    kind: Literal["reference_v", "reference_x"]
+    t: Array
+    value: Array
+    std: Array
+
+
+def readings_of(trial: Trial, rolling: Rolling | None, offset: float) -> tuple[Readings, ...]:
+    """Return the reference of a trial as measurements; nothing where it is not to be used.
+
+    Args:
+        trial: with the std of its reference.
+        rolling: tells the direction, on a clock that lies behind the IMU's by `offset` [s].
+
+    Raises:
+        EstimateError: it is to be used, but there is none, or nobody states its std.
+    """
+    info = trial.info
+    if not info.use_reference:
+        return ()
+    found = []
+    place, speed = trial.reference_x, trial.reference_v
+    if place is not None and place.places == 1 and info.ref_x_std:
+        found.append(_readings("reference_x", place, info.ref_x_std))
+    if speed is not None and (std := _speed_std(trial)):
+        if speed.places > 1:
+            speed = Series(speed.t[:: speed.places], speed.value[:: speed.places], speed.places)
+        one = _readings("reference_v", speed, std)
+        if place is None or place.places > 1:
+            found.append(_ahead(one, rolling, offset) if place is not None else one)
+        elif not found or trial.reference_v.places == 1:  # type: ignore[union-attr]
+            found.append(one)
+    if found:
+        return tuple(found)
+    if place is None and speed is None:
+        raise EstimateError(
+            f"{trial.name}: there is no external reference to use",
+            "a reference is a column ref_v_mps or ref_x_m, or a file given with --reference",
+        )
+    keys = ["ref_v_std_mps"] * (speed is not None) + ["ref_x_std_m"] * (place is not None)
+    raise EstimateError(
+        f"{trial.name}: the reference cannot be used as a measurement: its std is not known",
+        f"write {' or '.join(f'{key} = …' for key in keys)} into the TOML file beside the log",
+    )
+
+
+def _speed_std(trial: Trial) -> float:
+    """Return the std of a reference's velocity [m/s]: as stated, or by that of the places it comes from."""
+    info, speed = trial.info, trial.reference_v
+    if info.ref_v_std:
+        return info.ref_v_std
+    if speed is None or speed.places == 1 or not info.ref_x_std:
+        return 0.0
+    # of the slope of a line through n places, a step apart: σ / step / sqrt(n (n² - 1) / 12)
+    n, step = speed.places, float(np.median(np.diff(speed.t)))
+    return info.ref_x_std / step / math.sqrt(n * (n**2 - 1) / 12)
+
+
+def _readings(kind: Literal["reference_v", "reference_x"], series: Series, std: float) -> Readings:
+    known = np.isfinite(series.value)
+    return Readings(kind, series.t[known], series.value[known], np.full(np.count_nonzero(known), std))
+
+
+def _ahead(one: Readings, rolling: Rolling | None, offset: float) -> Readings:
+    """Return speeds with their directions, by the wheels; those that are too slow to be told are left out."""
+    kept = one.value > TOLD * one.std
+    t, value = one.t[kept], one.value[kept]
+    if rolling is not None and t.size:
+        value = value * np.where(rolling.speed_at(t, offset) < 0, -1.0, 1.0)
+    return Readings(one.kind, t, value, one.std[kept])
+
+
+def anchors(found: Sequence[Readings], t: Array, rests: Sequence[Interval]) -> bool:
+    """Whether a reference, with the standstills, tells the velocity all along the stamps t (N,) [s]."""
+    if not found:
+        return False
+    grid = np.arange(t[0], t[-1], 0.5 * PAUSE)
+    stamps = np.sort(np.concatenate([one.t for one in found]))
+    if not stamps.size:
+        return False
+    after = np.clip(np.searchsorted(stamps, grid), 0, stamps.size - 1)
+    near = np.minimum(np.abs(stamps[after] - grid), np.abs(stamps[np.maximum(after - 1, 0)] - grid))
+    return bool(((near <= PAUSE) | inside(grid, rests)).all())

@@ -1,0 +1,93 @@
+"""When a report is silent: what trials can say, why k_92 cannot be had from them, and what was assumed."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+
+from granite_lab.estimation.motion import slip_is_known
+from granite_lab.fitting.fit import BOUNDS
+from granite_lab.reporting.names import listed
+from granite_lab.reporting.speeds import Speed
+from granite_lab.results import StudyResult, TrialResult
+from granite_lab.rounding import significant
+
+REMEDY = (
+    "Let the robot stand for 2 s before and after each run, name its standstills (rests, body_rests), or use "
+    "a reference with its std (--use-reference)."
+)
+
+
+def silent(result: StudyResult) -> bool:
+    """Whether no trial of a study has a slip ratio that is known to 5 points."""
+    return bool(result.trials) and not any(slip_is_known(r.comparison.motion) for r in result.trials)
+
+
+def why_no_k92(result: StudyResult) -> str:
+    """Say why k_92 cannot be had from any trial of a study; nothing where it can, or where there is none."""
+    if not result.trials or any(r.comparison.fit.tells for r in result.trials):
+        return ""
+    reasons: dict[str, list[TrialResult]] = defaultdict(list)
+    for r in result.trials:
+        reasons[_reason(r)].append(r)
+    parts: list[str] = []
+    for reason, trials in reasons.items():
+        stds = [100 * r.comparison.fit.slip_measured.std for r in trials]
+        low, high = (significant(f(stds), 2) for f in (min, max))
+        known = f"± {low}" if low == high else f"± {low} to {high}"
+        which = "that of" if parts else "λ_R of"
+        names = [r.trial.name for r in trials]
+        several = f"{len(names)} trials" if len(names) > 3 else listed(names)
+        parts.append(f"{which} {several} {reason.format(known=known)}")
+    return f"k_92 cannot be had from these trials, because {'; '.join(parts)}."
+
+
+def _reason(r: TrialResult) -> str:
+    """Return what is wrong with the λ_R of a trial, with a place for how well it is known."""
+    fit, motion = r.comparison.fit, r.comparison.motion
+    if not math.isfinite(fit.slip_measured.value):
+        return "does not exist: nothing in it is steady"
+    if not fit.slip_known:
+        causes = [one for one in motion.health.reasons if "known to ±" not in one]
+        # what anchors the velocity says most of how well slip is known
+        causes.sort(key=lambda one: "anchor" not in one and "standstill" not in one)
+        because = f" ({causes[0].split(': ')[0]})" if causes else ""
+        return f"is known to {{known}} points only{because.replace('{', '{{').replace('}', '}}')}"
+    if fit.status in BOUNDS:
+        low, high = (significant(100 * x, 2) for x in fit.reach)
+        side = "above" if fit.status == "at_lower_bound" else "below"
+        return f"lies {side} the {low} to {high} % that the model reaches on this soil"
+    return "could not be fitted"
+
+
+def reach_in_words(speeds: Sequence[Speed]) -> str:
+    """Say which slip the model can reach on the soil of the trials, by its k_92 alone."""
+    known = [s for s in speeds if all(map(math.isfinite, s.reach))]
+    if not known:
+        return ""
+    ends = [f"{significant(max(s.reach[0], 0.0), 2)} to {significant(s.reach[1], 2)} %" for s in known]
+    if len(known) > 3:
+        low, high = min(s.reach[0] for s in known), max(s.reach[1] for s in known)
+        where = f"{significant(max(low, 0.0), 2)} to {significant(high, 2)} %, depending on speed"
+    else:
+        where = listed([f"{end} at {s.velocity:.3g} m/s" for s, end in zip(known, ends, strict=True)])
+    return f"On this soil the model reaches a slip of {where}."
+
+
+def assumptions(result: StudyResult) -> str:
+    """Say which robot and soil were assumed because nobody named them; nothing where all are named."""
+    said = dict(result.source.options)
+    parts = []
+    for what in ("robot", "soil"):
+        unnamed = [r for r in result.trials if getattr(r.trial.info, what) is None]
+        if what in said or not unnamed:
+            continue
+        titles = list(dict.fromkeys(getattr(r.comparison.run, what).title for r in unnamed))
+        small = [t[0].lower() + t[1:] if t[1:2].islower() else t for t in titles]
+        every = "" if len(unnamed) == len(result.trials) else f" of {len(unnamed)} trials"
+        parts.append(f"the {what}{every} is {listed(small)}")
+    if not parts:
+        return ""
+    keys = " and ".join(f"--{part.split()[1]}" for part in parts)
+    return f"Assumed, because no log and no option says it: {listed(parts)} ({keys} says which)."

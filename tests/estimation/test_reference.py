@@ -1,0 +1,125 @@
+"""What a laboratory knows about a trial, and an external reference that enters as a measurement."""
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granite_lab.errors import EstimateError
+from granite_lab.estimation import Motion, estimate
+from granite_lab.logs.trial import Series, Trial, part
+from granite_lab.parameters import load_robot
+from tests.truth.trials import TruthTrial, generate
+
+STD = {"v": 0.008, "x": 0.004}
+
+
+@cache
+def truth() -> TruthTrial:
+    return generate(71, velocity=0.3, grade="consumer", clock_offset=0.02, reference=True)
+
+
+@cache
+def noisy() -> Trial:
+    """The trial with a reference of 50 Hz whose noise has the std that is stated."""
+    rng, trial = np.random.default_rng(3), truth().trial
+    t = trial.imu.t[0] + np.arange(0.013, np.ptp(trial.imu.t), 0.02)
+    v, x = (Series(t, truth().at(t, k) + STD[k] * rng.standard_normal(t.size)) for k in ("v", "x"))
+    return replace(trial, reference_v=v, reference_x=replace(x, value=x.value + 12.3))
+
+
+def run(trial: Trial, **known: Any) -> Motion:
+    return estimate(replace(trial, info=replace(trial.info, **known)), load_robot("granite", "consumer"))
+
+
+def between(trial: Trial, begin: float, end: float) -> Trial:
+    streams = ("imu", "wheels", "reference_v", "reference_x")
+    held = {name: getattr(trial, name) for name in streams}
+    return replace(trial, **{n: part(s, (s.t >= begin) & (s.t <= end)) for n, s in held.items()})
+
+
+def true_slip(motion: Motion) -> float:
+    """λ_R by (2) with the true way over the wheels' own."""
+    i, j = np.searchsorted(motion.t, motion.steady)
+    own = motion.distance_wheels.value - motion.distance.value
+    x, inside = truth().at(motion.t, "x"), slice(i, j)
+    wheel = np.nanmean(motion.v_wheel[inside], axis=1)
+    assert np.isfinite(own)
+    return 1.0 - (x[j - 1] - x[i]) / float(np.trapezoid(wheel, motion.t[inside]))
+
+
+KNOWN = {"velocity": {"ref_v_std": STD["v"]}, "place": {"ref_x_std": STD["x"]}}
+KNOWN["both"] = KNOWN["velocity"] | KNOWN["place"]
+
+
+@pytest.mark.parametrize("what", KNOWN)
+def test_a_reference_makes_the_estimate_surer_and_better(what: str) -> None:
+    plain, motion = run(noisy()), run(noisy(), use_reference=True, **KNOWN[what])
+    before, after = (np.sqrt(np.mean((m.v - truth().at(m.t, "v")) ** 2)) for m in (plain, motion))
+    assert after < 0.5 * before
+    assert motion.v_std.mean() < 0.5 * plain.v_std.mean()
+    assert motion.slip_ratio.std < 0.4 * plain.slip_ratio.std
+    assert abs(motion.slip_ratio.value - true_slip(motion)) < 3 * motion.slip_ratio.std + 1e-3
+    within = np.abs(motion.v - truth().at(motion.t, "v")) <= 2 * motion.v_std
+    assert within.mean() > 0.9
+    assert motion.health.good
+    total = np.sqrt(sum(part.contribution**2 for part in motion.slip_parts))
+    assert total == pytest.approx(motion.slip_ratio.std, rel=1e-3)
+    assert "external reference" in {part.name for part in motion.slip_parts[:3]}
+
+
+@pytest.mark.parametrize("what", ["velocity", "place"])
+def test_a_reference_takes_the_place_of_standstills(what: str) -> None:
+    begin, end = run(noisy()).steady
+    piece = between(noisy(), begin - 0.5, end)
+    alone, motion = run(piece), run(piece, use_reference=True, **KNOWN[what])
+    assert alone.health.grade == "poor"
+    assert motion.health.grade == "fair"
+    assert motion.slip_ratio.std < 0.01 < alone.slip_ratio.std
+    assert abs(motion.slip_ratio.value - true_slip(motion)) < 3 * motion.slip_ratio.std
+    assert "anchored by the external reference" in motion.health.verdict
+
+
+def test_a_reference_that_contradicts_the_sensors_is_told() -> None:
+    wrong = replace(noisy(), reference_v=Series(noisy().reference_v.t, 1.4 * noisy().reference_v.value))
+    motion = run(wrong, use_reference=True, ref_v_std=0.005)
+    assert not motion.health.good
+    assert "reference" in motion.health.verdict
+
+
+def test_speed_by_places_in_a_plane_takes_its_direction_from_the_wheels() -> None:
+    back = noisy()
+    wheels = replace(back.wheels, angle=-back.wheels.angle)
+    force, rate = back.imu.specific_force * [-1, 1, 1], back.imu.angular_rate * [1, -1, 1]
+    imu = replace(back.imu, specific_force=force, angular_rate=rate)
+    v = replace(back.reference_v, places=5)
+    x = replace(back.reference_x, places=5)
+    back = replace(back, wheels=wheels, imu=imu, reference_v=v, reference_x=x)
+    motion = run(replace(back, info=replace(back.info, ref_x_std=STD["x"])), use_reference=True)
+    middle = (motion.t > motion.steady[0]) & (motion.t < motion.steady[1])
+    assert motion.v[middle].max() < -0.2
+
+
+@pytest.mark.parametrize(
+    ("drop", "message"),
+    [((), "its std is not known"), (("reference_v", "reference_x"), "there is no external reference")],
+)
+def test_a_reference_without_std_or_none_at_all_is_refused(drop: tuple[str, ...], message: str) -> None:
+    with pytest.raises(EstimateError, match=message):
+        run(replace(noisy(), **dict.fromkeys(drop)), use_reference=True)
+
+
+def test_what_a_trial_says_of_itself_is_what_a_caller_may_say() -> None:
+    way = float(truth().at(noisy().imu.t[-1], "x") - truth().at(noisy().imu.t[0], "x"))
+    motion = run(noisy(), rests=((0.1, 1.0),), distance_measured=way)
+    assert motion.distance.std < 0.006
+    assert run(noisy(), distance_measured=way, distance_measured_std=0.5).distance.std > 0.01
+
+
+def test_a_standstill_in_which_the_wheels_turn_is_one_of_the_body_only() -> None:
+    begin, end = run(noisy()).steady
+    with pytest.raises(EstimateError, match="the wheels roll") as refusal:
+        run(noisy(), rests=((begin, end),))
+    assert "body_rests" in refusal.value.hint
