@@ -303,7 +303,7 @@ def test_signals_are_those_of_cvodes_at_a_fine_tolerance(variant: Variant, ids: 
     start = rest_state(p, active)
     got = integrate(p, active, LEAN, tuple(WITHIN))
     states = interpreted.run(effects, variant, fine, start, vector)
-    truth = interpreted.outputs(effects, tuple(WITHIN), got["t_s"], states, vector)
+    truth = interpreted.outputs(effects, variant, tuple(WITHIN), got["t_s"], states, vector)
     for (name, limit), row in zip(WITHIN.items(), truth, strict=True):
         assert np.abs(got[name] - row).max() < limit, name
 
