@@ -64,6 +64,16 @@ def corrected(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
     return trial, robot, motion
 
 
+def simulable(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
+    """Return what `corrected` does, and in the motion what its simulation is driven by.
+
+    Raises:
+        InputError, EstimateError: as `corrected`, or the wheels are to drive and are not known.
+    """
+    trial, robot, motion = corrected(path, options)
+    return trial, robot, fitting.driven(motion, robot, options.drive)
+
+
 def _beside(logged: Trial, options: Options) -> dict[str, Any]:
     """Return what estimation is told besides the log."""
     soil = soil_of(logged, options.soil)
@@ -76,8 +86,7 @@ def analyse(path: Path, options: Options) -> TrialResult:
     Raises:
         LabError: any stage could not do its work; the message says which and why.
     """
-    logged, robot = read(path, options)
-    trial, motion = estimation.correct(logged, robot, **_beside(logged, options))
+    trial, robot, motion = simulable(path, options)
     name, effects = ground(trial, options)
     soil = load_soil(name)
     fit = fitting.fit_k92(motion, trial, robot, soil, effects=effects)

@@ -22,7 +22,7 @@ from granite_lab.api.arguments import (
 )
 from granite_lab.api.project import choose
 from granite_lab.api.records import Records
-from granite_lab.chain import analyse, corrected, find_effect, over_trials, source_of
+from granite_lab.chain import analyse, find_effect, over_trials, simulable, source_of
 from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.effects import library
@@ -33,6 +33,7 @@ from granite_lab.folders import files_of
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.options import Options
 from granite_lab.origin import NOWHERE, Origin, Written
+from granite_lab.parameters.course import DriveBy
 from granite_lab.results import StudyResult, TrialResult, of_search
 from granite_lab.running import Execution, each_trial, sifted
 from granite_lab.running.cache import code, digest_of, fingerprint
@@ -66,7 +67,7 @@ def fit_k92(
     *,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
-    model: File = None, effects: File = None,
+    drive: DriveBy = "auto", model: File = None, effects: File = None,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None,
 ) -> Records[K92Fit]:  # fmt: skip
@@ -75,6 +76,8 @@ def fit_k92(
     Args:
         logs: paths of logs, or of folders with logs.
         robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        drive: what drives the simulation: "wheels", as they were measured; "command"; or "auto", the command
+            where it is stated and the wheels follow it, else the wheels.
         model: file (model.toml) of the paper's model with effects switched on.
         effects: your own effect file (.py). It is executed: use only code you trust.
         strict: a trial that fails is an error; by default it is left out and listed in the result.
@@ -90,7 +93,7 @@ def fit_k92(
         InputError: a log or file cannot be used.
         EstimateError: an estimate or fit cannot be had.
     """
-    options = options_of(robot, soil, column_map, topics, window, model, effects)
+    options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
     execution = execution_of(jobs, scheduler, cache=cache)
     results, origin = _analysed("fit-k92", logs, options, execution, strict, done)
     return Records([result.comparison.fit for result in results], (), origin)
@@ -102,7 +105,7 @@ def fit_a_theta(
     published: bool = False,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
-    model: File = None, effects: File = None,
+    drive: DriveBy = "auto", model: File = None, effects: File = None,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None,
 ) -> AThetaFit:  # fmt: skip
@@ -112,7 +115,7 @@ def fit_a_theta(
         logs: paths of logs or of folders, or the fits of `fit_k92`.
         published: use Table 3 of the paper instead of trials.
         robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
-        model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
+        drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
 
     Returns:
         the fit; its table has a row for each trial.
@@ -128,7 +131,7 @@ def fit_a_theta(
         return fitting.published_fit()
     fits, origin = [item for item in given if isinstance(item, K92Fit)], NOWHERE
     if not fits:
-        options = options_of(robot, soil, column_map, topics, window, model, effects)
+        options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
         paths = [item for item in given if not isinstance(item, K92Fit)]
         execution = execution_of(jobs, scheduler, cache=cache)
         results, origin = _analysed("fit-atheta", paths, options, execution, strict, done)
@@ -145,7 +148,7 @@ def compare(
     out: File = None,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
-    model: File = None, effects: File = None,
+    drive: DriveBy = "auto", model: File = None, effects: File = None,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None,
 ) -> Records[Comparison]:  # fmt: skip
@@ -155,7 +158,7 @@ def compare(
         logs: paths of logs, or of folders with logs.
         out: folder for tables and figures; without it nothing is written.
         robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
-        model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
+        drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
 
     Returns:
         one comparison a trial; the table has a row for each trial, channel and phase.
@@ -164,7 +167,7 @@ def compare(
         InputError, EstimateError: as in `fit_k92`.
         LabError: a file cannot be written.
     """
-    options = options_of(robot, soil, column_map, topics, window, model, effects)
+    options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
     execution = execution_of(jobs, scheduler, cache=cache)
     results, origin = _analysed("compare", logs, options, execution, strict, done)
     comparisons = [result.comparison for result in results]
@@ -180,7 +183,7 @@ def study(
     out: File = None, discover: bool = True, recordings: bool = True,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
-    model: File = None, effects: File = None,
+    drive: DriveBy = "auto", model: File = None, effects: File = None,
     tolerance: float = TOLERANCE, latency: float = LATENCY_LIMIT,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None, progress: Progress = lambda *_: None,
@@ -196,7 +199,7 @@ def study(
         discover: search for an effect that the model lacks.
         recordings: also write a Rerun recording of each trial into `out`.
         robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
-        model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
+        drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
         tolerance, latency: as in `discover`.
         progress: told what is being done and how many steps of it are done.
 
@@ -207,7 +210,7 @@ def study(
     Raises:
         LabError: no trial went through, or the folder cannot be written.
     """
-    options = options_of(robot, soil, column_map, topics, window, model, effects)
+    options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
     options = replace(options, tolerance=tolerance, latency=latency)
     execution, folder = execution_of(jobs, scheduler, cache=cache), path(out)
     chosen = choose(logs, options)
@@ -287,7 +290,7 @@ def discover(
     out: File = None,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
-    effects: File = None,
+    drive: DriveBy = "auto", effects: File = None,
     tolerance: float = TOLERANCE, latency: float = LATENCY_LIMIT,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     progress: Progress = lambda *_: None,
@@ -301,7 +304,7 @@ def discover(
         robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
         tolerance: accepted discrepancy, as a share of a channel's rms in motion.
         latency: largest delay between the stamps of two sensors that counts as latency [s].
-        effects, strict, jobs, scheduler, cache: as in `fit_k92`.
+        drive, effects, strict, jobs, scheduler, cache: as in `fit_k92`.
         progress: told what is being done and how many steps of it are done.
 
     Returns:
@@ -311,7 +314,7 @@ def discover(
         InputError: a log cannot be used, or nothing says what was commanded.
         EstimateError: a trial has no sensor to compare with, or the simulation fails.
     """
-    options = options_of(robot, soil, column_map, topics, window, effects=effects)
+    options = options_of(robot, soil, column_map, topics, window, effects=effects, drive=drive)
     options = replace(options, tolerance=tolerance, latency=latency)
     execution, folder = execution_of(jobs, scheduler, cache=cache), path(out)
     chosen = choose(logs, options)
@@ -320,7 +323,7 @@ def discover(
     def ahead(_: Path) -> None:  # imports what follows while other processes work on the trials
         import granite_lab.study_folder  # noqa: F401, PLC0415, heavy
 
-    outcomes = each_trial(corrected, chosen.files, options, execution=execution, done=ahead)
+    outcomes = each_trial(simulable, chosen.files, options, execution=execution, done=ahead)
     from granite_lab.study_folder import write  # noqa: PLC0415, heavy
 
     read, failed = sifted(chosen.files, outcomes, strict=strict)

@@ -42,6 +42,9 @@ Topics = Annotated[list[str] | None, Option(
     "--topic", help="Topic of a bag, as imu=/imu/data, joints=… or odom=…; may be repeated.")]  # fmt: skip
 From = Annotated[float | None, Option("--from", help="Start of the part to use [s, the log's time].")]
 To = Annotated[float | None, Option("--to", help="End of the part to use [s, the log's time].")]
+DriveBy = Annotated[str, Option(
+    "--drive", help="What drives the simulation: wheels, as they were measured; command; or auto, the command where "
+    "it is stated and the wheels follow it, else the wheels.")]  # fmt: skip
 ModelFile = Annotated[Path | None, Option(
     help="File (model.toml) of the paper's model with effects switched on.")]  # fmt: skip
 EffectFile = Annotated[Path | None, Option(

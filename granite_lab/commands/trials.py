@@ -13,6 +13,7 @@ from granite_lab.columns import Column
 from granite_lab.columns import Table as Tabular
 from granite_lab.commands.options import (
     ColumnMap,
+    DriveBy,
     EffectFile,
     From,
     Jobs,
@@ -53,7 +54,7 @@ MOST, PROPOSALS = 20, 8
 def fit_k92(
     logs: LogsAtHand = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
-    begin: From = None, end: To = None,
+    begin: From = None, end: To = None, drive: DriveBy = "auto",
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
@@ -68,7 +69,7 @@ def fit_k92(
     given = at_hand(about(logs, robot, soil, column_map, topics, begin, end))
     with progress("fitting", quiet=quiet) as watch:
         fits = gl.fit_k92(
-            **given, model=model, effects=effects, strict=strict, jobs=jobs, scheduler=scheduler,
+            **given, drive=drive, model=model, effects=effects, strict=strict, jobs=jobs, scheduler=scheduler,
             cache=cache, done=watch.done,
         )  # fmt: skip
     if out is not None:
@@ -89,7 +90,7 @@ def fit_atheta(
     published: Annotated[bool, Option(
         "--published", help="Use Table 3 of the paper instead of trials.")] = False,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
-    begin: From = None, end: To = None,
+    begin: From = None, end: To = None, drive: DriveBy = "auto",
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
@@ -105,7 +106,7 @@ def fit_atheta(
         given = at_hand(given)
     with progress("fitting", quiet=quiet) as watch:
         fit = gl.fit_a_theta(
-            **given, published=published, model=model, effects=effects, strict=strict, jobs=jobs,
+            **given, published=published, drive=drive, model=model, effects=effects, strict=strict, jobs=jobs,
             scheduler=scheduler, cache=cache, done=watch.done,
         )  # fmt: skip
     if out is not None:
@@ -124,7 +125,7 @@ def compare(
     out: Annotated[Path | None, Option(
         help="Folder for tables and figures.", show_default="reports/compare")] = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
-    begin: From = None, end: To = None,
+    begin: From = None, end: To = None, drive: DriveBy = "auto",
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
@@ -140,8 +141,8 @@ def compare(
     out = out or results_folder(given["logs"], "compare")
     with progress("fitting", quiet=quiet) as watch:
         comparisons = gl.compare(
-            **given, out=out, model=model, effects=effects, strict=strict, jobs=jobs, scheduler=scheduler,
-            cache=cache, done=watch.done,
+            **given, out=out, drive=drive, model=model, effects=effects, strict=strict, jobs=jobs,
+            scheduler=scheduler, cache=cache, done=watch.done,
         )  # fmt: skip
     rows = [
         {"trial": c.motion.trial, "virtual": c.motion.virtual, "variant_mps": c.fit.variant.velocity}
@@ -157,7 +158,7 @@ def compare(
 def study(
     logs: LogsAtHand = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
-    begin: From = None, end: To = None,
+    begin: From = None, end: To = None, drive: DriveBy = "auto",
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
@@ -192,9 +193,9 @@ def study(
     out = out or results_folder(given["logs"], "study")
     with progress("trials", quiet=quiet) as watch:
         result = gl.study(
-            **given, out=out, discover=discover, recordings=recordings, model=model, effects=effects,
-            tolerance=tolerance, latency=latency / 1e3, strict=strict, jobs=jobs, scheduler=scheduler,
-            cache=cache, done=watch.done, progress=watch.stage,
+            **given, out=out, discover=discover, recordings=recordings, drive=drive, model=model,
+            effects=effects, tolerance=tolerance, latency=latency / 1e3, strict=strict, jobs=jobs,
+            scheduler=scheduler, cache=cache, done=watch.done, progress=watch.stage,
         )  # fmt: skip
     warn_of(result.origin)
     finding, written = result.finding, result.written
@@ -264,7 +265,7 @@ def discover(
     out: Annotated[Path | None, Option(
         help="Folder of the report, finding.json and model.toml.", show_default="reports/discover")] = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
-    begin: From = None, end: To = None,
+    begin: From = None, end: To = None, drive: DriveBy = "auto",
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     tolerance: Tolerance = 0.02, latency: Latency = 20.0,
@@ -282,8 +283,8 @@ def discover(
     out = out or results_folder(given["logs"], "discover")
     with progress("discovering", quiet=quiet) as watch:
         finding = gl.discover(
-            **given, out=out, effects=effects, tolerance=tolerance, latency=latency / 1e3, strict=strict,
-            jobs=jobs, scheduler=scheduler, cache=cache, progress=watch.stage,
+            **given, out=out, drive=drive, effects=effects, tolerance=tolerance, latency=latency / 1e3,
+            strict=strict, jobs=jobs, scheduler=scheduler, cache=cache, progress=watch.stage,
         )  # fmt: skip
     printer, written = Printer(as_json), finding.origin.written
     printer.json("discovery/3", finding_as_json(finding, written.model) | warn_of(finding.origin))

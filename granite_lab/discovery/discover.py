@@ -17,6 +17,7 @@ from granite_lab.discovery.search import Search, search
 from granite_lab.discovery.verdict import Judgement, by_posterior, judge
 from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import Motion
+from granite_lab.fitting.drive import drives
 from granite_lab.inference.bench import Bench, Respond, World
 from granite_lab.inference.clocks import clocks
 from granite_lab.inference.conditions import under_conditions
@@ -26,7 +27,7 @@ from granite_lab.inference.problem import Problem
 from granite_lab.inference.setup import at_first, baseline, nominal, trial_models
 from granite_lab.logs.trial import Trial
 from granite_lab.model.effect import Effect
-from granite_lab.parameters import Robot, Soil
+from granite_lab.parameters import Robot, Soil, is_driven
 from granite_lab.processes import one_thread
 
 LATENCY_EFFECT = "clock_offset"
@@ -66,6 +67,9 @@ def discover(
     order = sorted(range(len(trials)), key=lambda i: trials[i].name)
     readings = clocks([trials[i] for i in order], [motions[i] for i in order])
     candidates = dict(sorted((id_, e) for id_, e in effects.items() if id_ != LATENCY_EFFECT))
+    turned = sum(is_driven(m.variant) for m in motions)
+    replaced = [id_ for id_, e in candidates.items() if drives(e)] if turned else []
+    candidates = {id_: e for id_, e in candidates.items() if id_ not in replaced}
     law = EmpiricalLaw()
     library = tuple(candidates)
     terms = tuple(f"{law.id}.{p.name}" for p in law.parameters)
@@ -118,6 +122,12 @@ def discover(
             virtual=all(t.info.virtual for t in trials),
             parts=parts,
         )
+        if replaced:
+            said = (
+                f"The measured wheel speeds drive {turned} of {len(motions)} trials: effects of drives and "
+                f"encoders are no candidates ({', '.join(replaced)})."
+            )
+            finding = replace(finding, notes=(*finding.notes, said))
         return replace(finding, failures=tuple(parts.lines), tracebacks=tuple(parts.tracebacks))
 
 

@@ -90,15 +90,16 @@ class Motion(Shown):
         slip, slip_std: (N, 4) slip ratio of each wheel by (1), NaN at rest.
         slip_velocity, slip_velocity_std: (N,) wheel minus body velocity, mean of the wheels [m/s].
         phase: (N,) one of rest, accelerate, steady, brake.
-        slip_ratio: λ_R by (2) over the steady part.
+        slip_ratio: λ_R by (2) over the steady part, or over the whole drive where none is steady.
         distance: total distance travelled [m].
         distance_wheels: distance without slip, as the wheels measured it [m].
         steady: start and end of the steady part [s].
         t_start: instant at which the command began [s], with its std.
         clock_offset: how far the encoders' clock lies behind the IMU's [s]: their stamps are early by it,
             and it is to be added to them; NaN std: unobservable.
-        variant: recognised or given motion of Table 2, or as measured where it is none of it.
-        variant_source: "given", "recognised" or "measured".
+        variant: recognised or given motion of Table 2, or as measured where it is none of it; a `Course`
+            where the log or its metadata tell another command, or where the wheels drive the simulation.
+        variant_source: "given", "recognised", "measured", "logged", "stated" or "wheels".
         noise: noise identified from this trial, by name, with the unit in the name.
         health: the filter's health.
         warnings: the reader's and the estimator's doubts, one line each.

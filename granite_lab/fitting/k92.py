@@ -27,9 +27,10 @@ from granite_lab.inference.problem import Problem
 from granite_lab.inference.setup import baseline, trial_models
 from granite_lab.logs.trial import Trial
 from granite_lab.model import Run, simulate
-from granite_lab.model.command import peak_velocity, steady_interval, steady_part
+from granite_lab.model.command import duration, reference_velocity, steady_interval, steady_part
 from granite_lab.model.effect import Active
-from granite_lab.parameters import Robot, Soil, Variant, load_paper
+from granite_lab.model.instants import COAST
+from granite_lab.parameters import Course, Robot, Soil, Variant, load_paper
 from granite_lab.processes import one_thread
 
 LEAST_K92 = 1e-3
@@ -58,7 +59,7 @@ def simulate_k92(
         InputError: the robot's file lacks chassis or drive.
         EstimateError: the simulation does not converge.
     """
-    a_theta = -math.log(min(max(k92, LEAST_K92), 1.0)) / peak_velocity(variant)
+    a_theta = -math.log(min(max(k92, LEAST_K92), 1.0)) / reference_velocity(variant)
     return simulate(variant, robot, soil, a_theta=a_theta, effects=effects)
 
 
@@ -85,12 +86,17 @@ def simulated_slip(run: Run, interval: tuple[float, float] | None = None) -> flo
 def slip_interval(motion: Motion) -> tuple[float, float]:
     """Return the interval over which λ_R was measured, and is simulated [s after command start].
 
-    It is the model's own steady part where the start is unknown or the command is not constant meanwhile.
+    It is the model's own steady part where the start is unknown or the command is not constant meanwhile,
+    unless it is that of a whole drive.
     """
+    if isinstance(motion.variant, Course):
+        return motion.variant.stretch
     t1, t2 = (t - motion.t_start.value for t in motion.steady)
     begin, end = steady_interval(motion.variant)
     if begin - _SLACK <= t1 < t2 <= end + _SLACK:
         return max(t1, begin), min(t2, end)
+    if -_SLACK <= t1 < begin and end < t2 <= duration(motion.variant) + COAST:
+        return t1, t2
     return steady_part(motion.variant)
 
 
@@ -166,9 +172,14 @@ def fit_k92(
 def _by_slip(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]) -> K92Fit:
     """Fit k_92 to the steady slip ratio alone."""
     variant, interval, measured = motion.variant, slip_interval(motion), motion.slip_ratio
+    whole = isinstance(variant, Course) or interval[0] < steady_interval(variant)[0]
 
     def slip_of(k92: float, on: Soil = soil) -> float:
-        return simulated_slip(simulate(variant, robot, on, k92=k92, effects=effects), interval)
+        if whole:  # k_92 changes with v_d over the stretch
+            run = simulate_k92(variant, robot, on, k92, effects=effects)
+        else:
+            run = simulate(variant, robot, on, k92=k92, effects=effects)
+        return simulated_slip(run, interval)
 
     curve = SlipCurve(slip_of)
     k92, status = curve.root(measured.value)
@@ -241,7 +252,7 @@ def _with_trajectory(
         return Estimate(float(g @ x), float(np.sqrt(g @ fit.posterior.covariance @ g)))
 
     log, start, latency = total(0, common), total(RAKED, late), total(late)
-    v, a_theta = peak_velocity(found.variant), load_paper().a_theta * float(np.exp(log.value))
+    v, a_theta = reference_velocity(found.variant), load_paper().a_theta * float(np.exp(log.value))
     k92 = math.exp(-a_theta * v)  # (5)
     side = "behind" if latency.value > 0 else "ahead of"
     shares = {c: fit.scales.share_of(c) for c in problem.counts}

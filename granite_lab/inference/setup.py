@@ -18,7 +18,7 @@ from granite_lab.inference.observation import BIN, bin_width, observe
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array, Trial
-from granite_lab.model.command import desired_velocity
+from granite_lab.model.command import velocities_at
 from granite_lab.parameters import Robot, Variant, load_variants
 
 TURNED = 0.005
@@ -190,7 +190,7 @@ def _speed(problem: Problem, residuals: Sequence[Array], own: Sequence[int]) -> 
         rate = np.minimum(rate, 1.2 * np.median(rate[rate > 0.5 * np.quantile(rate, 0.9)]))
     else:
         o = problem.trials[own[0]].observation
-        rate = np.array([float(desired_velocity(float(t), o.variant)) for t in o.t])
+        rate = velocities_at(o.t, o.variant)
     rate = rate / rate.max()
     rate[rate < STILL] = 0.0
     return np.asarray(rate)

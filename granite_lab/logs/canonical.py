@@ -17,6 +17,7 @@ from granite_lab.errors import InputError, at
 from granite_lab.files import write_text, writing
 from granite_lab.logs.quantities import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.trial import Trial, TrialInfo
+from granite_lab.parameters import parse_path
 from granite_lab.parameters.quantity import build, key_of, parse_toml, quantity, read_toml, toml_line
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ class Known:
     distance: float = quantity("m", 0, 1e6, "total desired distance", "L_p", math.nan)
     repetition: float = quantity("", 0, 1e6, "number of the repetition", "", math.nan)
     clock_offset: float = quantity("s", -1e4, 1e4, "encoder clock behind the IMU's", "", math.nan)
+    command: str = ""
     virtual: bool = False
     imu_gravity_removed: bool = False
     enc_counts: float = quantity("1/rev", 1e-3, 1e9, "counts per wheel revolution", "", math.nan)
@@ -65,6 +67,8 @@ def collect(
         for key, value in table.items():
             if key in _KEYS:
                 said[_KEYS[key]] = getattr(build(Known, {key: value}, where), _KEYS[key])
+                if key == "command":
+                    _refuse_path(where, said[key])
                 continue
             said["extra"][key] = str(value)
             close = difflib.get_close_matches(key, list(_KEYS), n=1, cutoff=0.8)
@@ -73,13 +77,24 @@ def collect(
     return said
 
 
+def _refuse_path(where: str, text: str) -> None:
+    """Raise an InputError for a command that is no list of times and velocities."""
+    try:
+        parse_path(text)
+    except ValueError:
+        raise InputError(
+            f"{where}: command = '{text}' is not valid",
+            'write times [s] and velocities [m/s], as command = "0:0, 1:0.3, 5:0.3, 6:0", two or more',
+        ) from None
+
+
 def _parse(text: str, where: str) -> dict[str, Any]:
     """Parse one line; what is not TOML is text, unless its key means a number to the reader."""
     key, _, value = (part.strip() for part in text.partition("="))
     try:
         return parse_toml(text, where)
     except InputError:
-        if key in _KEYS and key not in ("robot", "soil"):
+        if key in _KEYS and key not in ("robot", "soil", "command"):
             hint = "write it as TOML, e.g. # v_desired_mps = 0.3"
             raise InputError(f"{where}: {key} = {value} is not valid", hint) from None
         return {key: value.strip("\"'")}

@@ -111,6 +111,7 @@ class TrialInfo:
     Attributes:
         robot, soil: names of the catalogue or paths of TOML files.
         v_desired, a_max, distance: of the desired motion [m/s], [m/s^2], [m].
+        command: the desired velocity as a list, as `parameters.parse_path` reads it.
         virtual: a simulator wrote the log.
         clock_offset: known offset of the encoder clock behind the IMU's [s].
         extra: other metadata of the file, as text.
@@ -122,6 +123,7 @@ class TrialInfo:
     a_max: float | None = None
     distance: float | None = None
     repetition: int | None = None
+    command: str | None = None
     virtual: bool = False
     clock_offset: float | None = None
     extra: dict[str, str] = field(default_factory=dict, hash=False)

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from granite_lab.logs.trial import CurrentStream, ImuStream, Series, Trial, TrialInfo, WheelStream
 from granite_lab.model.run import Run
-from granite_lab.parameters import WHEELS, ImuGrade, Robot, Soil
+from granite_lab.parameters import WHEELS, Course, ImuGrade, Robot, Soil, Variant
 
 Array = npt.NDArray[np.float64]
 
@@ -85,9 +85,7 @@ def virtual_trial(run: Run, seed: int, name: str, *, repetition: int = 1) -> tup
         info=TrialInfo(
             robot=robot.name,
             soil=run.soil.name,
-            v_desired=run.variant.velocity,
-            a_max=run.variant.acceleration,
-            distance=run.variant.distance,
+            **_stated(run.variant),
             repetition=repetition,
             virtual=True,
         ),
@@ -109,6 +107,13 @@ def virtual_trial(run: Run, seed: int, name: str, *, repetition: int = 1) -> tup
         "seed": seed,
     }
     return trial, truth
+
+
+def _stated(variant: Variant) -> dict[str, float]:
+    """Return what a log states of its command; of a course, which the log holds, nothing."""
+    if isinstance(variant, Course):
+        return {}
+    return {"v_desired": variant.velocity, "a_max": variant.acceleration, "distance": variant.distance}
 
 
 def _at(run: Run, name: str, t: Array) -> Array:

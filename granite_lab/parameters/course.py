@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,10 @@ import numpy.typing as npt
 from granite_lab.parameters.records import Variant
 
 Array = npt.NDArray[np.float64]
+
+DriveBy = Literal["auto", "wheels", "command"]
+"""What drives the simulation of a trial: its wheels as they were measured, its command, or, by "auto", the
+command where it is stated and the wheels follow it, else the wheels."""
 
 ALIKE = 0.02
 """Commands whose velocities differ nowhere by more than this share of the fastest are repetitions."""
