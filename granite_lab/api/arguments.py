@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import get_args
+from typing import cast, get_args
 
 from granite_lab.errors import UsageError
 from granite_lab.options import Options
@@ -43,14 +43,14 @@ def options_of(
     window: Window = None,
     model: File = None,
     effects: File = None,
-    drive: DriveBy = "auto",
+    drive: str = "auto",
 ) -> Options:
     """Return what is said of logs as a record; raise a UsageError where nothing drives like that."""
     if drive not in (known := get_args(DriveBy)):
         raise UsageError(f"--drive {drive}: not known", f"one of: {', '.join(known)}")
     return Options(
         text(robot), text(soil), text(column_map), model=path(model), effects=path(effects),
-        topics=tuple((topics or {}).items()), window=window, drive=drive,
+        topics=tuple((topics or {}).items()), window=window, drive=cast(DriveBy, drive),
     )  # fmt: skip
 
 

@@ -173,7 +173,8 @@ def remember(folder: Path, tables: Mapping[Path, Path], said: Mapping[str, Any])
         LabError: the list cannot be written.
     """
     path = folder / LIST
-    options = options_of(**{name: said.get(name) for name in ABOUT}).given()
+    about: dict[str, Any] = {name: said.get(name) for name in ABOUT}
+    options = options_of(**about).given()
     alone = tuple(name.replace("_", "-").replace("rests", "rest") for name in ALONE if said.get(name))
     known = {one.table: one for one in (_read(path) if path.exists() else ())}
     known |= {table: Listed(log, table, options, alone) for log, table in tables.items()}

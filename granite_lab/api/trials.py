@@ -33,7 +33,6 @@ from granite_lab.folders import files_of
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.options import Options
 from granite_lab.origin import NOWHERE, Origin, Written
-from granite_lab.parameters.course import DriveBy
 from granite_lab.results import StudyResult, TrialResult, of_search
 from granite_lab.running import Execution, each_trial, sifted
 from granite_lab.running.cache import code, digest_of, fingerprint
@@ -67,7 +66,7 @@ def fit_k92(
     *,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
-    drive: DriveBy = "auto", model: File = None, effects: File = None,
+    drive: str = "auto", model: File = None, effects: File = None,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None,
 ) -> Records[K92Fit]:  # fmt: skip
@@ -105,7 +104,7 @@ def fit_a_theta(
     published: bool = False,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
-    drive: DriveBy = "auto", model: File = None, effects: File = None,
+    drive: str = "auto", model: File = None, effects: File = None,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None,
 ) -> AThetaFit:  # fmt: skip
@@ -148,7 +147,7 @@ def compare(
     out: File = None,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
-    drive: DriveBy = "auto", model: File = None, effects: File = None,
+    drive: str = "auto", model: File = None, effects: File = None,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None,
 ) -> Records[Comparison]:  # fmt: skip
@@ -183,7 +182,7 @@ def study(
     out: File = None, discover: bool = True, recordings: bool = True,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
-    drive: DriveBy = "auto", model: File = None, effects: File = None,
+    drive: str = "auto", model: File = None, effects: File = None,
     tolerance: float = TOLERANCE, latency: float = LATENCY_LIMIT,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None, progress: Progress = lambda *_: None,
@@ -290,7 +289,7 @@ def discover(
     out: File = None,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None,
-    drive: DriveBy = "auto", effects: File = None,
+    drive: str = "auto", effects: File = None,
     tolerance: float = TOLERANCE, latency: float = LATENCY_LIMIT,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     progress: Progress = lambda *_: None,

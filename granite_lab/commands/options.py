@@ -43,8 +43,8 @@ Topics = Annotated[list[str] | None, Option(
 From = Annotated[float | None, Option("--from", help="Start of the part to use [s, the log's time].")]
 To = Annotated[float | None, Option("--to", help="End of the part to use [s, the log's time].")]
 DriveBy = Annotated[str, Option(
-    "--drive", help="What drives the simulation: wheels, as they were measured; command; or auto, the command where "
-    "it is stated and the wheels follow it, else the wheels.")]  # fmt: skip
+    "--drive", help="What drives the simulation: wheels, as they were measured; command; or auto, the "
+    "command where it is stated and the wheels follow it, else the wheels.")]  # fmt: skip
 ModelFile = Annotated[Path | None, Option(
     help="File (model.toml) of the paper's model with effects switched on.")]  # fmt: skip
 EffectFile = Annotated[Path | None, Option(

@@ -1,4 +1,4 @@
-"""Any command: a logged desired velocity, or a stated list of times and velocities, in place of a trapezoid."""
+"""Any command: a logged desired velocity, or a stated list of times and velocities, for a trapezoid."""
 
 from __future__ import annotations
 
@@ -11,26 +11,34 @@ from granite_lab.logs.trial import Array, Series, Trial
 from granite_lab.parameters import Course, Variant, course_of, parse_path
 
 SAME = 0.05
-"""A logged command whose rms deviation from a stated trapezoid is below this share of its own rms is that one:
-a tenth of a second's shift at the ramps, or half of what a variant of Table 2 differs from its neighbours."""
+"""A logged command that misses a stated trapezoid by less than this share, rms over its own rms, is that one;
+a shift of the start by half of the sampling period, 5 ms, makes 1 %."""
 
 HELD = 3.0
 """A command without a new value for this many periods is held, not interpolated."""
 
 
 def commanded(
-    trial: Trial, start: Estimate, offset: Estimate, variant: Variant, source: str
+    trial: Trial,
+    start: Estimate,
+    offset: Estimate,
+    steady: tuple[float, float],
+    variant: Variant,
+    source: str,
 ) -> tuple[Variant, str, str | None]:
-    """Return what was commanded: the trapezoid, or the course that the log tells; its source; a doubt or None.
+    """Return what was commanded, the trapezoid or the course that the log tells; its source; a doubt or None.
 
     Args:
         trial: with its command, and what its metadata state.
         start: of the command [s, the IMU's clock].
         offset: of the encoders' clock, which stamps the command [s].
+        steady: over which λ_R was measured [s]; NaN where it was not.
         variant, source: the trapezoid by metadata or motion.
     """
+    stretch = (steady[0] - start.value, steady[1] - start.value)
+    known = stretch if math.isfinite(stretch[0]) else None
     if trial.info.command:
-        return _from_start(np.array(parse_path(trial.info.command)).T), "stated", None
+        return _from_start(np.array(parse_path(trial.info.command)).T, known), "stated", None
     if trial.command is None or not math.isfinite(start.value):
         return variant, source, None
     t, v = _points(trial.command, np.nan_to_num(offset.value) - start.value)
@@ -41,8 +49,10 @@ def commanded(
         return variant, source, None
     doubt = None
     if source == "given":
-        doubt = f"the logged command deviates from the stated trapezoid by {100 * off:.0f} %: the logged one is taken"
-    return _from_start(np.array([t, v])), "logged", doubt
+        doubt = (
+            f"the logged command misses the stated trapezoid by {100 * off:.0f} %: the logged one is taken"
+        )
+    return _from_start(np.array([t, v]), known), "logged", doubt
 
 
 def _points(command: Series, shift: float) -> tuple[Array, Array]:
@@ -62,7 +72,7 @@ def _points(command: Series, shift: float) -> tuple[Array, Array]:
     return t[:last][inside], v[:last][inside]
 
 
-def _from_start(path: Array) -> Course:
+def _from_start(path: Array, stretch: tuple[float, float] | None) -> Course:
     """Return the course of (2, N) times and velocities, which begins and ends at rest."""
     t, v = path
     moving = np.flatnonzero(np.abs(v) > 1e-6)
@@ -73,7 +83,7 @@ def _from_start(path: Array) -> Course:
         t, v = t[first:] - t[first], v[first:]
     if v[-1] != 0.0:
         t, v = np.append(t, t[-1] + 0.02), np.append(v, 0.0)
-    return course_of(t, v)
+    return course_of(t, v, stretch)
 
 
 def _deviation(t: Array, v: Array, variant: Variant) -> float:

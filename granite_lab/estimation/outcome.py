@@ -103,7 +103,7 @@ def motion_of(
             )
             course = replace(course, steady=(float(nodes.t[i]), float(nodes.t[j])))
     start = command_start(trial.command, offset, course.onset)
-    variant, source, other = commanded(trial, start, offset, variant, source)
+    variant, source, other = commanded(trial, start, offset, course.steady, variant, source)
     if source in ("logged", "stated"):
         doubt = other
     more = [doubt] if doubt else []
@@ -111,7 +111,9 @@ def motion_of(
         more.append("the wheels come no way: the robot's slip ratio is not defined")
     elif not course.constant:
         a, b = course.steady
-        more.append(f"never steady: the robot's slip ratio is that of the whole drive, {a:.2f} s to {b:.2f} s")
+        more.append(
+            f"never steady: the robot's slip ratio is that of the whole drive, {a:.2f} s to {b:.2f} s"
+        )
     return Motion(
         trial=trial.name, virtual=trial.info.virtual, t=t, x=x - x[0], x_std=x_std, v=v, v_std=v_std,
         pitch=nominal.pitch + spread(found.x[:, TH]), pitch_std=spread(std_of(found.P, {TH: 1.0})),
@@ -135,7 +137,7 @@ def motion_without_imu(
     course = find_phases(t, rolling.speed_at(t), rests)
     variant, source, doubt = recognise(course, trial.info, variants)
     start = command_start(trial.command, Estimate(0.0), course.onset)
-    variant, source, other = commanded(trial, start, Estimate(0.0), variant, source)
+    variant, source, other = commanded(trial, start, Estimate(0.0), course.steady, variant, source)
     doubt = other if source in ("logged", "stated") else doubt
     lacking = "No IMU" if trial.imu is None else "No accelerometer along the robot's x axis"
     blank, four, none = np.full(t.size, NAN), np.full((t.size, 4), NAN), np.zeros(0)

@@ -1,4 +1,4 @@
-"""What drives the simulation of a trial: the motors, told the command, or the wheels, as they were measured."""
+"""What drives the simulation of a trial: the motors, by the command, or the wheels, as they were measured."""
 
 from __future__ import annotations
 
@@ -89,7 +89,8 @@ def _turned(motion: Motion, robot: Robot) -> tuple[Estimate, Course]:
     moving = np.flatnonzero(known & (np.maximum(np.abs(v[0]), np.abs(v[1])) > STILL))
     if moving.size < 8:
         raise EstimateError(
-            f"{motion.trial}: the speeds of its wheels are not known", "a log without encoders has --drive command"
+            f"{motion.trial}: the speeds of its wheels are not known",
+            "a log without encoders has --drive command",
         )
     t = motion.t
     first = float(t[moving[0]]) - AHEAD

@@ -172,10 +172,10 @@ def fit_k92(
 def _by_slip(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]) -> K92Fit:
     """Fit k_92 to the steady slip ratio alone."""
     variant, interval, measured = motion.variant, slip_interval(motion), motion.slip_ratio
-    whole = isinstance(variant, Course) or interval[0] < steady_interval(variant)[0]
+    varies = isinstance(variant, Course) or interval[0] < steady_interval(variant)[0]
 
     def slip_of(k92: float, on: Soil = soil) -> float:
-        if whole:  # k_92 changes with v_d over the stretch
+        if varies:  # k_92 changes with v_d over the stretch
             run = simulate_k92(variant, robot, on, k92, effects=effects)
         else:
             run = simulate(variant, robot, on, k92=k92, effects=effects)

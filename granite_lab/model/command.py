@@ -1,4 +1,4 @@
-"""The desired motion, a trapezoid of velocity (section 4, Table 2) or any course, and k_92 that follows it."""
+"""The desired motion, a trapezoid of velocity (section 4, Table 2) or any course, and k_92 along it."""
 
 from __future__ import annotations
 

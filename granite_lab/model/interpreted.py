@@ -27,7 +27,9 @@ def _equations(effects: tuple[Effect, ...], variant: Variant) -> dict[str, Any]:
         return {"t": graph.t, "x": graph.x, "p": graph.p, "ode": ca.cse(graph.rates)}
     corners, table = pieces(variant)
     rates = ca.Function("rates", [graph.t, graph.x, graph.p, graph.u], [ca.cse(graph.rates)])
-    t, x, p = (ca.MX.sym(name, size) for name, size in (("t", 1), ("x", graph.x.numel()), ("p", graph.p.numel())))
+    t, x, p = (
+        ca.MX.sym(name, size) for name, size in (("t", 1), ("x", graph.x.numel()), ("p", graph.p.numel()))
+    )
     # the number of the piece: how many corners have passed
     passed = ca.sum1(ca.DM(corners) <= t)
     return {"t": t, "x": x, "p": p, "ode": rates(t, x, p, ca.MX(ca.DM(table.T))[:, passed])}

@@ -84,7 +84,9 @@ def pieces(variant: Variant) -> tuple[Array, Array]:
 def _turnings(course: Course) -> list[Array]:
     """Return the numbers of the wheels, for each piece."""
     first, last = course.wheels[0], course.wheels[-1]
-    rest = [np.array([angle for axle in one[1:] for angle in (axle.angle, 0, 0, 0, 0)]) for one in (first, last)]
+    rest = [
+        np.array([angle for axle in one[1:] for angle in (axle.angle, 0, 0, 0, 0)]) for one in (first, last)
+    ]
     found = [rest[0]]
     for (t0, *here), (t1, *there) in zip(course.wheels, course.wheels[1:], strict=False):
         found.append(np.concatenate([_cubic(a, b, t1 - t0) for a, b in zip(here, there, strict=True)]))
@@ -92,7 +94,7 @@ def _turnings(course: Course) -> list[Array]:
 
 
 def _cubic(a: Turning, b: Turning, h: float) -> Array:
-    """Return angle, rate and the three coefficients of the cubic of Hermite between two instants h [s] apart."""
+    """Return angle, rate and the three coefficients of Hermite's cubic between two instants h [s] apart."""
     rise = (b.rate - a.rate) / h
     square = (3 * rise - 2 * a.acceleration - b.acceleration) / h
     cube = (a.acceleration + b.acceleration - 2 * rise) / h**2

@@ -173,7 +173,9 @@ def _history(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy
         EstimateError: the integrator gave up, or the robot finds no rest.
     """
     chosen, vector = tuple(e.effect for e in effects), parameter_vector(p, effects)
-    states = engine_of(chosen, kind_of(p.variant)).run(chosen, p.variant, accuracy, _rest_state(p, effects, vector), vector)
+    states = engine_of(chosen, kind_of(p.variant)).run(
+        chosen, p.variant, accuracy, _rest_state(p, effects, vector), vector
+    )
     states.flags.writeable = False
     return states
 

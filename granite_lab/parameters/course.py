@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -158,7 +159,7 @@ def parse_path(text: str) -> tuple[tuple[float, float], ...]:
     """
     pairs = [part.split(":") for part in text.replace(",", " ").split()]
     path = tuple((float(t), float(v)) for t, v in pairs)
-    later = all(a[0] < b[0] for a, b in zip(path, path[1:], strict=False))
+    later = all(a[0] < b[0] for a, b in itertools.pairwise(path))
     if len(path) < 2 or not later or not all(math.isfinite(v) for _, v in path):
         raise ValueError(text)
     return path

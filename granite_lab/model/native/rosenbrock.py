@@ -75,12 +75,14 @@ instants written, steps taken; how far apart the parameters of the pieces are, 0
 behind them `TABLE`."""
 
 
-def record(sizes: tuple[int, int, int], tolerances: tuple[float, float], most: int, stride: int = 0) -> Floats:
+def record(
+    sizes: tuple[int, int, int], tolerances: tuple[float, float], most: int, stride: int = 0
+) -> Floats:
     """Return the record of a run that has not begun.
 
     Args:
-        sizes: how many states, instants of the output, and pieces of the interval, each between two corners of
-            the equations.
+        sizes: how many states, instants of the output, and pieces of the interval, each between two corners
+            of the equations.
         tolerances: relative, absolute.
         most: steps, rejected ones included.
         stride: from the parameters of one piece to those of the next; 0 where all have the same.
