@@ -341,7 +341,7 @@ def run(
     tolerance: float = 1e-6,
 ) -> tuple[int, Floats]:
     out = np.full((len(start), t.size), np.nan)
-    record = rosenbrock.record(len(start), t.size, 1, tolerance, tolerance, 2000)
+    record = rosenbrock.record((len(start), t.size, 1), (tolerance, tolerance), 2000)
     times, work = np.concatenate([t, [np.inf], t[-1:]]), rosenbrock.work_space(np.array(start))
     status = rosenbrock.integrate(rates, slopes, record, times, np.array([k]), work, out.ravel())
     return status, out
