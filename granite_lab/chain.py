@@ -86,7 +86,9 @@ def analyse(path: Path, options: Options) -> TrialResult:
     Raises:
         LabError: any stage could not do its work; the message says which and why.
     """
-    trial, robot, motion = simulable(path, options)
+    logged, robot = read(path, options)
+    trial, motion = estimation.correct(logged, robot, **_beside(logged, options))
+    motion = fitting.driven(motion, robot, options.drive)
     name, effects = ground(trial, options)
     soil = load_soil(name)
     fit = fitting.fit_k92(motion, trial, robot, soil, effects=effects)

@@ -149,13 +149,11 @@ def _built(effects: tuple[Effect, ...], kind: Kind) -> Graph:
     turned = {name: spin(t, piece, name) for name in "fr"} if kind == "wheels" else {}
     for name, wheel in turned.items():
         state |= {f"angle_{name}": wheel.angle, f"rate_{name}": wheel.rate}
-    axles = []
-    for name in "fr":
-        free = _axle(name, state, body, p, k92, v_d, hooks)
-        if turned:
-            axles.append(_turned(free, turned[name].acceleration, p, hooks))
-        else:
-            axles.append(_driven(free, state[f"current_{name}"], p, hooks))
+    free = [_axle(name, state, body, p, k92, v_d, hooks) for name in "fr"]
+    if turned:
+        axles = [_turned(a, turned[n].acceleration, p, hooks) for n, a in zip("fr", free, strict=True)]
+    else:
+        axles = [_driven(a, state[f"current_{n}"], p, hooks) for n, a in zip("fr", free, strict=True)]
     front, rear = axles
 
     load = bd.ground_load(
@@ -170,17 +168,7 @@ def _built(effects: tuple[Effect, ...], kind: Kind) -> Graph:
     speed = body.x_rate, body.z_rate, body.pitch_rate
     change = acceleration.x, acceleration.z, acceleration.pitch
     rates: dict[str, Any] = dict(zip(BODY_STATES, (*speed, *change), strict=True))
-    outputs: dict[str, Any] = {
-        "x_m": reference.x,
-        "z_m": reference.z,
-        "v_mps": v,
-        "v_z_mps": reference.z_rate,
-        "pitch_rad": body.pitch,
-        "pitch_rate_radps": body.pitch_rate,
-        "v_desired_mps": v_d,
-        "s_desired_m": s_d,
-        "k92": k92,
-    }
+    outputs = _shown(reference, v, body) | {"v_desired_mps": v_d, "s_desired_m": s_d, "k92": k92}
     for drive in drives:
         rates |= _axle_rates(drive, p, hooks)
         outputs |= _axle_outputs(drive, p.wheels.radius)
@@ -192,6 +180,18 @@ def _built(effects: tuple[Effect, ...], kind: Kind) -> Graph:
     parameters = ca.vertcat(symbols_of(paper), own_parameters(hooks))
     change_of = ca.vertcat(*map(rates.__getitem__, names))
     return Graph(t, x, parameters, column, change_of, outputs | sensors, names, delays)
+
+
+def _shown(reference: bd.PointMotion, v: Any, body: bd.BodyState) -> dict[str, Any]:
+    """Name what a run shows of the body."""
+    return {
+        "x_m": reference.x,
+        "z_m": reference.z,
+        "v_mps": v,
+        "v_z_mps": reference.z_rate,
+        "pitch_rad": body.pitch,
+        "pitch_rate_radps": body.pitch_rate,
+    }
 
 
 @dataclass(frozen=True)
