@@ -15,7 +15,7 @@ from granite_lab.chain import read, soil_of
 from granite_lab.errors import EstimateError, InputError, LabError
 from granite_lab.estimation.motion import Motion, mean_known
 from granite_lab.estimation.rest import inside
-from granite_lab.logs.standstill import COAST
+from granite_lab.logs.sensors.standstill import COAST
 from granite_lab.logs.trial import Array, Trial, is_bag
 from granite_lab.options import Options
 from granite_lab.parameters import WHEELS

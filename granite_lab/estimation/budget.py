@@ -22,7 +22,7 @@ from granite_lab.estimation import error_model as model
 from granite_lab.estimation.error_model import BA, BG, BM, PD, TAU, TH, C, D, G, K, Noise, P, S, V, X
 from granite_lab.estimation.nodes import Nodes
 from granite_lab.estimation.smoother import Smoothed, adjoint, widening
-from granite_lab.logs.standstill import ZERO_VELOCITY
+from granite_lab.logs.sensors.standstill import ZERO_VELOCITY
 from granite_lab.logs.trial import Array
 
 LEVEL, TURN, ONLY = "accelerometer bias with mounting tilt", "gyro bias", "bias that is there only in motion"

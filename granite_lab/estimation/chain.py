@@ -10,7 +10,6 @@ import numpy as np
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
-from granite_lab.estimation import mounting
 from granite_lab.estimation.clean import clean_trial
 from granite_lab.estimation.clock import GIVEN, agreed, find_offset, ramps, slow_offset
 from granite_lab.estimation.error_model import FAR, LOST_PITCH, UNKNOWN, SlipModel
@@ -26,8 +25,9 @@ from granite_lab.estimation.rest import coasts, find_rests, inside, refuse_moved
 from granite_lab.estimation.slip import identify_scatter, with_jumps
 from granite_lab.estimation.smoother import Solution, settle, smooth, with_steady_slip
 from granite_lab.estimation.wheels import MOVING, Rolling, check_signs, roll
-from granite_lab.logs.imu_checks import despike, mounted
-from granite_lab.logs.standstill import Interval, coasting
+from granite_lab.logs.sensors import mounting
+from granite_lab.logs.sensors.imu import despike, mounted
+from granite_lab.logs.sensors.standstill import Interval, coasting
 from granite_lab.logs.trial import Array, ImuStream, Trial, WheelStream, part
 from granite_lab.parameters import ImuGrade, Robot, Soil, Variant, load_soil, load_variants
 

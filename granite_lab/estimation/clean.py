@@ -11,14 +11,14 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import BA
 from granite_lab.estimation.faults import Faults, Restart
 from granite_lab.estimation.motion import NAN, Motion
-from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rest import inside
 from granite_lab.estimation.smoother import Solution
 from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.counters import joined
-from granite_lab.logs.standstill import Interval
+from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.standstill import Interval
+from granite_lab.logs.sensors.wheels import opposed
 from granite_lab.logs.trial import Correction, CurrentStream, ImuStream, Series, Trial, WheelStream
-from granite_lab.logs.wheels import opposed
 from granite_lab.parameters import GRAVITY, WHEELS, Robot
 
 AMISS = 0.05

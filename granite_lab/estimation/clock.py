@@ -12,13 +12,13 @@ from scipy.special import softmax
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import TAU
-from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nodes import Problem, build
 from granite_lab.estimation.rest import turning_of
 from granite_lab.estimation.smoother import forward, nominal_of, settle
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import joined
-from granite_lab.logs.standstill import Interval, wheels_still
+from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.standstill import Interval, wheels_still
 from granite_lab.logs.trial import Array
 
 LARGEST, FARTHEST = 0.4, 1.0

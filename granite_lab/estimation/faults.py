@@ -8,11 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rest import inside
 from granite_lab.logs.counters import runs
-from granite_lab.logs.imu_checks import rail
-from granite_lab.logs.standstill import Interval, bridged
+from granite_lab.logs.sensors.imu import rail
+from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.standstill import Interval, bridged
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, ImuGrade
 

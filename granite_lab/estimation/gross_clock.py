@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation import mounting
 from granite_lab.estimation.clock import (
     GIVEN,
     LARGEST,
@@ -19,9 +18,10 @@ from granite_lab.estimation.clock import (
     changing,
     correlate,
 )
-from granite_lab.estimation.mounting import BodyImu
 from granite_lab.logs.counters import joined
-from granite_lab.logs.imu_checks import despike, mounted
+from granite_lab.logs.sensors import mounting
+from granite_lab.logs.sensors.imu import despike, mounted
+from granite_lab.logs.sensors.mounting import BodyImu
 from granite_lab.logs.trial import Array, Correction, Series, Trial, WheelStream
 from granite_lab.parameters import Robot
 

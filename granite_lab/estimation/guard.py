@@ -13,7 +13,7 @@ from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.health import sentence
 from granite_lab.estimation.motion import SHORTEST, Grade, Motion, mean_known
 from granite_lab.logs.counters import integral
-from granite_lab.logs.standstill import Interval
+from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.trial import WheelStream
 from granite_lab.parameters import GRAVITY, Soil
 

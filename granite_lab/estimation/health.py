@@ -12,7 +12,7 @@ from granite_lab.estimation.error_model import BA, BG, Noise, V
 from granite_lab.estimation.faults import Faults
 from granite_lab.estimation.motion import Grade, Health
 from granite_lab.estimation.smoother import Solution, usual
-from granite_lab.logs.standstill import Interval
+from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.trial import Array
 
 ANCHORED, SLOW = 0.02, 0.004

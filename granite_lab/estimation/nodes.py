@@ -20,10 +20,10 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation import error_model as model
 from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TAU, TH, Course, D, P, Pace, S, V, X
 from granite_lab.estimation.faults import UNSEEN, Faults
-from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.wheels import MOVING, Rolling
-from granite_lab.logs.standstill import COAST, WINDOW, ZERO_VELOCITY, Interval
+from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.standstill import COAST, WINDOW, ZERO_VELOCITY, Interval
 from granite_lab.logs.trial import Array, part
 from granite_lab.parameters import GRAVITY, Robot
 

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 
 from granite_lab.estimation.faults import Faults
-from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.rest import cumulate, inside
 from granite_lab.logs.counters import runs
-from granite_lab.logs.standstill import Interval
+from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
 

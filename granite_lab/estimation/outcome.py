@@ -21,7 +21,7 @@ from granite_lab.estimation.rest import find_rests, inside
 from granite_lab.estimation.smoother import Smoothed, Solution
 from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.counters import runs
-from granite_lab.logs.standstill import Interval, bridged
+from granite_lab.logs.sensors.standstill import Interval, bridged
 from granite_lab.logs.trial import Array, Series, Trial, TrialInfo
 from granite_lab.parameters import Robot, Variant
 

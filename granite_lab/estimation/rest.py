@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from granite_lab.errors import EstimateError
-from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import integral, runs
-from granite_lab.logs.standstill import COAST, WINDOW, Interval, Turning, find_standstills, imu_quiet
+from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.standstill import COAST, WINDOW, Interval, Turning, find_standstills, imu_quiet
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import ImuGrade
 

@@ -29,7 +29,7 @@ from granite_lab.estimation.rest import inside
 from granite_lab.estimation.smoother import Solution, forward, merged, nominal_of, settle, smooth
 from granite_lab.estimation.wheels import MOVING, Rolling
 from granite_lab.logs.counters import joined, runs
-from granite_lab.logs.standstill import COAST, Interval
+from granite_lab.logs.sensors.standstill import COAST, Interval
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY
 

@@ -13,9 +13,9 @@ from scipy.ndimage import uniform_filter1d
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import mean_known
-from granite_lab.estimation.mounting import BodyImu
 from granite_lab.logs.counters import integral, joined, runs
-from granite_lab.logs.standstill import bridged
+from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.standstill import bridged
 from granite_lab.logs.trial import Array, WheelStream
 from granite_lab.parameters import WHEELS, Robot
 

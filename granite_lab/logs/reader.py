@@ -10,17 +10,14 @@ from typing import Any
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.aliasing import resolve_aliases
 from granite_lab.logs.canonical import trial_info
-from granite_lab.logs.imu_checks import check_units, refuse_axes, with_forward_axis
 from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, match, no_match
 from granite_lab.logs.quantities import SENSORS
-from granite_lab.logs.source import Source, read_source, recognise
-from granite_lab.logs.stamps import describe_gaps, outside_gaps
-from granite_lab.logs.standstill import coasting, rolls, standstills, turning_of
-from granite_lab.logs.streams import interval, read_streams
-from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, name_of, part, parts_of, sidecar
-from granite_lab.logs.wheels import (
+from granite_lab.logs.sensors.aliasing import resolve_aliases
+from granite_lab.logs.sensors.imu import check_units, refuse_axes, with_forward_axis
+from granite_lab.logs.sensors.stamps import describe_gaps, outside_gaps
+from granite_lab.logs.sensors.standstill import coasting, rolls, standstills, turning_of
+from granite_lab.logs.sensors.wheels import (
     check_currents,
     check_wheels,
     look,
@@ -28,6 +25,9 @@ from granite_lab.logs.wheels import (
     report_absent,
     without_free_wheels,
 )
+from granite_lab.logs.source import Source, read_source, recognise
+from granite_lab.logs.streams import interval, read_streams
+from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, name_of, part, parts_of, sidecar
 from granite_lab.parameters import Robot, load_robot
 
 # What is taken from a file that was given for one purpose.

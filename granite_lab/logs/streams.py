@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.clock import one_line, row_stamps, sampled
 from granite_lab.logs.counters import Mask, integral, runs
-from granite_lab.logs.encoders import Wheel, convert
 from granite_lab.logs.layouts import Binding
 from granite_lab.logs.quantities import ENCODERS, SENSORS
+from granite_lab.logs.sensors.clock import one_line, row_stamps, sampled
+from granite_lab.logs.sensors.encoders import Wheel, convert
+from granite_lab.logs.sensors.stamps import tidy
 from granite_lab.logs.source import Source
-from granite_lab.logs.stamps import tidy
 from granite_lab.logs.trial import Array, CurrentStream, Series, WheelStream
 from granite_lab.parameters import Robot
 

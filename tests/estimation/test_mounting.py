@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from granite_lab.errors import EstimateError
 from granite_lab.estimation import Motion, estimate
 from granite_lab.estimation.faults import find_faults
-from granite_lab.estimation.mounting import BodyImu, level, to_body
 from granite_lab.estimation.nominal import integrate, roll_angle
 from granite_lab.estimation.wheels import check_signs
-from granite_lab.logs.imu_checks import mounted as orientation
+from granite_lab.logs.sensors.imu import mounted as orientation
+from granite_lab.logs.sensors.mounting import BodyImu, level, to_body
 from granite_lab.logs.trial import ImuStream, WheelStream
 from tests.truth import faults
 from tests.truth.trials import TruthTrial, generate, robot

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from granite_lab.errors import InputError
 from granite_lab.logs import inspect_logs, read_trial
-from granite_lab.logs.clock import set_back
 from granite_lab.logs.counters import quantum, unwrap
-from granite_lab.logs.encoders import Wheel, convert
 from granite_lab.logs.layouts import Column
 from granite_lab.logs.quantities import find_unit
-from granite_lab.logs.stamps import describe_gaps, tidy, unit_factor
+from granite_lab.logs.sensors.clock import set_back
+from granite_lab.logs.sensors.encoders import Wheel, convert
+from granite_lab.logs.sensors.stamps import describe_gaps, tidy, unit_factor
 from tests.corpus import cli
 from tests.logs import make
 

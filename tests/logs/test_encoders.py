@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from granite_lab.errors import InputError
 from granite_lab.logs import read_trial
-from granite_lab.logs.encoders import Wheel, convert, lattice
 from granite_lab.logs.layouts import Column
 from granite_lab.logs.quantities import find_unit
+from granite_lab.logs.sensors.encoders import Wheel, convert, lattice
 from granite_lab.logs.trial import Trial
 from tests.logs import make
 

@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from granite_lab.errors import InputError
 from granite_lab.logs.counters import Mask, runs
 from granite_lab.logs.layouts import Log
-from granite_lab.logs.pitch_rate import contradicted
 from granite_lab.logs.quantities import ACCELERATION, RATE, SENSORS, STANDARD_GRAVITY, factors, gravity_unit
+from granite_lab.logs.sensors.pitch_rate import contradicted
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, Robot
 

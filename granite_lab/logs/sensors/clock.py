@@ -13,8 +13,8 @@ from granite_lab.logs.counters import Mask, Rows, unwrap
 from granite_lab.logs.dates import RANGES
 from granite_lab.logs.layouts import Binding
 from granite_lab.logs.quantities import DATE, ENCODERS, SENSORS
+from granite_lab.logs.sensors.stamps import GAP_PERIODS, SECONDS, ticks_too_rarely, unit_factor
 from granite_lab.logs.source import Source
-from granite_lab.logs.stamps import GAP_PERIODS, SECONDS, ticks_too_rarely, unit_factor
 from granite_lab.logs.trial import Array
 
 _WRAPS = (2.0**16, 2.0**24, 2.0**32)  # ranges of counters that loggers use as clocks

@@ -12,7 +12,7 @@ from granite_lab.errors import InputError
 from granite_lab.logs.counters import Mask, integral, powers, quantum, runs, unwrap
 from granite_lab.logs.layouts import Column
 from granite_lab.logs.quantities import Unit
-from granite_lab.logs.stamps import GAP_PERIODS
+from granite_lab.logs.sensors.stamps import GAP_PERIODS
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import Robot
 

@@ -16,10 +16,10 @@ import numpy as np
 
 from granite_lab.errors import InputError
 from granite_lab.logs.counters import integral, joined, runs, short_way
-from granite_lab.logs.imu_checks import mounted
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import ENCODERS
-from granite_lab.logs.stamps import GAP_PERIODS
+from granite_lab.logs.sensors.imu import mounted
+from granite_lab.logs.sensors.stamps import GAP_PERIODS
 from granite_lab.logs.trial import Array, ImuStream, WheelStream
 
 _CLEAR = 0.25  # a step up to this share of the range is read the short way round

@@ -350,7 +350,8 @@ def imu_quiet(imu: ImuStream, grade: ImuGrade, stand: Mask | None = None, window
         pool = power[stand] if stand is not None and stand.sum() * dt > SHORTEST else power
         # axes of unlike noise count as less than three (Satterthwaite 1946)
         usual = np.median(axes, axis=0)
-        dof = (max(size // few, 3) - 1) * max(float(usual.sum() ** 2 / max(usual @ usual, 1e-300)), 1.0)
+        unlike = float(usual.sum()) ** 2 / max(float(usual @ usual), 1e-300)
+        dof = (max(size // few, 3) - 1) * max(unlike, 1.0)
         base = _noise(pool, dof, 0.25 if pool is not power else 0.05)
         loudest = float(np.sqrt(np.quantile(power, 0.9)))
         if stand is None and base > STEADY * least and loudest < STEADY * base:
