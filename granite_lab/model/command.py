@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import Course, Variant
-from granite_lab.parameters.course import MOVING
+from granite_lab.parameters.course import ALIKE, MOVING
 
 V_FLOOR = 0.02
 """Velocity [m/s] below which slip and shear fade into standstill; above it the equations are exact."""
@@ -102,6 +102,13 @@ def velocities_at(t: npt.NDArray[np.float64], variant: Variant) -> npt.NDArray[n
     if isinstance(variant, Course):
         return variant.velocity_at(t)
     return np.array([float(desired_velocity(float(x), variant)) for x in t])
+
+
+def alike(a: Variant, b: Variant) -> bool:
+    """Say whether two commands are repetitions of one: nowhere further apart than `ALIKE` allows."""
+    t = np.linspace(0.0, max(duration(a), duration(b)), 500)
+    apart = np.abs(velocities_at(t, a) - velocities_at(t, b))
+    return bool(apart.max() <= ALIKE * max(peak_velocity(a), peak_velocity(b)))
 
 
 def distances_at(t: npt.NDArray[np.float64], variant: Variant) -> npt.NDArray[np.float64]:

@@ -77,8 +77,8 @@ class Course(Variant):
 
     @property
     def end(self) -> float:
-        """When it ends [s since the start]."""
-        return self.path[-1][0]
+        """When command and wheels have ended [s since the start]."""
+        return max(self.path[-1][0], self.wheels[-1][0] if self.wheels else 0.0)
 
     def velocity_at(self, t: Array | float) -> Array:
         """Return v_d [m/s] at times [s since the start]; 0 before and after."""
