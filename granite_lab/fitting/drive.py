@@ -119,6 +119,11 @@ def _std(std: Array) -> Array:
     return np.nan_to_num(std, nan=float(np.median(known)) if known.size else 1e-3)
 
 
+def goes_by_command(effect: Effect) -> bool:
+    """Say whether an effect changes how k_92 goes by the command, which is to be known for that."""
+    return type(effect).desired_velocity is not Effect.desired_velocity or effect.id == "contact_angle_lag"
+
+
 def drives(effect: Effect) -> bool:
     """Say whether an effect acts on the drive or its encoders, which wheels that are turned replace."""
     own, plain = type(effect), Effect

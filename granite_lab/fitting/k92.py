@@ -23,6 +23,7 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import K92_BOUNDS, FitStatus, K92Fit
 from granite_lab.inference.bench import RAKED, SAND, Bench, World
 from granite_lab.inference.constants import RAKING, SAND_STD, TOLERANCE
+from granite_lab.inference.fit import Fit
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.setup import baseline, trial_models
 from granite_lab.logs.trial import Trial
@@ -41,6 +42,10 @@ RAKED_AS = ("k_φ, from raking to raking", "c, from raking to raking")
 
 WIDE = 1.0
 """Std of the prior of log a_θ: flat beside the few percent that one trial tells."""
+
+LEAD = 0.05
+"""By how much a command that nobody states may lead its wheels [s]: motor controllers of mobile robots close
+their speed loop at 2 to 10 Hz, so that wheels follow 16 to 80 ms late."""
 
 COARSE = 0.05
 """Least width of a bin [s]: a seventh of the time in which slip settles."""
@@ -227,6 +232,16 @@ def _by_slip(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
     )
 
 
+def _trajectory(
+    trial: Trial, motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
+) -> tuple[Problem, Fit]:
+    """Fit the whole time history of a trial; errors as `_with_trajectory`."""
+    models, variants = trial_models([trial], robot, [motion], least=COARSE)
+    with one_thread(), Bench(World(robot, soil, variants, {}, tuple(effects))) as bench:
+        problem = Problem(models, bench, (WIDE, *SAND_STD[1:]))
+        return problem, baseline(problem)
+
+
 def _with_trajectory(
     found: K92Fit, trial: Trial, motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
 ) -> K92Fit:
@@ -237,10 +252,7 @@ def _with_trajectory(
     """
     if not np.isfinite(motion.t_start.value):
         raise EstimateError(f"{motion.trial}: the start of the motion is unknown")
-    models, variants = trial_models([trial], robot, [motion], least=COARSE)
-    with one_thread(), Bench(World(robot, soil, variants, {}, tuple(effects))) as bench:
-        problem = Problem(models, bench, (WIDE, *SAND_STD[1:]))
-        fit = baseline(problem)
+    problem, fit = _trajectory(trial, motion, robot, soil, effects)
     x = fit.point.vector + fit.posterior.step
     common = fit.point.trials[0].size
     late = common + len(SAND)
@@ -254,6 +266,12 @@ def _with_trajectory(
     log, start, latency = total(0, common), total(RAKED, late), total(late)
     v, a_theta = reference_velocity(found.variant), load_paper().a_theta * float(np.exp(log.value))
     k92 = math.exp(-a_theta * v)  # (5)
+    unknown = 0.0
+    if isinstance(motion.variant, Course) and not motion.variant.commanded:
+        course = motion.variant
+        sooner = replace(motion, variant=replace(course, path=tuple((t - LEAD, u) for t, u in course.path)))
+        other = _trajectory(trial, sooner, robot, soil, effects)[1]
+        unknown = float((other.point.vector + other.posterior.step)[[0, common]].sum()) - log.value
     side = "behind" if latency.value > 0 else "ahead of"
     shares = {c: fit.scales.share_of(c) for c in problem.counts}
     off = [f"{c} {100 * share:.0f} %" for c, share in shares.items() if share > TOLERANCE]
@@ -267,9 +285,13 @@ def _with_trajectory(
         notes.append(f"residuals over the noise: {', '.join(louder)}.")
     if not fit.converged:
         notes.append("fit not converged.")
+    if unknown:
+        notes.append(
+            f"a command that leads the wheels by {1e3 * LEAD:.0f} ms moves a_θ by {100 * unknown:.1f} %."
+        )
     return replace(
         found,
-        k92_trajectory=Estimate(k92, k92 * v * (a_theta * log.std)),
+        k92_trajectory=Estimate(k92, k92 * v * a_theta * math.hypot(log.std, unknown)),
         t_start=Estimate(problem.trials[0].observation.t_start + start.value, start.std),
         latency=latency,
         status_trajectory="ok" if fit.converged else "not_converged",

@@ -83,7 +83,7 @@ def _numbers(record: Any) -> Iterator[Any]:
     """Yield the numbers or symbols of a nested record, in field order."""
     for name in _names(record.__class__):
         value = getattr(record, name)
-        if isinstance(value, (int, float, ca.SX)):
+        if isinstance(value, (int, float, ca.SX)) and not isinstance(value, bool):
             yield value
         elif dataclasses.is_dataclass(value):
             yield from _numbers(value)
@@ -106,7 +106,7 @@ def vector_of(record: Any) -> list[float]:
     found: list[float] = []
     for name in _names(record.__class__):
         value = getattr(record, name)
-        if isinstance(value, (int, float)):
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
             found.append(float(value))
         elif dataclasses.is_dataclass(value):
             found += _floats(cast(Hashable, value))

@@ -62,7 +62,9 @@ def turned(
     inner = np.concatenate([course.corners[0], *(s.get_knots() for s in splines)])
     knots = np.unique(np.concatenate([[begin, end], inner[(inner > begin) & (inner < end)]]).round(6))
     axles = [_axle(knots, spline, radius) for spline in splines]
-    return replace(course, wheels=tuple(zip(knots.tolist(), *axles, strict=True)))
+    return replace(
+        course, commanded=command is not None, wheels=tuple(zip(knots.tolist(), *axles, strict=True))
+    )
 
 
 def _spline(t: Array, v: Array, std: Array) -> UnivariateSpline:

@@ -50,11 +50,13 @@ class Course(Variant):
         path: (time since the start [s], desired velocity [m/s]) of each corner, in order.
         stretch: begin and end of the part over which λ_R is taken [s since the start].
         wheels: (time since the start [s], front, rear) of the wheels; between them ω is a cubic.
+        commanded: False where the desired velocity is that of the wheels, for nobody states another.
     """
 
     path: tuple[tuple[float, float], ...]
     stretch: tuple[float, float]
     wheels: tuple[tuple[float, Turning, Turning], ...] = ()
+    commanded: bool = True
 
     def __hash__(self) -> int:
         """Return the hash, which is made once: each simulation asks for it several times."""
