@@ -32,6 +32,9 @@ UP, STEADY, DOWN = 1, 2, 3
 LEAST_WAY = 0.3
 """Least way of the wheels for a slip ratio of a whole drive [m]: the ends are known to millimetres."""
 
+SETTLED = 0.7
+"""A constant velocity that lasts shorter is not steady [s]: slip settles with a time constant of 0.35 s."""
+
 ENTRY = 0.5
 """A standstill ends by this much before the wheels are seen to turn, at most [s]."""
 
@@ -273,7 +276,7 @@ def find_phases(t: Array, speed: Array, rests: Sequence[Interval]) -> Phases:
             if not np.isfinite(acceleration) or onset.value < t[a] - ENTRY:
                 onset = first_crossing(t, pace, rest, a, plateau)
     i, j = longest
-    constant = j - i >= 3
+    constant = j - i >= 3 and t[j - 1] - t[i] >= SETTLED
     if not constant:
         steady, plateau = _whole(t, pace, speed, rest), float(pace.max())
     else:
