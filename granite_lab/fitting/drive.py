@@ -9,7 +9,8 @@ import numpy as np
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.motion import Motion, mean_known
+from granite_lab.estimation.motion import Motion
+from granite_lab.logs.counters import mean_known
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration, velocities_at
 from granite_lab.model.effect import Effect
@@ -21,8 +22,8 @@ STATED = ("given", "recognised", "logged", "stated")
 """Sources of a command that is more than what the wheels show."""
 
 FOLLOW = 0.06
-"""Wheels follow a command whose rms deviation from it is below this share of the command's own rms: twice what
-the paper's controller leaves over the variants of Table 2, 2 to 3 %, most of it on the ramps."""
+"""Wheels follow a command whose rms deviation from it is below this share of the command's own rms: twice
+what the paper's controller leaves over the variants of Table 2, 2 to 3 %, most of it on the ramps."""
 
 STILL = 0.02
 """Slower wheels stand [m/s]: the model's floor of slip."""

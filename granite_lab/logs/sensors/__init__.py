@@ -1,1 +1,1 @@
-"""What is wrong with a sensor: its stamps, counts, signs, axes, units, gaps and clock, each in one module."""
+"""What is wrong with a sensor: stamps, counts, signs, axes, units, gaps and clock, each judged once."""

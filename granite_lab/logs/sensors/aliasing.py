@@ -56,8 +56,8 @@ def resolve_aliases(wheels: WheelStream, imu: ImuStream | None, log: Log) -> Whe
         if share > _NEARLY:
             fits = f", which {witness} confirms" if witness else ""
             moved = f"moves by up to {share:.0%} of its range from sample to sample"
-            read = f"read as a motion that goes on{fits}; log faster"
-            log.doubts.append(f"{log.column(ENCODERS[i])}: the counter {moved}: {read}")
+            read = f"read as a motion that goes on{fits}"
+            log.doubt(f"the counter {moved}: {read}", log.column(ENCODERS[i]), "log faster")
         angle[known, i] = chosen
     return dataclasses.replace(wheels, angle=angle)
 
