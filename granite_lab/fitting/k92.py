@@ -189,6 +189,11 @@ def _by_slip(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
     curve = SlipCurve(slip_of)
     k92, status = curve.root(measured.value)
     slope, sand = curve.slope(k92), []
+    if not slope < 0:
+        raise EstimateError(
+            f"the slip ratio does not depend on k_92 over the stretch of {motion.trial} that is simulated",
+            "look at the trial's wheel speeds and at the start of its command",
+        )
     for name, shown, step in zip(SAND[1:RAKED], RAKED_AS, RAKING[1:], strict=True):
         # the mean square of the steps to either side, because (10) has a kink
         grounds = [replace(soil, **{name: getattr(soil, name) * math.exp(s)}) for s in (step, -step)]
