@@ -377,8 +377,8 @@ def plan_next(
     if not design.is_file():
         raise InputError(
             f"{folder}: holds no search for a missing effect ('{DESIGN}' is missing)",
-            f"run 'granite-lab discover TRIALS… --out {folder}', or 'study' without --no-discover, first; plans "
-            "are made from trials whose command is a trapezoid",
+            f"run 'granite-lab discover TRIALS… --out {folder}', or 'study' without --no-discover, first; "
+            "plans are made from trials whose command is a trapezoid",
         )
     from granite_lab.planning.design import load_design  # noqa: PLC0415, heavy
     from granite_lab.planning.plan import plan_next as rank  # noqa: PLC0415, heavy

@@ -43,8 +43,8 @@ class Turning:
 class Course(Variant):
     """A desired velocity that is linear between instants; where `wheels` are given they turn, unasked.
 
-    `velocity` is the mean over `stretch`, each velocity weighted by the way that it takes; `acceleration` the
-    largest; `distance` the whole.
+    `velocity` is the mean over `stretch`, each velocity weighted by the way that it takes, to three digits;
+    `acceleration` the largest; `distance` the whole.
 
     Attributes:
         path: (time since the start [s], desired velocity [m/s]) of each corner, in order.
@@ -119,8 +119,9 @@ def course_of(
     speed = np.interp(fine, t, v)
     slopes = np.abs(np.diff(v[keep]) / np.diff(t[keep]))
     gained = float(np.trapezoid(speed, fine))
+    mean = float(np.trapezoid(speed**2, fine)) / gained if gained > 0 else float(v.max())
     return Course(
-        velocity=float(np.trapezoid(speed**2, fine)) / gained if gained > 0 else float(v.max()),
+        velocity=float(f"{mean:.3g}"),  # repetitions have one
         acceleration=max(float(slopes.max()), 1e-3),
         distance=float(way[-1]),
         path=tuple(zip(t[keep].tolist(), v[keep].tolist(), strict=True)),

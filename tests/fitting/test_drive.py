@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from granite_lab import logs
+from granite_lab.comparison.compare import compare
 from granite_lab.discovery.discover import _not_asked
 from granite_lab.effects import library
 from granite_lab.errors import EstimateError, InputError
@@ -105,6 +106,9 @@ def test_a_robot_without_drive_is_driven_by_its_wheels() -> None:
     fit = fit_k92(turned, trial, bare, SOIL, trajectory=False)
     a = -math.log(fit.k92.value) / turned.variant.velocity
     assert abs(a - A_THETA) < 0.5
+    found = compare(turned, trial, fit, bare, SOIL)
+    assert "torque_f" not in found.measured
+    assert found.simulated["velocity"] == pytest.approx(found.measured["velocity"], abs=0.03)
 
 
 def test_a_drive_that_is_never_steady_has_a_k92() -> None:
