@@ -19,7 +19,7 @@ from benchmarks.log_set import LogSet, wheel_speed
 from benchmarks.real_logs_page import Delay, Delays, page, run_table
 from granite_lab.errors import LabError
 from granite_lab.files import write_text
-from granite_lab.logs import read_trial
+from granite_lab.logs import Excerpt, read_trial
 from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.streams import WINDOW, slope
 from granite_lab.logs.trial import Trial
@@ -86,7 +86,7 @@ def car(data: Path) -> LogSet:
     for scene in SCENES:
         folder = data / "car" / f"scene-{scene}" / "CAN"
         imu, wheels, pose = (folder / f"{n}.csv" for n in ("imu_signal", "zoe_veh_signal", "gt_pose"))
-        trial = read_trial(imu, imu=imu, encoders=wheels, reference=pose, robot=robot, map=columns)
+        trial = read_trial(imu, {"encoders": wheels, "reference": pose}, robot=robot, map=columns)
         found.add(scene, trial, robot, soil=FIRM)
     return found
 
@@ -126,7 +126,7 @@ def pathfinder(data: Path) -> LogSet:
     """Planetary test rover on rough ground, 50 s between two standstills, against differential GPS."""
     found, (robot, columns), folder = LogSet(), by_hand("pathfinder"), data / "pathfinder"
     imu, wheels, gps = (folder / f"{name}.csv" for name in ("imu", "wheels", "gps"))
-    trial = read_trial(imu, encoders=wheels, reference=gps, robot=robot, map=columns)
+    trial = read_trial(imu, {"encoders": wheels, "reference": gps}, robot=robot, map=columns)
     found.add("Pathfinder", trial, robot)
     (run,) = found.runs
     run = only(replace(run, t=run.t - run.t[0]), run.truth > GPS_MOVES)
@@ -143,7 +143,7 @@ def gps_noise(run: Velocities) -> float:
 def husky(data: Path, soil: str = FIRM) -> LogSet:
     """Husky against GPS; everything as the slope of a line through five fixes, as the speed by GPS is."""
     found, folder = LogSet(), data / "husky_gps"
-    trial = read_trial(folder / "imu.csv", encoders=folder / "odom.csv", reference=folder / "fix.csv")
+    trial = read_trial(folder / "imu.csv", {"encoders": folder / "odom.csv", "reference": folder / "fix.csv"})
     found.add("Husky", trial, "husky_gps", soil=soil)
     (run,), (motion,) = found.runs, found.motions.values()
     noise = gps_noise(run)
@@ -161,7 +161,7 @@ def small_car(data: Path) -> LogSet:
     """Car at scale 1:10 that skids, against motion capture."""
     found, path = LogSet(), data / "f1tenth_optitrack" / "hoons_all_test.csv"
     for number in CAR_RUNS:
-        found.add(f"run {number}", read_trial(path, rows=f"run_id = {number}"), "f1tenth")
+        found.add(f"run {number}", read_trial(path, excerpt=Excerpt(f"run_id = {number}")), "f1tenth")
     found.runs[:] = [replace(run, window=(run.t[0], run.t[0] + 15.0)) for run in found.runs]
     return found
 
@@ -171,7 +171,7 @@ def boreal(data: Path) -> LogSet:
     found, folder = LogSet(), data / "borealtc_husky"
     for name in BOREAL:
         imu, wheels = (folder / f"{name.format(part)}.csv" for part in ("imu", "pro"))
-        found.add(name.replace("_{}", ""), read_trial(imu, encoders=wheels), "husky")
+        found.add(name.replace("_{}", ""), read_trial(imu, {"encoders": wheels}), "husky")
     return found
 
 

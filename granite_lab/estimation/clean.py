@@ -104,17 +104,17 @@ def _imu(made: list[Correction], problem: Problem, solution: Solution, motion: M
         step = _bias_step(restart, solution)
         force[:, 0] -= restart.passed(imu.t) * step.value
         where = f"imu, {restart.begin:.3f} to {restart.end:.3f} s"
-        what = "step of the accelerometer's bias along x taken out"
-        made.append(Correction(what, where, step.value, step.std, "m/s^2"))
-        what = "step of the pitch gyro's bias taken out"
-        made.append(Correction(what, where, restart.step[1], restart.gyro, "rad/s"))
+        correction = "step of the accelerometer's bias along x taken out"
+        made.append(Correction(correction, where, step.value, step.std, "m/s^2"))
+        correction = "step of the pitch gyro's bias taken out"
+        made.append(Correction(correction, where, restart.step[1], restart.gyro, "rad/s"))
     force[faults.doubt], rate[faults.rate_doubt] = NAN, NAN
-    for what, count in (
+    for correction, count in (
         ("readings thrown off left out", np.count_nonzero(faults.spikes)),
         ("readings at the sensor's limit left out", np.count_nonzero(faults.doubt & ~faults.spikes)),
     ):
         if count:
-            made.append(Correction(what, "imu", float(count), NAN, "samples"))
+            made.append(Correction(correction, "imu", float(count), NAN, "samples"))
     ends = np.array([(a + imu.period, b - imu.period) for a, b in faults.gaps]).ravel()
     ends = np.setdiff1d(ends, imu.t)
     for begin, end in faults.gaps:
@@ -130,11 +130,11 @@ def _imu(made: list[Correction], problem: Problem, solution: Solution, motion: M
 
 def _bias_step(restart: Restart, solution: Solution) -> Estimate:
     """Return by how much the accelerometer's bias along x changed [m/s^2], by the smoother."""
-    nodes, found = solution.nodes, solution.smoothed
+    nodes, smoothed = solution.nodes, solution.smoothed
     i = max(int(np.searchsorted(nodes.t, restart.begin, side="right")) - 1, 0)
     j = min(int(np.searchsorted(nodes.t, restart.end)), nodes.t.size - 1)
-    variance = found.P[i][BA, BA] + found.P[j][BA, BA] - 2.0 * found.cross(i, j)[BA, BA]
-    return Estimate(float(found.x[j, BA] - found.x[i, BA]), float(np.sqrt(max(variance, 0.0))))
+    variance = smoothed.P[i][BA, BA] + smoothed.P[j][BA, BA] - 2.0 * smoothed.cross(i, j)[BA, BA]
+    return Estimate(float(smoothed.x[j, BA] - smoothed.x[i, BA]), float(np.sqrt(max(variance, 0.0))))
 
 
 def _level(made: list[Correction], wheels: WheelStream, rolling: Rolling, robot: Robot) -> WheelStream:
@@ -145,16 +145,16 @@ def _level(made: list[Correction], wheels: WheelStream, rolling: Rolling, robot:
     period = float(np.median(np.diff(wheels.t)))
     turned = rolling.distance / robot.wheels.radius
     for i, name in enumerate(WHEELS):
-        known = np.isfinite(angle[:, i])
-        if not known.any():
+        finite = np.isfinite(angle[:, i])
+        if not finite.any():
             continue
-        fine = known & np.isfinite(turned[:, i])
-        fine[np.flatnonzero(known)[0]] = True
-        dead = known & ~fine
+        fine = finite & np.isfinite(turned[:, i])
+        fine[np.flatnonzero(finite)[0]] = True
+        dead = finite & ~fine
         if dead.any():
             angle[dead, i] = NAN
-            what = "left out while it was dead"
-            made.append(Correction(what, f"encoder {name}", float(dead.sum()), NAN, "samples"))
+            how = "left out while it was dead"
+            made.append(Correction(how, f"encoder {name}", float(dead.sum()), NAN, "samples"))
         kept = np.flatnonzero(fine)
         if kept.size < 3:
             angle[:, i] = NAN

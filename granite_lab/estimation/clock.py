@@ -56,14 +56,14 @@ LATEST = 0.01
 LATENCY = LATEST / float(np.sqrt(3.0))
 """Std of such an offset [s], any of which is as likely. It is not applied but left to the filter."""
 
-UNUSUAL = 8.0
-"""A larger one is applied where it makes the trial more likely by this factor's logarithm: one logger in a
-hundred is that far off, by an amount anywhere in 0.4 s. As unusual is a change of motion that tells nothing
-of the clock: a body that slides on when its wheels stand, stands while they turn, or sets off late on soft
-tyres."""
+LOG_ODDS = 8.0
+"""Log prior odds against a larger offset: one logger in a hundred has one, anywhere in 0.4 s. It is applied
+where the trial is more likely with it by more than this logarithm. The odds are the same against a change of
+motion that tells nothing of the clock: a body that slides on when its wheels stand, stands while they turn,
+or sets off late on soft tyres."""
 
-FAR = LATENCY * float(np.sqrt(2.0 * UNUSUAL))
-"""A smaller offset [s] is never that unusual."""
+OUTLYING = LATENCY * float(np.sqrt(2.0 * LOG_ODDS))
+"""A smaller offset [s] never reaches these odds."""
 
 
 def ramps(rolling: Rolling) -> bool:
@@ -156,29 +156,29 @@ def find_offset(problem: Problem, *, apart: bool = False) -> Clock:
     seconds and are brought together roughly, have no ordinary latency.
     """
     coarse = coarse_offset(problem.imu, problem.rolling) if problem.rolling is not None else Estimate(0.0)
-    found = by_changes(problem, coarse) if np.isfinite(coarse.std) else None
-    if found is None:
+    shown = by_changes(problem, coarse) if np.isfinite(coarse.std) else None
+    if shown is None:
         return Clock(coarse, coarse, coarse.value)
     latency = float(np.hypot(LATENCY, problem.stamp_std))
-    usual, unusual = Estimate(0.0, latency), Estimate(found.value, latency)
+    usual, unusual = Estimate(0.0, latency), Estimate(shown.value, latency)
     if apart:
-        return Clock(found, found, found.value)
-    likely = found.value * latency**2 / (latency**2 + found.std**2)
-    if abs(found.value) < LATEST * latency / LATENCY:
-        return Clock(usual, found, likely)
-    other = settle(problem, unusual, robust=False)
+        return Clock(shown, shown, shown.value)
+    likely = shown.value * latency**2 / (latency**2 + shown.std**2)
+    if abs(shown.value) < LATEST * latency / LATENCY:
+        return Clock(usual, shown, likely)
+    applied = settle(problem, unusual, robust=False)
     # a body on a spring follows by a quarter of its period at most, whose square the compliance is
-    follows = 0.5 * np.pi * float(np.sqrt(other.compliance)) + 2.0 * found.std
-    lags = 0.0 < found.value < follows and other.compliance > problem.compliance
-    if abs(found.value) < FAR * latency / LATENCY:
-        return Clock(usual, found, 0.0 if lags else likely)
-    one = settle(problem, usual, robust=False).found.innovations
-    if other.found.innovations.log_likelihood - one.log_likelihood < UNUSUAL:
-        return Clock(usual, found, 0.0)
-    return Clock(usual, usual, 0.0) if lags else Clock(unusual, found, found.value)
+    follows = 0.5 * np.pi * float(np.sqrt(applied.compliance)) + 2.0 * shown.std
+    lags = 0.0 < shown.value < follows and applied.compliance > problem.compliance
+    if abs(shown.value) < OUTLYING * latency / LATENCY:
+        return Clock(usual, shown, 0.0 if lags else likely)
+    ordinary = settle(problem, usual, robust=False).found.innovations
+    if applied.found.innovations.log_likelihood - ordinary.log_likelihood < LOG_ODDS:
+        return Clock(usual, shown, 0.0)
+    return Clock(usual, usual, 0.0) if lags else Clock(unusual, shown, shown.value)
 
 
-def agreed(one: Estimate, other: Estimate, compliance: float) -> Estimate:
+def agreed(by_onsets: Estimate, by_filter: Estimate, compliance: float) -> Estimate:
     """Weighted mean of two estimates of one offset [s]: by onsets and stops, and by the filter.
 
     Onsets and stops, and the ramps between them, each take a lag of the body for an offset in a way of
@@ -186,11 +186,11 @@ def agreed(one: Estimate, other: Estimate, compliance: float) -> Estimate:
     compliance [s^2] is the time in which the robot rings by one radian.
     """
     lag = LEFT_OVER * max(1.0, RINGS * float(np.sqrt(compliance)))
-    std = float(np.hypot(other.std, lag))
-    share = std**2 / (one.std**2 + std**2)
-    common = share * one.std + (1.0 - share) * std
-    apart = float(np.sqrt(share * (1.0 - share))) * (one.value - other.value)
-    return Estimate(share * one.value + (1.0 - share) * other.value, float(np.hypot(common, apart)))
+    std = float(np.hypot(by_filter.std, lag))
+    share = std**2 / (by_onsets.std**2 + std**2)
+    common = share * by_onsets.std + (1.0 - share) * std
+    apart = float(np.sqrt(share * (1.0 - share))) * (by_onsets.value - by_filter.value)
+    return Estimate(share * by_onsets.value + (1.0 - share) * by_filter.value, float(np.hypot(common, apart)))
 
 
 def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
@@ -245,18 +245,18 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
         """Mean and std by offsets that stand for all within half their spacing, by the filter's state TAU."""
         offsets = np.arange(centre - reach, centre + reach + 0.5 * spacing, spacing)
         score = -0.5 * ((offsets - coarse.value) / coarse.std) ** 2
-        known = (0.5 * spacing) ** -2.0
-        precision, pull = np.full(offsets.size, known), np.zeros(offsets.size)
+        cell = (0.5 * spacing) ** -2.0
+        precision, pull = np.full(offsets.size, cell), np.zeros(offsets.size)
         for part in tuple(parts):
             left = Estimate(0.0, 0.5 * spacing)
             solved = [forward(build(*part, float(c), left)) for c in offsets]
             likely = np.array([found.innovations.log_likelihood for found in solved])
             telling = TEMPER * (likely - likely.max())
-            score += np.logaddexp(telling, -UNUSUAL)
+            score += np.logaddexp(telling, -LOG_ODDS)
             if telling.min() > -1.0:  # by this change all offsets are alike
                 parts.remove(part)
             after = 1.0 / np.array([found.P[-1, TAU, TAU] for found in solved])
-            precision += TEMPER * (after - known)
+            precision += TEMPER * (after - cell)
             pull += TEMPER * after * np.array([found.x[-1, TAU] for found in solved])
         weight, offsets = softmax(score), offsets + pull / precision
         mean = float(weight @ offsets)

@@ -303,9 +303,9 @@ def noises(F: Array, course: Course, gyro: Array, size: Array, slip: SlipModel, 
     return Q
 
 
-def std_of(P: Array, parts: dict[int, float]) -> Array:
+def std_of(covariance: Array, parts: dict[int, float]) -> Array:
     """(K,) std of a sum of states, each times its factor, by their covariances (K, 14, 14)."""
-    variance = sum(a * b * P[:, i, j] for i, a in parts.items() for j, b in parts.items())
+    variance = sum(a * b * covariance[:, i, j] for i, a in parts.items() for j, b in parts.items())
     return np.sqrt(np.maximum(variance, 0.0))
 
 

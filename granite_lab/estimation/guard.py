@@ -32,6 +32,11 @@ TELLING = 0.05
 UNFIT = 4.0
 """Innovations this many times as large as predicted (rms) show a noise model that does not fit the log."""
 
+UNMATCHED = Doubt(
+    "the ramps of the wheels are not found in the IMU: their clocks may be apart by any time", grade="poor"
+)
+"""Also says that the time offset does not show."""
+
 
 def guard(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) -> Motion:
     """Return the motion with the grade, and the std, that everything known beside the filter allows.
@@ -41,7 +46,7 @@ def guard(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) -> Motion:
         soil: what the robot drives on; its slip ratio counts where the soil states one.
         limits: what was put right or could not be judged while the motion was estimated.
     """
-    doubts = [*limits, *_doubts(motion, soil)]
+    doubts = [*limits, *_doubts(motion, soil, clocks=UNMATCHED not in limits)]
     if not doubts:
         return motion
     order: tuple[Grade, ...] = ("poor", "fair", "good")
@@ -74,18 +79,18 @@ def common_gaps(motion: Motion, gaps: Sequence[Interval], wheels: WheelStream | 
             )  # fmt: skip
 
 
-def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
-    """Yield what contradicts an estimate of body velocity."""
+def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
+    """Yield what contradicts an estimate of body velocity; `clocks`: their offset is judged, too."""
     if not np.isfinite(motion.v).any():
         return
-    if motion.distance_wheels.value and not math.isfinite(motion.clock_offset.std):
+    if clocks and motion.distance_wheels.value and not math.isfinite(motion.clock_offset.std):
         yield Doubt("the time offset of IMU and encoders does not show", grade="fair")
     for kind, nis in motion.health.nis.items():
         if nis > UNFIT**2:
             far = f"innovations ({kind}) are {math.sqrt(nis):.1f} times as large as predicted"
             yield Doubt(far, grade="poor")
-    known = soil.slip_std < 1.0
-    usual = soil.slip if known else SlipModel.steady
+    stated = soil.slip_std < 1.0
+    usual = soil.slip if stated else SlipModel.steady
     if motion.slip_ratio.std > TELLING:
         vague = f"the slip ratio is known to ± {100 * motion.slip_ratio.std:.0f} points only"
         yield Doubt(vague, grade="fair")
@@ -99,7 +104,7 @@ def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
                 "rolling wheels allow",
                 grade="poor", std=0.5 * abs(slip.value - usual),
             )  # fmt: skip
-        elif known and abs(slip.value - usual) > FAR * math.hypot(slip.std, soil.slip_std):
+        elif stated and abs(slip.value - usual) > FAR * math.hypot(slip.std, soil.slip_std):
             yield Doubt(
                 f"a slip ratio of {100 * slip.value:.1f} ± {100 * slip.std:.1f} % {where} contradicts the "
                 f"soil's {100 * soil.slip:.1f} ± {100 * soil.slip_std:.1f} %",
@@ -131,7 +136,8 @@ def _farther(motion: Motion, way: float, after: float) -> Motion:
         return motion
     x_std = np.where(motion.t >= after, np.hypot(motion.x_std, way), motion.x_std)
     distance, rolled = (
-        replace(one, std=math.hypot(one.std, way)) for one in (motion.distance, motion.distance_wheels)
+        replace(travelled, std=math.hypot(travelled.std, way))
+        for travelled in (motion.distance, motion.distance_wheels)
     )
     return replace(motion, x_std=x_std, distance=distance, distance_wheels=rolled)
 

@@ -277,23 +277,23 @@ def judge(motion: Motion, trial: Trial, reference_std: float = 0.0) -> tuple[Jud
         EstimateError: the trial has no reference, or it does not overlap the motion.
     """
     wheels = mean_known(motion.v_wheel)
-    found = []
+    judgements = []
     if trial.reference_v is not None:
         spread = np.hypot(motion.v_std, reference_std)
         one = _compare("velocity", motion.t, (motion.v, wheels, spread), trial.reference_v)
-        found.append(replace(one, reference_std=reference_std))
+        judgements.append(replace(one, reference_std=reference_std))
     if trial.reference_x is not None:
         rolled = np.cumsum(np.nan_to_num(wheels) * np.diff(motion.t, prepend=motion.t[0]))
-        found.append(_compare("distance", motion.t, (motion.x, rolled, motion.x_std), trial.reference_x))
-    if not found:
+        judgements.append(_compare("distance", motion.t, (motion.x, rolled, motion.x_std), trial.reference_x))
+    if not judgements:
         raise EstimateError(
             f"{motion.trial}: there is no external reference to judge by",
             "a reference is a column ref_v_mps or ref_x_m",
         )
-    return tuple(found)
+    return tuple(judgements)
 
 
-def _compare(quantity: str, t: Array, own: tuple[Array, Array, Array], reference: Series) -> Judgement:
+def _compare(quantity: str, t: Array, series: tuple[Array, Array, Array], reference: Series) -> Judgement:
     """Compare estimate, wheels and the former's std with a reference, at its stamps.
 
     A distance counts from the first common stamp.
@@ -302,15 +302,15 @@ def _compare(quantity: str, t: Array, own: tuple[Array, Array, Array], reference
     stamps, truth = reference.t[inside], reference.value[inside]
     if stamps.size < 2:
         raise EstimateError(f"the reference's {quantity} does not overlap the log", "check its clock")
-    estimate, wheels, spread = (np.interp(stamps, t, values) for values in own)
+    estimate, wheels, spread = (np.interp(stamps, t, values) for values in series)
     if quantity == "distance":
         estimate, wheels, truth = (s - s[0] for s in (estimate, wheels, truth))
 
     def way(values: Array) -> float:
-        known = np.isfinite(values)
+        finite = np.isfinite(values)
         if quantity == "distance":
             return float(values[-1] - values[0])
-        return float(np.trapezoid(values[known], stamps[known]))
+        return float(np.trapezoid(values[finite], stamps[finite]))
 
     rolled = way(wheels)
     error, error_wheels = estimate - truth, wheels - truth

@@ -170,11 +170,11 @@ def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, pace: Pace) -> Arr
     Specific force along x is thrust less the ground's resistance, over mass; resistance in sand is about a
     tenth of the weight, against the motion. While the wheels turn steadily, what is fast is vibration.
     """
-    known = np.isfinite(imu.forward)
-    force = np.interp(imu.t, imu.t[known], imu.forward[known])
+    finite = np.isfinite(imu.forward)
+    force = np.interp(imu.t, imu.t[finite], imu.forward[finite])
     calm, quick = (uniform_filter1d(force, max(round(s / imu.period), 1))[index] for s in (CALM, QUICK))
     force = np.where(pace.steady, calm, quick)
-    level = np.mean(imu.forward[rest & known]) if rest.any() else np.mean(force)
+    level = np.mean(imu.forward[rest & finite]) if rest.any() else np.mean(force)
     return np.asarray(force - float(level) + RESISTANCE * np.tanh(pace.speed / model.V_FLOOR))
 
 
@@ -210,7 +210,7 @@ def build(
     """
     imu, rolling, noise, slip = problem.imu, problem.rolling, problem.noise, problem.slip
     course = course_of(problem, nominal, offset)
-    t, dt, rest, moving, speed = course.t, course.dt, course.rest, course.moving, course.speed
+    t, dt, rest, speed = course.t, course.dt, course.rest, course.speed
     # a scale error multiplies acceleration, not the bias that the nominal velocity drifts by
     going = speed - (course.loss if rolling is not None else np.interp(t, t[rest], speed[rest]))
     gain, omega = np.diff(going, prepend=going[0]), noise.vibration_omega
@@ -218,12 +218,10 @@ def build(
     # yaw rate that leaks into the pitch gyro, and keeps its sign for seconds
     turn = nominal.roll_std * np.abs(nominal.heading_rate[course.index]) * np.sqrt(TURN_TIME)
     gyro = np.hypot(np.hypot(noise.gyro, noise.gyro_motion), turn)
-    size = noise.vibration * np.minimum(np.abs(speed) / noise.vibration_speed, 2.0)
-    if nominal.vibration_left is not None:
-        size = size * nominal.vibration_left[course.index]
+    size = shaking(noise, nominal, course)
     Q = model.noises(F, course, gyro, size, slip, noise)
     if problem.jumps is not None:
-        Q[:, S, S] += moving * problem.jumps[course.index] * dt / course.w**2
+        Q[:, S, S] += course.moving * problem.jumps[course.index] * dt / course.w**2
     inflate(Q, course, problem, nominal.rest)
     blur(Q, course, imu, noise)
     # a standstill that was named: the wheels may spin while the body stands
@@ -238,7 +236,7 @@ def build(
     start = 0.0
     if rolling is not None:
         walked = problem.compliance * np.gradient(course.thrust, t)
-        Q[:, D, D] += moving * walked**2 * LOOSE_TIME * dt
+        Q[:, D, D] += course.moving * walked**2 * LOOSE_TIME * dt
         wheels, start = model.wheel_updates(rolling, nominal, course, offset)
         told.append(wheels)
     last = np.array([t.size - 1])
@@ -264,6 +262,12 @@ def build(
     return Nodes(**places, F=F, Q=Q, updates=updates, x0=x0, P0=np.diag(std**2))
 
 
+def shaking(noise: model.Noise, nominal: Nominal, course: Course) -> Array:
+    """(K,) rms of the acceleration by vibration at the nodes [m/s^2]."""
+    size = noise.vibration * np.minimum(np.abs(course.speed) / noise.vibration_speed, 2.0)
+    return size if nominal.vibration_left is None else size * nominal.vibration_left[course.index]
+
+
 def blur(Q: Array, course: Course, imu: BodyImu, noise: model.Noise) -> None:
     """Let biases change, in place, where rounding or a dead band begins or ceases to mute a sensor.
 
@@ -286,8 +290,8 @@ def blur(Q: Array, course: Course, imu: BodyImu, noise: model.Noise) -> None:
 
 def muted(signal: Array, step: float, period: float) -> np.ndarray:
     """(N,) True where the readings of a `WINDOW` do not differ by more than a `step`."""
-    size, known = max(round(WINDOW / period), 3), np.nan_to_num(signal)
-    calm = maximum_filter1d(known, size) - minimum_filter1d(known, size) < 1.5 * step + 1e-12
+    size, filled = max(round(WINDOW / period), 3), np.nan_to_num(signal)
+    calm = maximum_filter1d(filled, size) - minimum_filter1d(filled, size) < 1.5 * step + 1e-12
     return np.asarray(maximum_filter1d(calm, size))
 
 

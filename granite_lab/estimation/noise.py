@@ -56,7 +56,7 @@ ENDED = 0.1
 LOBE = 4.0
 """Half the width of the window's main lobe, in reciprocals of its length."""
 
-SHORTEST = 2.0
+LEAST_STEADY = 2.0
 """Steady motion shorter than this [s] has no ordinates to speak of."""
 
 SHAKEN = 1.0
@@ -123,14 +123,14 @@ def vibration(
     frequency, densities = periodograms(part, 1.0 / dt, hann(size))
     band = frequency >= min(5.0, 0.2 / dt)
     # a jerk of the body at a change of speed is in few segments: it is no vibration
-    mean, usual = (
+    mean, typical = (
         np.maximum(average(densities, axis=0) - 2.0 * accel**2, 0.0)[band] for average in (np.mean, np.median)
     )
     frequency, power = frequency[band], float(mean.sum() * (frequency[1] - frequency[0]))
-    if power <= (0.5 * accel) ** 2 / dt or not usual.any():
+    if power <= (0.5 * accel) ** 2 / dt or not typical.any():
         return float(np.sqrt(power)), prior_frequency, 0.3
-    peak = float(frequency[np.argmax(usual)])
-    low, high = np.interp([0.16, 0.84], np.cumsum(usual) / usual.sum(), frequency)
+    peak = float(frequency[np.argmax(typical)])
+    low, high = np.interp([0.16, 0.84], np.cumsum(typical) / typical.sum(), frequency)
     return float(np.sqrt(power)), peak, float(np.clip(0.5 * (high - low) / peak, 0.05, 0.7))
 
 
@@ -197,8 +197,8 @@ def level_error(signal: Array, rest: np.ndarray, step: float, bias: float) -> fl
     Noise of half a step makes rounding errors independent. Below, all readings of a standstill share one. If
     they are muted they say nothing of the `bias`, and motion tells it no better than its mean (else: 0).
     """
-    known = np.isfinite(signal)
-    still, motion = signal[rest & known], signal[~rest & known]
+    finite = np.isfinite(signal)
+    still, motion = signal[rest & finite], signal[~rest & finite]
     if bias > 0.0:
         return float(np.hypot(bias, np.mean(motion) - still[0])) if motion.size else bias
     noise = float(np.std(np.diff(still))) / np.sqrt(2.0) if still.size > 1 else np.inf
@@ -229,8 +229,8 @@ def with_motion_noise(problem: Problem, offset: float, *, folding: bool = True) 
         band = (0.0, MOTION) if slow(problem.imu) else (MOTION, RESTLESS)
         added = max(added, min(most, all_white(nominal, parts, problem.imu.period, noise.accel, band)))
     noise = replace(noise, accel_motion=added)
-    white = float(np.hypot(noise.accel, noise.accel_motion))
-    rms, frequent, damping = vibration(problem.imu, moving, white, problem.robot.imu.vibration_frequency)
+    density = float(np.hypot(noise.accel, noise.accel_motion))
+    rms, frequent, damping = vibration(problem.imu, moving, density, problem.robot.imu.vibration_frequency)
     return replace(noise, vibration=rms, vibration_frequency=frequent, vibration_damping=damping)
 
 
@@ -277,21 +277,21 @@ def lost_pitch(problem: Problem, nominal: Nominal) -> float:
     if not imu.has_pitch_rate or not imu.gravity or len(problem.rests) < 2:
         return 0.0
     places = [inside(imu.t, [rest]) for rest in problem.rests]
-    white = noise.accel**2 / imu.period / imu.gravity**2
-    angle, variance = np.array([level(imu.forward[at] / imu.gravity, white) for at in places]).T
+    variance_of_sample = noise.accel**2 / imu.period / imu.gravity**2
+    angle, variance = np.array([level(imu.forward[at] / imu.gravity, variance_of_sample) for at in places]).T
     pitch = np.array([np.mean(nominal.pitch[at]) for at in places])
     begin, end = np.ravel(problem.rests)[1:-1].reshape(-1, 2).T  # of each motion
     length, rested = end - begin, np.sum(np.diff(problem.rests))
     missed = np.diff(pitch + angle)  # the specific force of a body that stands is -g sin(pitch)
-    known = noise.gyro**2 * length * (1 + length / rested) + noise.gyro_walk**2 * length**3 / 3
-    known += variance[:-1] + variance[1:] + noise.accel_walk**2 * length / imu.gravity**2
-    known += 2.0 * (noise.accel_level / imu.gravity) ** 2 + (noise.gyro_level * length) ** 2
+    expected = noise.gyro**2 * length * (1 + length / rested) + noise.gyro_walk**2 * length**3 / 3
+    expected += variance[:-1] + variance[1:] + noise.accel_walk**2 * length / imu.gravity**2
+    expected += 2.0 * (noise.accel_level / imu.gravity) ** 2 + (noise.gyro_level * length) ** 2
     whole = [not problem.faults.touch(*motion) for motion in zip(begin, end, strict=True)]
-    use = (length >= SHAKEN) & np.isfinite(known) & whole
-    missed, known, length = missed[use], known[use], length[use]
-    if not use.any() or float(np.mean(missed**2 / known)) <= usual(length.size):
+    use = (length >= SHAKEN) & np.isfinite(expected) & whole
+    missed, expected, length = missed[use], expected[use], length[use]
+    if not use.any() or float(np.mean(missed**2 / expected)) <= usual(length.size):
         return 0.0
-    return float(np.sqrt(max(np.sum(missed**2 - known), 0.0) / np.sum(length)))
+    return float(np.sqrt(max(np.sum(missed**2 - expected), 0.0) / np.sum(length)))
 
 
 def level(force: Array, variance: float) -> tuple[float, float]:
@@ -321,8 +321,8 @@ def steady_parts(problem: Problem, nominal: Nominal, offset: float) -> list[tupl
         pace = pace_of(problem.rolling, offset, nominal.t)
         speed = pace.speed
         steady = on & pace.steady
-        on = steady if max((b - a for a, b in runs(steady)), default=0) * dt >= SHORTEST else on
-    return [(a, b, abs(float(np.mean(speed[a:b])))) for a, b in runs(on) if (b - a) * dt >= SHORTEST]
+        on = steady if max((b - a for a, b in runs(steady)), default=0) * dt >= LEAST_STEADY else on
+    return [(a, b, abs(float(np.mean(speed[a:b])))) for a, b in runs(on) if (b - a) * dt >= LEAST_STEADY]
 
 
 def spectrum(
@@ -337,7 +337,7 @@ def spectrum(
     """
     dt = problem.imu.period
     turning = problem.robot.wheels.lugs / (2.0 * np.pi * problem.robot.wheels.radius)
-    found = [np.empty((3, 0))]
+    densities = [np.empty((3, 0))]
     for a, b, speed in parts:
         length = (b - a) * dt
         window = blackman_harris(b - a - 1)
@@ -349,8 +349,8 @@ def spectrum(
         use &= np.abs(frequency - lug) > LUG * lug
         # the trapezoidal rule of the integration averaged neighbouring samples
         gain = np.cos(np.pi * frequency * dt) ** 2
-        found.append(np.array([frequency, force / gain, rate / gain])[:, use])
-    frequency, force, rate = np.concatenate(found, axis=1)
+        densities.append(np.array([frequency, force / gain, rate / gain])[:, use])
+    frequency, force, rate = np.concatenate(densities, axis=1)
     return frequency, force, rate
 
 
@@ -374,8 +374,8 @@ def all_white(
     independent = ordinates.size / 1.5  # noise bandwidth of the window of Hann
     if independent <= 1.0:
         return 0.0
-    level = float(np.mean(ordinates)) * independent / (independent - 1.0)
-    return float(np.sqrt(max(0.5 * level - rest**2, 0.0)))
+    mean = float(np.mean(ordinates)) * independent / (independent - 1.0)
+    return float(np.sqrt(max(0.5 * mean - rest**2, 0.0)))
 
 
 def periodograms(values: Array, rate: float, window: Array) -> tuple[Array, Array]:

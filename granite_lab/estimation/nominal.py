@@ -17,7 +17,7 @@ from granite_lab.logs.sensors.standstill import Interval, inside
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
 
-UNKNOWN = float(np.radians(1.0))
+ANY_ROLL = float(np.radians(1.0))
 """Std of the ground's roll where nothing is known of it [rad]."""
 
 ACROSS = 1.5
@@ -30,19 +30,19 @@ EVIDENT = 2.5
 """A mean roll this many std from what ground and bias explain is the ground's."""
 
 HALF = 0.25
-"""The smoothing halves an oscillation of this many widths' reciprocal: width [s] times frequency [Hz]."""
+"""Corner of the low-pass [Hz], where it halves an amplitude, times the width of its Gaussian [s]."""
 
-CUT = 0.31
-"""The smoothing halves an oscillation of this share of the vibration's frequency; of half of it, 8 % pass."""
+CORNER = 0.31
+"""Corner of the low-pass over the frequency of the vibration. At half of that frequency it passes 8 %."""
 
 FADE = 0.1
 """The smoothing comes in within this time [s]."""
 
 LOWEST = 5.0
-"""The smoothing passes whatever is slower than this [Hz]: it may be motion."""
+"""Lowest corner of the low-pass [Hz]: what changes more slowly may be motion."""
 
 APART = 1.5
-"""A vibration this many times faster than what the smoothing must pass can be told from motion."""
+"""A vibration can be told from motion if its frequency is this many times the lowest corner."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,19 +143,19 @@ def roll_angle(imu: BodyImu, rest: np.ndarray, robot: Robot) -> tuple[Array, flo
     assert grade is not None
     tilted = float(np.radians(0.0 if imu.levelled else robot.imu.tilt))
     doubt = grade.accel_bias / GRAVITY
-    known = rest & np.isfinite(imu.left)
-    if not imu.gravity or not known.any():
-        return np.zeros(imu.t.size), float(np.hypot(tilted, UNKNOWN))
+    seen = rest & np.isfinite(imu.left)
+    if not imu.gravity or not seen.any():
+        return np.zeros(imu.t.size), float(np.hypot(tilted, ANY_ROLL))
     rate = np.nan_to_num(imu.roll_rate)
     turned = cumulate(imu.t, rate - float(np.mean(rate[rest])), rest)
-    stands = [(a, b) for a, b in runs(rest) if known[a:b].any()]
-    levels = np.array([np.mean(imu.left[a:b][known[a:b]]) for a, b in stands])
+    stands = [(a, b) for a, b in runs(rest) if seen[a:b].any()]
+    levels = np.array([np.mean(imu.left[a:b][seen[a:b]]) for a, b in stands])
     levels = np.clip(levels / GRAVITY, -1.0, 1.0)
     drifts = levels - [np.mean(turned[a:b]) for a, b in stands]
     edges = [imu.t[place] for a, b in stands for place in (a, b - 1)]
     level, angle = float(np.mean(levels)), turned + np.interp(imu.t, edges, np.repeat(drifts, 2))
-    varied = float(np.std(angle[~rest])) if (~rest).any() else UNKNOWN
-    prior = float(np.hypot(tilted, np.clip(ACROSS * varied, LEAST, UNKNOWN)))
+    varied = float(np.std(angle[~rest])) if (~rest).any() else ANY_ROLL
+    prior = float(np.hypot(tilted, np.clip(ACROSS * varied, LEAST, ANY_ROLL)))
     if abs(level) > EVIDENT * np.hypot(prior, doubt):
         prior = abs(level)
     weight = prior**2 / (prior**2 + doubt**2)
@@ -180,7 +180,7 @@ def quieten(nominal: Nominal, steady: np.ndarray, frequency: float) -> Nominal:
     is unchanged where the vibration is too slow to be told from motion, or the wheels never turn steadily.
     """
     period = float(np.median(np.diff(nominal.t)))
-    width = HALF / (max(CUT * frequency, LOWEST) * period)
+    width = HALF / (max(CORNER * frequency, LOWEST) * period)
     on = steady & ~nominal.rest
     if frequency < APART * LOWEST or width < 1.0 or on.sum() * period < 1.0:
         return nominal

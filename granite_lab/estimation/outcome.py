@@ -198,13 +198,15 @@ def wheels_at(t: Array, rolling: Rolling | None, offset: float) -> tuple[Array, 
     stamps = rolling.t + offset
     period = float(np.median(np.diff(stamps)))
     for i in range(4):
-        known = np.flatnonzero(np.isfinite(rolling.velocity[:, i]))
-        if known.size < 2:
+        finite = np.flatnonzero(np.isfinite(rolling.velocity[:, i]))
+        if finite.size < 2:
             continue
-        after = np.clip(np.searchsorted(stamps[known], t), 1, known.size - 1)
-        near = np.minimum(np.abs(stamps[known[after]] - t), np.abs(t - stamps[known[after - 1]])) < 3 * period
-        value[near, i] = np.interp(t[near], stamps[known], rolling.velocity[known, i])
-        std[near, i] = np.interp(t[near], stamps[known], rolling.velocity_std[known, i])
+        after = np.clip(np.searchsorted(stamps[finite], t), 1, finite.size - 1)
+        near = (
+            np.minimum(np.abs(stamps[finite[after]] - t), np.abs(t - stamps[finite[after - 1]])) < 3 * period
+        )
+        value[near, i] = np.interp(t[near], stamps[finite], rolling.velocity[finite, i])
+        std[near, i] = np.interp(t[near], stamps[finite], rolling.velocity_std[finite, i])
     return value, std
 
 
@@ -224,7 +226,7 @@ def wheel_slip(v_o: Array, v_o_std: Array, v: Array, v_std: Array) -> tuple[Arra
     return ratio, np.hypot(d_wheel * v_o_std, d_body * body_std)
 
 
-def robot_slip(found: Smoothed, x: Array, d: Array, i: int, j: int) -> Estimate:
+def robot_slip(smoothed: Smoothed, x: Array, d: Array, i: int, j: int) -> Estimate:
     """Return λ_R by (2) between nodes i and j, 1 - (travelled / rolled).
 
     At the nodes: travelled distance x and rolled minus travelled distance d (K,) [m]. The covariance of
@@ -235,11 +237,11 @@ def robot_slip(found: Smoothed, x: Array, d: Array, i: int, j: int) -> Estimate:
     if abs(rolled) < 1e-3:
         return Estimate(NAN)
     # λ = slipped / rolled: its gradient towards the difference of the states
-    gradient = np.zeros(found.x.shape[1])
+    gradient = np.zeros(smoothed.x.shape[1])
     gradient[[D, X, P]] = travelled, -slipped, slipped
     gradient /= rolled**2
-    cross = found.cross(i, j)
-    spread = found.P[i] + found.P[j] - cross - cross.T
+    cross = smoothed.cross(i, j)
+    spread = smoothed.P[i] + smoothed.P[j] - cross - cross.T
     return Estimate(float(slipped / rolled), float(np.sqrt(max(gradient @ spread @ gradient, 0.0))))
 
 

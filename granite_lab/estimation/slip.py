@@ -39,8 +39,8 @@ BIN = 0.25
 STEPS = 5
 """Steps of the filter in it."""
 
-CHANCE = 0.01
-"""In so many logs without a jump one of all the usual changes is taken for one."""
+FALSE_ALARM = 0.01
+"""False-alarm probability of a log: that one of all its usual changes of slip is taken for a jump."""
 
 SURE, LASTING = 0.02, 1.0
 """A body that stands on turning wheels is so slow, as a share of the wheels' speed, for so long [s]."""
@@ -95,16 +95,16 @@ def with_jumps(problem: Problem, offset: float) -> Problem:
         without = replace(problem, rolling=None, spacing=BIN / STEPS)
         alone = smooth(settle(without, Estimate(offset), robust=False))
         changes = slip_changes(alone, rolling, offset)
-        found = stuck(changes, problem.rests)
-        if not found:
+        stands = stuck(changes, problem.rests)
+        if not stands:
             break
         # what the IMU alone knows next to a standstill may show more of it
-        found = [between_swings(alone.nominal, interval, problem.rests) for interval in found]
-        still = runs(inside(problem.imu.t, [*problem.rests, *found]))
+        stands = [between_swings(alone.nominal, interval, problem.rests) for interval in stands]
+        still = runs(inside(problem.imu.t, [*problem.rests, *stands]))
         rests = tuple((float(problem.imu.t[a]), float(problem.imu.t[b - 1])) for a, b in still)
         problem = replace(problem, rests=rests)
     size = changes.size
-    rare = -ndtri(0.5 * CHANCE / max(size.size, 1))
+    rare = -ndtri(0.5 * FALSE_ALARM / max(size.size, 1))
     jump = size > rare * usual_size(problem, changes)
     if not jump.any():
         return problem
@@ -127,16 +127,16 @@ def stuck(changes: Changes, rests: Sequence[Interval]) -> list[Interval]:
     body, far = changes.wheel - changes.slip, SURE * changes.slower
     stands = (np.abs(body) < 2.0 * changes.unsure[:, None]).all(axis=1) & (changes.unsure < far)
     stands &= changes.slower > MOVING
-    found = []
+    standing = []
     for a, b in runs(stands):
         # it may come to rest late in the first bin and set off early in the last
         begin, end = float(changes.begin[a]) + BIN, float(changes.end[b - 1]) - BIN
         after = [start for start, _ in rests if abs(start - changes.end[b - 1]) < BIN]
         if after:
-            found.append((begin, after[0]))
+            standing.append((begin, after[0]))
         elif end - begin > LASTING:
-            found.append((begin, end))
-    return found
+            standing.append((begin, end))
+    return standing
 
 
 def between_swings(nominal: Nominal, interval: Interval, rests: Sequence[Interval]) -> Interval:
@@ -144,22 +144,22 @@ def between_swings(nominal: Nominal, interval: Interval, rests: Sequence[Interva
 
     Wheels that turn shake a body that stands. What it does at the first instant is taken for its velocity.
     """
-    t, known = nominal.t, [edge for rest in rests for edge in rest]
+    t, edges = nominal.t, [edge for rest in rests for edge in rest]
     shaken = np.abs(nominal.v - uniform_filter1d(nominal.v, round(BIN / float(np.median(np.diff(t))))))
 
     def moved(edge: float) -> float:
         near = np.abs(t - edge) < 0.5 * BIN
-        return edge if edge in known else float(t[near][np.argmin(shaken[near])])
+        return edge if edge in edges else float(t[near][np.argmin(shaken[near])])
 
     return moved(interval[0]), moved(interval[1])
 
 
 def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:
     """Compare the rolled distance with the one that the IMU alone finds, bin by bin of each motion."""
-    nodes, found = alone.nodes, alone.smoothed
-    travelled = np.interp(nodes.t, alone.nominal.t, alone.nominal.x) + found.x[:, X] - found.x[:, P]
-    spread = std_of(found.P, {V: 1.0})
-    pull = std_of(found.P, {TH: GRAVITY, BA: -1.0, BM: -1.0})
+    nodes, smoothed = alone.nodes, alone.smoothed
+    travelled = np.interp(nodes.t, alone.nominal.t, alone.nominal.x) + smoothed.x[:, X] - smoothed.x[:, P]
+    spread = std_of(smoothed.P, {V: 1.0})
+    pull = std_of(smoothed.P, {TH: GRAVITY, BA: -1.0, BM: -1.0})
     parts = [np.empty((8, 0))]
     for a, b in runs(nodes.moving):
         begin, end = nodes.t[max(a - 1, 0)], nodes.t[b - 1]
@@ -249,9 +249,9 @@ def _without_scatter(part: Problem, offset: float) -> tuple[Nodes, Array, Array]
     """Return the nodes of a window without scatter of slip, and what a scatter of 1 adds to Q and P0."""
     nominal = nominal_of(part, offset)
     slips = (with_scatter(part.slip, 0.0), with_scatter(part.slip, 1.0))
-    known = Estimate(0.0, 1e-3)
-    none, one = (merged(build(replace(part, slip=slip), nominal, offset, known)) for slip in slips)
-    return none, one.Q - none.Q, one.P0 - none.P0
+    left = Estimate(0.0, 1e-3)
+    none, unit = (merged(build(replace(part, slip=slip), nominal, offset, left)) for slip in slips)
+    return none, unit.Q - none.Q, unit.P0 - none.P0
 
 
 def expected(best: int, below: float, here: float, above: float) -> float:

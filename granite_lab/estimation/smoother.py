@@ -54,9 +54,9 @@ class Innovations:
 
     @property
     def log_likelihood(self) -> float:
-        """Log-likelihood, counted so that a measurement as good as its noise, and none at all, give 0.
+        """Log-likelihood, less that of measurements which miss their prediction by their own std.
 
-        Then filters over slightly different sets of measurements can be compared.
+        So it does not depend on how many there are: filters over slightly different sets can be compared.
         """
         ratio = self.value**2 / self.variance
         return float(-0.5 * np.sum(ratio - 1.0 + np.log(self.variance / self.updates.R)))
@@ -157,8 +157,8 @@ def forward(nodes: Nodes) -> Filtered:
             dsyr(-1.0 / variance, Ph, 0, 1, 0, SIZE, P, 1)
             came.append((innovation, variance))
         x0, P0 = x, P
-    one, other = np.tril_indices(SIZE, -1)
-    Ps[:, other, one] = Ps[:, one, other]
+    lower, upper = np.tril_indices(SIZE, -1)
+    Ps[:, upper, lower] = Ps[:, lower, upper]
     value, variance = np.array(came, dtype=float).reshape(-1, 2).T
     return Filtered(xs, Ps, Innovations(updates, value, variance, lifted / variance[:, None]))
 
@@ -189,26 +189,26 @@ def adjoint(nodes: Nodes, gain: Array, given: Array, added: Array) -> tuple[Arra
         (K, 14) weights of the states after the measurements of each node, with those that are `added`
         (K, 14) there, and of the states before them; (U,) weights of the measurements.
     """
-    after, told = added.copy(), given.copy()
+    after, weights_of = added.copy(), given.copy()
     before = np.empty_like(after)
-    measured = zip(range(told.size - 1, -1, -1), nodes.updates.H[::-1], gain[::-1], strict=True)
+    measured = zip(range(weights_of.size - 1, -1, -1), nodes.updates.H[::-1], gain[::-1], strict=True)
     turned, counts = nodes.F.transpose(0, 2, 1), nodes.updates.counts(len(after))
     for k in range(len(after) - 1, -1, -1):
         weight = before[k]
         weight[:] = after[k]
-        for j, h, own in islice(measured, counts[k]):
-            told[j] += ddot(own, weight)
-            daxpy(h, weight, SIZE, -told[j])
+        for j, h, gains in islice(measured, counts[k]):
+            weights_of[j] += ddot(gains, weight)
+            daxpy(h, weight, SIZE, -weights_of[j])
         if k:
             dgemv(1.0, turned[k], weight, 1.0, after[k - 1], 0, 1, 0, 1, 0, 1)  # F^T
-    return after, before, told
+    return after, before, weights_of
 
 
-def smoothed_states(nodes: Nodes, found: Filtered) -> Array:
+def smoothed_states(nodes: Nodes, by_filter: Filtered) -> Array:
     """(K, 14) smoothed states alone, without inverting a matrix (Bryson & Frazier 1963)."""
-    came = found.innovations
-    weights, _, _ = adjoint(nodes, came.gain, came.value / came.variance, np.zeros_like(found.x))
-    return np.asarray(found.x - (found.P @ weights[:, :, None])[:, :, 0])
+    came = by_filter.innovations
+    weights, _, _ = adjoint(nodes, came.gain, came.value / came.variance, np.zeros_like(by_filter.x))
+    return np.asarray(by_filter.x - (by_filter.P @ weights[:, :, None])[:, :, 0])
 
 
 def filtered(nodes: Nodes, innovations: Innovations) -> Filtered:
@@ -338,14 +338,14 @@ def mismatch(came: Innovations) -> dict[str, float]:
     It is the mean normalised innovation squared without the largest hundredth; successive innovations
     correlate, so one in ten counts.
     """
-    found = {}
+    sizes = {}
     for kind in dict.fromkeys(came.updates.kind.tolist()):
         counts = came.fresh(kind)
         ratio = np.sort(came.value[counts] ** 2 / came.variance[counts])
         ratio = ratio[: ratio.size - ratio.size // 100]
         nis = float(np.mean(ratio)) if ratio.size else 1.0
-        found[kind] = nis if nis > usual(max(ratio.size // 10, 1)) else 1.0
-    return found
+        sizes[kind] = nis if nis > usual(max(ratio.size // 10, 1)) else 1.0
+    return sizes
 
 
 def widening(came: Innovations) -> float:

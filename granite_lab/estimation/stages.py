@@ -12,6 +12,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.clock import Clock, agreed, find_offset, ramps, slow_offset
 from granite_lab.estimation.error_model import FAR, LOST_PITCH, UNKNOWN, SlipModel
+from granite_lab.estimation.guard import UNMATCHED
 from granite_lab.estimation.noise import identify, with_motion_noise
 from granite_lab.estimation.problem import Problem, Sensors
 from granite_lab.estimation.rest import coasts, find_rests, refuse_moved, turning_of
@@ -33,9 +34,6 @@ SPIN = 0.2
 a trial of half a minute [1/sqrt(s)]."""
 
 ALONE = Doubt("without encoders, noise that only motion makes cannot be told from the motion", grade="fair")
-UNMATCHED = Doubt(
-    "the ramps of the wheels are not found in the IMU: their clocks may be apart by any time", grade="poor"
-)
 
 LONG = 60.0
 """Motion longer than this [s] without a standstill leans on the wheels."""
@@ -70,7 +68,7 @@ def roll_wheels(
         return trial.wheels, None, ()
     forward = imu is not None and (robot.imu.forward != "find" or bool(trial.imu and trial.imu.robot_axes))
     try:
-        wheels, turned = check_signs(trial.wheels, imu, robot, forward_known=forward)
+        wheels, turned = check_signs(trial.wheels, imu, robot, forward_given=forward)
     except EstimateError as refusal:
         raise EstimateError(f"{trial.name}: {refusal.message}", refusal.hint) from None
     return wheels, rolling_of(wheels, robot), turned
@@ -152,8 +150,8 @@ def slip_and_noise(problem: Problem, clock: Clock, soil: Soil) -> Problem:
             with_jumps(problem, clock.near) if problem.imu.has_pitch_rate and problem.imu.gravity else problem
         )
         problem = replace(problem, noise=with_motion_noise(problem, clock.near))
-    found = identify_scatter(problem, clock.near)
-    return replace(problem, slip=replace(found, walk=max(found.walk, least)))
+    scattering = identify_scatter(problem, clock.near)
+    return replace(problem, slip=replace(scattering, walk=max(scattering.walk, least)))
 
 
 def smoothed(problem: Problem, clock: Clock, soil: Soil, distance: Estimate | None = None) -> Solution:
@@ -213,8 +211,8 @@ def _orient(
     """Level the axes at standstill and turn x to where the wheels accelerate the robot."""
     levelled = mounting.level(stream, inside(imu.t, still), imu.rotation)
     acceleration = np.gradient(np.nan_to_num(rolling.speed), rolling.t)
-    found = mounting.find_forward(stream, levelled, rolling.t, acceleration)
-    return mounting.to_body(stream, found, levelled=True)
+    rotation = mounting.find_forward(stream, levelled, rolling.t, acceleration)
+    return mounting.to_body(stream, rotation, levelled=True)
 
 
 def _far_from_rest(still: Sequence[Interval], imu: mounting.BodyImu) -> bool:

@@ -99,8 +99,8 @@ def rolling_of(stream: WheelStream, robot: Robot) -> Rolling:
         use[0] = np.isfinite(distance[0, i]) and use[1:2].any()
         for a, b in runs(use):
             if b - a >= 3:
-                own = np.concatenate([[0.0], np.cumsum(increment[a + 1 : b, i])])
-                velocity[a:b, i], velocity_std[a:b, i] = slope(t[a:b], own, sigma(1, speed[a:b]))
+                way = np.concatenate([[0.0], np.cumsum(increment[a + 1 : b, i])])
+                velocity[a:b, i], velocity_std[a:b, i] = slope(t[a:b], way, sigma(1, speed[a:b]))
     speed[~np.isfinite(mean)] = np.nan
     first = np.nan_to_num(distance[np.isfinite(distance).argmax(axis=0), np.arange(distance.shape[1])])
     return Rolling(
@@ -116,11 +116,11 @@ def _roll_rates(t: Array, velocity: Array, resolution: tuple[float, ...]) -> Rol
     increment, doubts = mask_dead(t, np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0), none)
     velocity = np.where(np.isfinite(increment) | (dt == 0)[:, None], velocity, np.nan)
     speed = side_mean(velocity)
-    known = np.isfinite(speed)
+    finite = np.isfinite(speed)
     bend = np.abs(np.diff(np.nan_to_num(speed), n=2, prepend=0.0, append=0.0))
-    scatter = 1.4826 * float(np.median(bend[known])) / np.sqrt(6.0) if known.any() else 0.0
+    scatter = 1.4826 * float(np.median(bend[finite])) / np.sqrt(6.0) if finite.any() else 0.0
     floor = max(max(resolution) / np.sqrt(12.0), scatter, 1e-3)
-    mean = integral(t, joined(t, t, speed) if known.any() else np.zeros_like(speed))
+    mean = integral(t, joined(t, t, speed) if finite.any() else np.zeros_like(speed))
     distance = np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0)
     distance[~np.isfinite(velocity)] = np.nan
     return Rolling(
@@ -134,9 +134,9 @@ def bridge(t: Array, angle: Array) -> Array:
     """Fill the cells of wheels that are sampled at other rows; longer gaps than 3 periods stay NaN."""
     filled = angle.copy()
     for wheel in filled.T:
-        known = np.isfinite(wheel)
-        if 1 < known.sum() < t.size:
-            between = bridged(t, known, 3.0 * float(np.median(np.diff(t[known])))) & ~known
+        finite = np.isfinite(wheel)
+        if 1 < finite.sum() < t.size:
+            between = bridged(t, finite, 3.0 * float(np.median(np.diff(t[finite])))) & ~finite
             wheel[between] = joined(t[between], t, wheel)
     return filled
 
@@ -179,9 +179,9 @@ def mask_dead(t: Array, distance: Array, resolution: Sequence[float]) -> tuple[A
 
 def _median(values: Array) -> Array:
     """Median over the wheels, NaN where none is known."""
-    known = np.isfinite(values).any(axis=1)
-    median = np.full(known.size, np.nan)
-    median[known] = np.nanmedian(values[known], axis=1)
+    finite = np.isfinite(values).any(axis=1)
+    median = np.full(finite.size, np.nan)
+    median[finite] = np.nanmedian(values[finite], axis=1)
     return median
 
 

@@ -1,5 +1,5 @@
 from .canonical import write_canonical, write_truth
 from .inspection import Inspection, inspect_logs
-from .reader import read_trial
+from .reader import Excerpt, read_trial
 
-__all__ = ["Inspection", "inspect_logs", "read_trial", "write_canonical", "write_truth"]
+__all__ = ["Excerpt", "Inspection", "inspect_logs", "read_trial", "write_canonical", "write_truth"]

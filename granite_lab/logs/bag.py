@@ -48,8 +48,8 @@ def read_bag(path: Path, asked: Mapping[str, str]) -> tuple[Table, dict[str, str
         from rosbags.highlevel import AnyReader  # noqa: PLC0415, an extra
         from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
     except ImportError:
-        what = f"{path}: reading ROS bags and MCAP needs rosbags, which is not installed"
-        raise LabError(what, "pip install 'granite-lab[ros]'") from None
+        reason = f"{path}: reading ROS bags and MCAP needs rosbags, which is not installed"
+        raise LabError(reason, "pip install 'granite-lab[ros]'") from None
     refuse_special(path)
     try:
         if not is_folder(path):
@@ -68,9 +68,9 @@ def read_bag(path: Path, asked: Mapping[str, str]) -> tuple[Table, dict[str, str
     except LabError:
         raise
     except Exception as error:  # the parsers raise whatever a damaged file makes them stumble over
-        what = " ".join(str(error).split())[:120] or type(error).__name__
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
         hint = "is the recording complete? 'ros2 bag reindex' may repair it"
-        raise InputError(f"{path}: cannot be read as a ROS bag: {what}", hint) from None
+        raise InputError(f"{path}: cannot be read as a ROS bag: {reason}", hint) from None
     columns = defaultdict[str, Array](lambda: np.full(len(rows), np.nan), t=_stamps(path, rows, doubts))
     names, fields = {topic: ROS[role]["fields"] for role, topic in chosen.items()}, dict[str, list[Field]]()
     for row, (topic, _, message) in enumerate(rows):
@@ -94,11 +94,11 @@ def _choose(
         if name == _LEFT_OUT:
             continue
         if name not in topics:
-            known = ", ".join(sorted(topics)) or "none"
-            raise UsageError(f"{path}: there is no topic '{name}'", f"topics: {known}")
+            listed = ", ".join(sorted(topics)) or "none"
+            raise UsageError(f"{path}: there is no topic '{name}'", f"topics: {listed}")
         if topics[name].msgtype not in ROLES[role]:
-            what = f"holds {topics[name].msgtype}, expected {' or '.join(ROLES[role])} for {role}"
-            raise UsageError(f"{path}: topic '{name}' {what}", "choose another topic")
+            fault = f"holds {topics[name].msgtype}, expected {' or '.join(ROLES[role])} for {role}"
+            raise UsageError(f"{path}: topic '{name}' {fault}", "choose another topic")
         chosen[role] = name
     for role, instead in _INSTEAD.items():
         if role in asked or instead in chosen:
@@ -111,15 +111,15 @@ def _choose(
         if free:
             chosen[role] = best = min(free)[1]
             if others := ", ".join(sorted(name for _, name in free if name != best)):
-                told = f"{path.name}: topic {best} taken as {role}, not {others}"
-                doubts.append(f"{told}; --topic {role}=… chooses another")
+                taken = f"{path.name}: topic {best} taken as {role}, not {others}"
+                doubts.append(f"{taken}; --topic {role}=… chooses another")
     if not set(chosen) & set(_INSTEAD):
         held = ", ".join(sorted({str(info.msgtype) for info in topics.values()})) or "nothing"
         imu, joints, odometry = (ROLES[role][0] for role in _INSTEAD)
         raise InputError(f"{path}: no topic with {imu}, {joints} or {odometry}", f"the bag holds: {held}")
     if "odom" in chosen:
-        told = f"no joint states: the wheels' velocity is that of odometry {chosen['odom']}"
-        doubts.append(f"{path.name}: {told}")
+        taken = f"no joint states: the wheels' velocity is that of odometry {chosen['odom']}"
+        doubts.append(f"{path.name}: {taken}")
     return chosen
 
 
@@ -135,12 +135,16 @@ def _stamps(path: Path, rows: Sequence[tuple[str, int, Any]], doubts: list[str])
     logged = list(zip(rows, stamps, strict=True))
     bare: set[str] = set()
     for topic in sorted({topic for topic, _, _ in rows}):
-        told = [stamp for (name, _, _), stamp in logged if name == topic]
-        if any(told) and not _stands_still(told, [arrival for name, arrival, _ in rows if name == topic]):
+        of_topic = [stamp for (name, _, _), stamp in logged if name == topic]
+        if any(of_topic) and not _stands_still(
+            of_topic, [arrival for name, arrival, _ in rows if name == topic]
+        ):
             continue
         bare.add(topic)
-        fault = "have no stamps" if not any(told) else f"have {len(set(told))} different stamps"
-        doubts.append(f"{path.name}: {len(told)} messages of {topic} {fault}; the time of arrival is used")
+        fault = "have no stamps" if not any(of_topic) else f"have {len(set(of_topic))} different stamps"
+        doubts.append(
+            f"{path.name}: {len(of_topic)} messages of {topic} {fault}; the time of arrival is used"
+        )
     late = [arrival - stamp for (topic, arrival, _), stamp in logged if topic not in bare]
     delay = int(np.median(late)) if bare and late else 0
     stamps = [arrival - delay if topic in bare else stamp for (topic, arrival, _), stamp in logged]
@@ -197,11 +201,11 @@ def bag_layout(table: Table, roles: Mapping[str, str]) -> tuple[Layout, list[str
             if to and (name := f"{topic}.{field}") in names
         ]
         if not fields:
-            what = f"{table.path}: no wheel among the joints of {topic}"
+            message = f"{table.path}: no wheel among the joints of {topic}"
             if len(columns) == 1:
                 shown = ", ".join(names[1:9]) + (", …" if len(names) > 9 else "")
-                raise InputError(what, f"name them in a column map for --map; there are: {shown}")
-            doubts.append(f"{what}; a column map can name them")
+                raise InputError(message, f"name them in a column map for --map; there are: {shown}")
+            doubts.append(f"{message}; a column map can name them")
     name = "ROS: " + ", ".join(f"{role} {topic}" for role, topic in roles.items())
     return Layout(name=name, column=tuple(columns), title=table.path.name), doubts
 
@@ -210,11 +214,11 @@ def _wheels(names: Sequence[str], topic: str) -> dict[str, list[str]]:
     """Return the fields of joints that are wheels: their positions, or else their velocities."""
     for quantity, unit in (("position", "rad"), ("velocity", "rad/s")):
         start = f"{topic}.{quantity}."
-        found = assign([name.removeprefix(start) for name in names if name.startswith(start)])
-        if found:
+        assigned = assign([name.removeprefix(start) for name in names if name.startswith(start)])
+        if assigned:
             return {
                 f"{quantity}.{joint}": [unit, *(f"enc_{wheel}" for wheel in wheels)]
-                for joint, wheels in found.items()
+                for joint, wheels in assigned.items()
             }
     return {}
 

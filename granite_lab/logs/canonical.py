@@ -62,19 +62,19 @@ def collect(
     lines = [(at(path, line), text.lstrip("#").strip()) for line, text in comments]
     above = ((where, _parse(bare, where)) for where, bare in lines if _LINE.match(bare))
     beside = ((str(sidecar), read_toml(sidecar)) for sidecar in sidecars)
-    said: Metadata = {"extra": {}}
+    metadata: Metadata = {"extra": {}}
     for where, table in chain(above, beside):
         for key, value in table.items():
             if key in _KEYS:
-                said[_KEYS[key]] = getattr(build(Known, {key: value}, where), _KEYS[key])
+                metadata[_KEYS[key]] = getattr(build(Known, {key: value}, where), _KEYS[key])
                 if key == "command":
-                    _refuse_path(where, said[key])
+                    _refuse_path(where, metadata[key])
                 continue
-            said["extra"][key] = str(value)
+            metadata["extra"][key] = str(value)
             close = difflib.get_close_matches(key, list(_KEYS), n=1, cutoff=0.8)
             if close:
                 warnings.append(f"{where}: metadata key '{key}' is not known; did you mean '{close[0]}'?")
-    return said
+    return metadata
 
 
 def _refuse_path(where: str, text: str) -> None:
@@ -106,8 +106,10 @@ def trial_info(sources: Sequence[Metadata], given: TrialInfo | None, robot: str 
     The robot is decided already.
     """
     layers = [*reversed(sources), vars(given or TrialInfo())]
-    said = [(key, value) for layer in layers for key, value in layer.items()]
-    merged = {key: value for key, value in said if value is not None and value is not False and value != ""}
+    entries = [(key, value) for layer in layers for key, value in layer.items()]
+    merged = {
+        key: value for key, value in entries if value is not None and value is not False and value != ""
+    }
     merged |= {"robot": robot, "extra": {k: text for layer in layers for k, text in layer["extra"].items()}}
     if "repetition" in merged:
         merged["repetition"] = int(merged["repetition"])
@@ -131,12 +133,12 @@ def write_canonical(path: Path, trial: Trial) -> None:
 
 def _comments(trial: Trial) -> list[str]:
     """Return the metadata as lines of TOML."""
-    wheels, known = trial.wheels, {key: getattr(trial.info, name, None) for key, name in _KEYS.items()}
-    known["imu_gravity_removed"] = trial.imu is not None and trial.imu.gravity_removed
+    wheels, values = trial.wheels, {key: getattr(trial.info, name, None) for key, name in _KEYS.items()}
+    values["imu_gravity_removed"] = trial.imu is not None and trial.imu.gravity_removed
     if wheels is not None and wheels.step > 0:
-        known["enc_step_rad" if wheels.rate is None else "enc_step_radps"] = wheels.step
-    said = {key: value for key, value in known.items() if value is not None and value is not False}
-    return [toml_line(key, value) for key, value in (said | trial.info.extra).items()]
+        values["enc_step_rad" if wheels.rate is None else "enc_step_radps"] = wheels.step
+    stated = {key: value for key, value in values.items() if value is not None and value is not False}
+    return [toml_line(key, value) for key, value in (stated | trial.info.extra).items()]
 
 
 def _table(trial: Trial) -> pd.DataFrame:
@@ -167,6 +169,6 @@ def write_truth(path: Path, motion: pd.DataFrame) -> None:
     Raises:
         LabError: the file cannot be written.
     """
-    said = {"virtual": True, **motion.attrs}
-    header = "".join(f"# {key} = {json.dumps(value)}\n" for key, value in said.items())
+    metadata = {"virtual": True, **motion.attrs}
+    header = "".join(f"# {key} = {json.dumps(value)}\n" for key, value in metadata.items())
     write_text(path, header + motion.to_csv(index=False, float_format="%.7g"))

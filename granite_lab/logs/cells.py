@@ -55,24 +55,24 @@ class Cells:
             InputError: too many rows are damaged, or the columns change their places.
         """
         rows, total = table.rows, len(next(iter(self.columns.values()), ()))
-        keep, found = np.ones(total, dtype=bool), {line: (what, _CELLS) for line, what in rows.damaged}
+        keep, faulty = np.ones(total, dtype=bool), {line: (message, _CELLS) for line, message in rows.damaged}
         for place in wanted:
             for row, text in self.faults.get(place, {}).items():
                 if keep[row]:
                     line = int(rows.lines[row]) if table.data_line else row + 1
-                    what, hint = _fault(text, table.decimal, "date" if place in self.dates else "number")
-                    found[line] = f"column '{table.names[place]}': {what}", hint
+                    message, hint = _fault(text, table.decimal, "date" if place in self.dates else "number")
+                    faulty[line] = f"column '{table.names[place]}': {message}", hint
                 keep[row] = False
         total += len(rows.damaged)
-        damaged = sorted(found)
-        what, hint = found[damaged[0]] if damaged else ("", "")
+        damaged = sorted(faulty)
+        message, hint = faulty[damaged[0]] if damaged else ("", "")
         if len(damaged) > _FEW + _SHARE * total:
-            raise table.error(f"{what}; {len(damaged)} of {total} rows are damaged", hint, damaged[0])
+            raise table.error(f"{message}; {len(damaged)} of {total} rows are damaged", hint, damaged[0])
         self._refuse_header(table, keep, wanted)
         many, out = f"{len(damaged)} damaged rows were", "left out"
         header, comments = "the header stands here again", "among the rows passed over"
         return keep, [
-            *_listed(table, damaged, f"{what}: the row was {out}", f"{what}: {many} {out}"),
+            *_listed(table, damaged, f"{message}: the row was {out}", f"{message}: {many} {out}"),
             *_listed(table, rows.headers, header, f"{header}, {len(rows.headers)} times"),
             *_listed(
                 table, rows.comments, f"a comment {comments}", f"{len(rows.comments)} comments {comments}"
@@ -84,9 +84,9 @@ class Cells:
         for row in np.flatnonzero(~keep).tolist() if len(wanted) > 1 else ():
             names = {self.faults.get(place, {}).get(row, "") for place in wanted}
             if len(names) == len(wanted) and all(name[:1].isalpha() for name in names):
-                what = f"another header in the middle: {', '.join(sorted(names)[:5])}"
+                message = f"another header in the middle: {', '.join(sorted(names)[:5])}"
                 hint = "cut the file there and read the parts as separate trials"
-                raise table.error(what, hint, int(table.rows.lines[row]))
+                raise table.error(message, hint, int(table.rows.lines[row]))
 
 
 def _fault(text: str, decimal: str, kind: str) -> tuple[str, str]:
@@ -100,13 +100,13 @@ def _fault(text: str, decimal: str, kind: str) -> tuple[str, str]:
     return f"{shown} is not a number, expected one", _POINT if point else _EMPTY
 
 
-def _listed(table: Table, lines: Sequence[int], one: str, several: str) -> list[str]:
+def _listed(table: Table, lines: Sequence[int], single: str, several: str) -> list[str]:
     """Return a warning about some lines, none if there are none."""
     if not lines:
         return []
     shown = ", ".join(map(str, lines[:_SHOWN])) + (", …" if len(lines) > _SHOWN else "")
-    what = one if len(lines) == 1 else f"{several}, lines {shown}"
-    return [f"{at(table.path.name, lines[0])}: {what}"]
+    message = single if len(lines) == 1 else f"{several}, lines {shown}"
+    return [f"{at(table.path.name, lines[0])}: {message}"]
 
 
 def load(table: Table, wanted: Sequence[int], dates: Sequence[int]) -> Cells:
@@ -128,15 +128,15 @@ def load(table: Table, wanted: Sequence[int], dates: Sequence[int]) -> Cells:
     for first, block in _blocks(table.rows.text):
         frame, plain = _parse(table, block, wanted, dates)
         for place in numbers:
-            values, found = (frame[place].to_numpy(), {}) if plain else _numbers(frame[place], table.decimal)
+            values, faulty = (frame[place].to_numpy(), {}) if plain else _numbers(frame[place], table.decimal)
             parts[place].append(values)
-            faults[place] |= {first + row: text for row, text in found.items()}
+            faults[place] |= {first + row: text for row, text in faulty.items()}
         texts.append(frame[list(dates)])
     columns = {place: np.concatenate(values) for place, values in parts.items()}
     for place in dates:
         written = pd.concat([frame[place] for frame in texts], ignore_index=True)
         columns[place], faults[place] = seconds(written)
-    return Cells(columns, {place: found for place, found in faults.items() if found}, dates)
+    return Cells(columns, {place: faulty for place, faulty in faults.items() if faulty}, dates)
 
 
 def _blocks(text: bytes) -> Iterator[tuple[int, bytes]]:

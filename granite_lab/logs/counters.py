@@ -28,8 +28,8 @@ def integral(t: Array, x: Array) -> Array:
 
 def joined(at: Array | float, t: Array, x: Array) -> Array:
     """Return at instants `at` [s] what x (N,) is on straight lines between its known samples at t (N,)."""
-    known = np.isfinite(x)
-    return np.asarray(np.interp(at, t[known], x[known]))
+    finite = np.isfinite(x)
+    return np.asarray(np.interp(at, t[finite], x[finite]))
 
 
 def powers(count: float = 1.0) -> list[float]:

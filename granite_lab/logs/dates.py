@@ -63,10 +63,10 @@ def seconds(texts: pd.Series) -> tuple[Array, dict[int, str]]:
     Dates count since 1970 (no zone: UTC), times of day since midnight.
     """
     written = texts.str.strip()
-    known = written[written.notna()]
-    form = _form(known.iloc[:100].tolist())
+    filled = written[written.notna()]
+    form = _form(filled.iloc[:100].tolist())
     if form is None:
-        return np.full(len(texts), np.nan), {int(row): str(texts.iloc[row]) for row in np.flatnonzero(known)}
+        return np.full(len(texts), np.nan), {int(row): str(texts.iloc[row]) for row in np.flatnonzero(filled)}
     # Named groups cannot occur twice in a pattern: those of the short form of times end in 2.
     parts = written.str.extract(f"^{form.pattern}$", flags=re.ASCII)
     for key in ("m", "s", "f"):
@@ -95,10 +95,10 @@ def _days(parts: pd.DataFrame) -> Array:
     if "y" not in parts:
         return _number(parts, "y")
     if "one" in parts:
-        one, two, dot = _number(parts, "one"), _number(parts, "two"), (parts["sign"] == ".").any()
-        by_order = [_calendar(parts, month, day) for month, day in ((one, two), (two, one))]
-        lost = [np.count_nonzero(np.isnan(found)) for found in by_order]
-        lasts = [float(np.nanmax(found, initial=0) - np.nanmin(found, initial=1e9)) for found in by_order]
+        first, second, dot = _number(parts, "one"), _number(parts, "two"), (parts["sign"] == ".").any()
+        by_order = [_calendar(parts, month, day) for month, day in ((first, second), (second, first))]
+        lost = [np.count_nonzero(np.isnan(days)) for days in by_order]
+        lasts = [float(np.nanmax(days, initial=0) - np.nanmin(days, initial=1e9)) for days in by_order]
         day_first = lost[1] < lost[0] or (lost[1] == lost[0] and (dot or lasts[1] < lasts[0]))
         return by_order[int(day_first)]
     month = _number(parts, "mo")
@@ -114,8 +114,8 @@ def _calendar(parts: pd.DataFrame, month: Array, day: Array) -> Array:
 
     table = pd.DataFrame({"year": _number(parts, "y"), "month": month, "day": day})
     unique = table.drop_duplicates().reset_index(drop=True)
-    found = pd.to_datetime(unique, errors="coerce")
-    unique["since"] = (found - pd.Timestamp(0)) / pd.Timedelta(days=1)
+    parsed = pd.to_datetime(unique, errors="coerce")
+    unique["since"] = (parsed - pd.Timestamp(0)) / pd.Timedelta(days=1)
     return table.merge(unique, how="left", on=["year", "month", "day"])["since"].to_numpy(dtype=np.float64)
 
 

@@ -54,15 +54,15 @@ class Dialect:
     unnamed: tuple[int, str, str] = (0, "", "")  # without headers: line, what is wrong, and a hint
 
 
-def find_dialect(path: Path, lines: Sequence[str], said: TableFormat) -> Dialect:
+def find_dialect(path: Path, lines: Sequence[str], stated: TableFormat) -> Dialect:
     """Find out how the lines of a text hold its table, of which a column map may say something.
 
     Raises:
         InputError: empty, without a table or without rows of data.
     """
 
-    def fault(line: int | None, what: str, hint: str = PLAIN) -> InputError:
-        return InputError(f"{at(path, line)}: {what}", hint)
+    def fault(line: int | None, message: str, hint: str = PLAIN) -> InputError:
+        return InputError(f"{at(path, line)}: {message}", hint)
 
     comments, records, separator = _head(lines)
     if not records and not comments:
@@ -71,9 +71,9 @@ def find_dialect(path: Path, lines: Sequence[str], said: TableFormat) -> Dialect
         hint = "the header names the columns, such as t_s,imu_ax_mps2,…"
         raise fault(None, "no header line, only comments", hint)
     named = {name: sign for sign, name in DELIMITERS.items()}
-    delimiter = named.get(said.delimiter, said.delimiter) or separator or _delimiter(records)
+    delimiter = named.get(stated.delimiter, stated.delimiter) or separator or _delimiter(records)
     rows = [(number, split(line, delimiter)) for number, line in records]
-    decimal = said.decimal or _decimal([row for _, row in rows], delimiter)
+    decimal = stated.decimal or _decimal([row for _, row in rows], delimiter)
     data = _data(rows, decimal)
     if not data and all(len(row) <= 1 for _, row in rows):
         raise fault(rows[0][0], "no table here")
@@ -95,11 +95,11 @@ def find_dialect(path: Path, lines: Sequence[str], said: TableFormat) -> Dialect
     sample = [row for _, row in below[:_SAMPLE_ROWS]]
     headers, header_line = _headers(above, sample)
     unnamed = (0, "", "")
-    if said.names:
-        headers, header_line = (said.names,), 0
-        if len(said.names) != width:
-            what = f"{width} columns, but the column map names {len(said.names)}"
-            raise fault(data_line, what, "correct 'names' under [table] in the map")
+    if stated.names:
+        headers, header_line = (stated.names,), 0
+        if len(stated.names) != width:
+            message = f"{width} columns, but the column map names {len(stated.names)}"
+            raise fault(data_line, message, "correct 'names' under [table] in the map")
     elif not headers:
         unnamed = _unnamed(above, data_line, width)
     text_above = [line for number, line in records if number < data_line]
@@ -118,14 +118,14 @@ def _unnamed(above: NumberedRows, data_line: int, width: int) -> tuple[int, str,
         hint = f"add one, or give {names}"
         return data_line, "no header line, expected the names of the columns", hint
     line, row = above[-1]
-    what = f"the header names {len(row)} columns, the rows below have {width}"
+    message = f"the header names {len(row)} columns, the rows below have {width}"
     hint = f"one name a column: quote names that hold the delimiter, or give {names}"
-    return line, what, f"{hint}; a decimal comma needs another delimiter"
+    return line, message, f"{hint}; a decimal comma needs another delimiter"
 
 
 def _head(lines: Sequence[str]) -> tuple[NumberedLines, NumberedLines, str]:
     """Return comment lines, the first other rows that are not blank, and a delimiter said by ``sep=``."""
-    comments, records, said = NumberedLines(), NumberedLines(), ""
+    comments, records, separator = NumberedLines(), NumberedLines(), ""
     number = 0
     while number < len(lines) and len(records) < _LINES:
         text, span = lines[number][:_LONGEST].lstrip("\ufeff"), 1
@@ -134,14 +134,14 @@ def _head(lines: Sequence[str]) -> tuple[NumberedLines, NumberedLines, str]:
             continue
         if text.lstrip().startswith("#"):
             comments.append((number, text.lstrip()))
-        elif not records and not said and (match := re.fullmatch(r'"?sep=(.)"?\s*', text[:20])):
-            said = match.group(1)
+        elif not records and not separator and (match := re.fullmatch(r'"?sep=(.)"?\s*', text[:20])):
+            separator = match.group(1)
         else:
             if '"' in text:
                 span = joined([text, *islice(lines, number, number + LINES_OF_A_CELL)])
             records.append((number, "\n".join([text, *lines[number : number + span - 1]])))
             number += span - 1
-    return comments, records, said
+    return comments, records, separator
 
 
 def _delimiter(lines: NumberedLines) -> str:

@@ -29,44 +29,44 @@ from granite_lab.logs.sensors.stamps import SECONDS, ticks_too_rarely, unit_fact
 from granite_lab.logs.table import Table
 from granite_lab.logs.trial import Array
 
-Found = dict[int, ColumnReport]  # the place of a column, and what it seems to be
+Guesses = dict[int, ColumnReport]  # the place of a column, and what it seems to be
 
 
 def guess(table: Table, columns: Mapping[int, Array]) -> list[ColumnReport]:
     """Guess what columns (N,) of a log are, from their places and values, dates as seconds since 1970."""
-    found = {place: called(table, place) for place in columns}
-    _dates(found, table, columns)
-    _seconds_and_parts(found, columns)
-    _running(found, columns)
-    _first_only(found)
-    _time(found, columns)
-    _triples(found, columns)
-    _encoders(found, columns)
-    return list(found.values())
+    guesses = {place: called(table, place) for place in columns}
+    _dates(guesses, table, columns)
+    _seconds_and_parts(guesses, columns)
+    _running(guesses, columns)
+    _first_only(guesses)
+    _time(guesses, columns)
+    _triples(guesses, columns)
+    _encoders(guesses, columns)
+    return list(guesses.values())
 
 
-def _dates(found: Found, table: Table, columns: Mapping[int, Array]) -> None:
+def _dates(guesses: Guesses, table: Table, columns: Mapping[int, Array]) -> None:
     """Find dates and times of day, which may stand in two columns."""
     dated = [place for place in columns if table.is_dated(place)]
     times = [place for place in dated if are_times_of_day(table.filled(place))]
     days = [place for place in dated if not (columns[place] % 86400.0).any()]
     if times and days:
         day, time, sure = days[0], times[0], {"confidence": 0.95, "assumed": False}
-        _set(found, day, DATE, f"day, with the time in '{found[time].name}'", to=("t",), **sure)
-        _set(found, time, DATE, f"time of day, with '{found[day].name}'", to=("t_add",), **sure)
+        _set(guesses, day, DATE, f"day, with the time in '{guesses[time].name}'", to=("t",), **sure)
+        _set(guesses, time, DATE, f"time of day, with '{guesses[day].name}'", to=("t_add",), **sure)
         dated = [place for place in dated if place not in (day, time)]
     for place in dated:
         fine = bool((np.diff(columns[place]) != 0).mean() > 0.5) if len(columns[place]) > 1 else False
-        _set(found, place, DATE, "dates", to=("t",), confidence=0.95 if fine else 0.3, assumed=False)
+        _set(guesses, place, DATE, "dates", to=("t",), confidence=0.95 if fine else 0.3, assumed=False)
 
 
-def _running(found: Found, columns: Mapping[int, Array]) -> None:
+def _running(guesses: Guesses, columns: Mapping[int, Array]) -> None:
     """Leave out a clock that stands still or ticks too rarely, where another one runs."""
-    clocks = [place for place, one in found.items() if one.to == ("t",)]
-    apart = any(one.to == ("t_add",) for one in found.values())
+    clocks = [place for place, column in guesses.items() if column.to == ("t",)]
+    apart = any(column.to == ("t_add",) for column in guesses.values())
     idle = [] if apart else [place for place in clocks if ticks_too_rarely(columns[place])]
     for place in idle if len(idle) < len(clocks) else ():
-        _set(found, place, "", "a clock that ticks too rarely", to=(), confidence=0.0)
+        _set(guesses, place, "", "a clock that ticks too rarely", to=(), confidence=0.0)
 
 
 def called(table: Table, place: int) -> ColumnReport:
@@ -74,17 +74,17 @@ def called(table: Table, place: int) -> ColumnReport:
     return replace(by_name(table.headers[0][place] if table.headers else "", place), name=table.names[place])
 
 
-def _set(found: Found, place: int, unit: str, why: str, **more: Any) -> None:
+def _set(guesses: Guesses, place: int, unit: str, why: str, **more: Any) -> None:
     """Change the guess about a column."""
-    found[place] = replace(found[place], unit=unit, why=why, **more)
+    guesses[place] = replace(guesses[place], unit=unit, why=why, **more)
 
 
-def _seconds_and_parts(found: Found, columns: Mapping[int, Array]) -> None:
+def _seconds_and_parts(guesses: Guesses, columns: Mapping[int, Array]) -> None:
     """Find whole seconds and the parts of a second in two columns: ``stamp.secs``, ``stamp.nsecs``."""
     stems: dict[str, int] = {}
     parts: list[tuple[str, int, Unit]] = []
-    for place, one in found.items():
-        hit = re.fullmatch(r"((?:.*[^A-Za-z])?)([A-Za-z]+)[\])]?", one.name.strip())
+    for place, column in guesses.items():
+        hit = re.fullmatch(r"((?:.*[^A-Za-z])?)([A-Za-z]+)[\])]?", column.name.strip())
         unit = find_unit(hit[2]) if hit else None
         if hit and unit and unit.name == "s":
             stems.setdefault(hit[1].lower(), place)
@@ -99,48 +99,48 @@ def _seconds_and_parts(found: Found, columns: Mapping[int, Array]) -> None:
         # The parts start again just where the seconds go on, and only there.
         if (np.diff(s + p) >= 0).mean() > 0.98 and (np.diff(s) > 0).any() and np.ptp(p) > 0.5:
             sure = {"confidence": 0.98, "assumed": False}
-            why = f"with '{found[part].name}': whole seconds and their parts"
-            _set(found, whole, "s", why, to=("t",), **sure)
-            why = f"part of a second, belongs to '{found[whole].name}'"
-            _set(found, part, unit.name, why, to=("t_add",), **sure)
+            why = f"with '{guesses[part].name}': whole seconds and their parts"
+            _set(guesses, whole, "s", why, to=("t",), **sure)
+            why = f"part of a second, belongs to '{guesses[whole].name}'"
+            _set(guesses, part, unit.name, why, to=("t_add",), **sure)
             return
 
 
-def _first_only(found: Found) -> None:
+def _first_only(guesses: Guesses) -> None:
     """Let each channel keep its surest column."""
     taken: dict[str, int] = {}
-    for place, one in sorted(found.items(), key=lambda item: -item[1].confidence):
-        rival = next((taken[channel] for channel in one.to if channel in taken), None)
+    for place, column in sorted(guesses.items(), key=lambda item: -item[1].confidence):
+        rival = next((taken[channel] for channel in column.to if channel in taken), None)
         if rival is not None:
-            _set(found, place, "", f"same quantity as '{found[rival].name}'", to=(), confidence=0.0)
-        taken |= dict.fromkeys(found[place].to, place)
+            _set(guesses, place, "", f"same quantity as '{guesses[rival].name}'", to=(), confidence=0.0)
+        taken |= dict.fromkeys(guesses[place].to, place)
 
 
-def _time(found: Found, columns: Mapping[int, Array]) -> None:
+def _time(guesses: Guesses, columns: Mapping[int, Array]) -> None:
     """Find a clock by its values, if no name says so, and its unit by the rate."""
-    clocks = [place for place, one in found.items() if one.to == ("t",)]
+    clocks = [place for place, column in guesses.items() if column.to == ("t",)]
     for place, values in columns.items():
         steps = np.diff(values[np.isfinite(values)])
         # A clock ticks about evenly and never back.
         if not clocks and len(steps) > 5 and (steps >= 0).mean() > 0.98 and np.median(steps) > 0:
             spread = np.quantile(steps, 0.9) / np.median(steps)
-            if spread < 3 and (not found[place].to or spread < 1.5):
+            if spread < 3 and (not guesses[place].to or spread < 1.5):
                 clocks = [place]
-                _set(found, place, "s", "increases evenly", to=("t",), confidence=0.6, assumed=True)
+                _set(guesses, place, "s", "increases evenly", to=("t",), confidence=0.6, assumed=True)
     for place in clocks:
-        one, stamps = found[place], columns[place][np.isfinite(columns[place])]
-        for slowest in (4.0, 0.5) if one.assumed else ():
+        column, stamps = guesses[place], columns[place][np.isfinite(columns[place])]
+        for slowest in (4.0, 0.5) if column.assumed else ():
             with suppress(InputError):
                 factor, _ = unit_factor(stamps, 1.0, slowest)
                 unit = next(name for name, size in SECONDS.items() if size == factor)
-                _set(found, place, unit, f"{one.why}; unit by the rate")
+                _set(guesses, place, unit, f"{column.why}; unit by the rate")
                 break
 
 
-def _triples(found: Found, columns: Mapping[int, Array]) -> None:
+def _triples(guesses: Guesses, columns: Mapping[int, Array]) -> None:
     """Find an accelerometer by gravity, and set its unit and the gyroscope's by the values."""
-    places = {channel: place for place, one in found.items() for channel in one.to}
-    free = [place for place, one in found.items() if not one.to]
+    places = {channel: place for place, column in guesses.items() for channel in column.to}
+    free = [place for place, column in guesses.items() if not column.to]
     if all(channel in places for channel in ACCELERATION):
         trios = [tuple(places[channel] for channel in ACCELERATION)]
     else:
@@ -151,26 +151,30 @@ def _triples(found: Found, columns: Mapping[int, Array]) -> None:
         size = float(np.median(np.linalg.norm(whole, axis=1))) if len(whole) >= 5 else np.nan
         unit = gravity_unit(size, 0.1)
         for place, channel in zip(trio, ACCELERATION, strict=True):
-            one = found[place]
-            if unit and not one.to:
+            column = guesses[place]
+            if unit and not column.to:
                 why = "three columns that add up to gravity"
-                _set(found, place, unit, why, to=(channel,), confidence=0.5, assumed=True)
-            elif unit and unit != one.unit and one.assumed:
-                _set(found, place, unit, "name; unit by gravity")
+                _set(guesses, place, unit, why, to=(channel,), confidence=0.5, assumed=True)
+            elif unit and unit != column.unit and column.assumed:
+                _set(guesses, place, unit, "name; unit by gravity")
         if unit:
             break
     for place in (places[channel] for channel in RATE if channel in places):
-        one, peak = found[place], float(np.nanmax(np.abs(columns[place]), initial=0.0))
-        if one.unit == "rad/s" and one.assumed and peak > 20:
-            _set(found, place, "deg/s", "name; too fast for rad/s")
+        column, peak = guesses[place], float(np.nanmax(np.abs(columns[place]), initial=0.0))
+        if column.unit == "rad/s" and column.assumed and peak > 20:
+            _set(guesses, place, "deg/s", "name; too fast for rad/s")
 
 
-def _encoders(found: Found, columns: Mapping[int, Array]) -> None:
+def _encoders(guesses: Guesses, columns: Mapping[int, Array]) -> None:
     """Tell counts, angles, rates and velocities of wheels apart by their names and values."""
-    wheels = [place for place, one in found.items() if one.to and one.to[0] in ENCODERS and one.assumed]
-    said = {place: set(words(found[place].name)[0]) for place in wheels}
+    wheels = [
+        place
+        for place, column in guesses.items()
+        if column.to and column.to[0] in ENCODERS and column.assumed
+    ]
+    parts = {place: set(words(guesses[place].name)[0]) for place in wheels}
     for rate in (True, False):  # all wheels report the same
-        members = [place for place in wheels if bool(said[place] & WORDS["rates"]) == rate]
+        members = [place for place in wheels if bool(parts[place] & WORDS["rates"]) == rate]
         values = [columns[place][np.isfinite(columns[place])] for place in members]
         if not members or min(map(len, values)) < 5:
             continue
@@ -178,7 +182,7 @@ def _encoders(found: Found, columns: Mapping[int, Array]) -> None:
             unit = "rad/s" if max(np.abs(v).max() for v in values) > 3 else "m/s"
         else:
             whole = all((v == np.rint(v)).all() for v in values) and max(map(np.ptp, values)) > 5
-            unit = "counts" if whole or any(said[place] & WORDS["counted"] for place in members) else "rad"
+            unit = "counts" if whole or any(parts[place] & WORDS["counted"] for place in members) else "rad"
         for place in members:
-            sure = found[place].confidence * 0.9
-            _set(found, place, unit, "name; unit by the values", confidence=sure)
+            sure = guesses[place].confidence * 0.9
+            _set(guesses, place, unit, "name; unit by the values", confidence=sure)

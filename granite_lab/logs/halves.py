@@ -41,12 +41,12 @@ def halves(
     if not imu[first] or imu[other] or driven[first] or not driven[other]:
         return {}, ""
     role = "encoders" if wheels[other] else "currents"
-    what = f"{files[first].name} holds an IMU alone and {files[other].name} {role} alone"
+    message = f"{files[first].name} holds an IMU alone and {files[other].name} {role} alone"
     (begin, end), (start, stop) = spans
     if min(end, stop) - max(begin, start) < _IN_COMMON * min(end - begin, stop - start):
         typed = f"granite-lab ingest {files[first]} --{role} {files[other]}"
-        return {}, f"{what}, at other times: read as two trials; as one: {typed}"
-    return {"imu": files[first], role: files[other]}, f"{what}: read as one trial"
+        return {}, f"{message}, at other times: read as two trials; as one: {typed}"
+    return {"imu": files[first], role: files[other]}, f"{message}: read as one trial"
 
 
 def _span(source: Source) -> tuple[float, float]:

@@ -186,10 +186,10 @@ def _inspect(
     robot: str | Path | None,
 ) -> FileReport:
     """Look at one file: by its layout, or else by guess."""
-    report, found = FileReport(path), None
+    report, fit = FileReport(path), None
     try:
-        found = recognise(path, maps, topics)
-        table = found.table
+        fit = recognise(path, maps, topics)
+        table = fit.table
     except InputError as error:
         report = replace(report, problem=error.message, hint=error.hint)
         if is_bag(path):
@@ -202,29 +202,29 @@ def _inspect(
         cells = _cells(table)
     except InputError as error:
         return replace(report, problem=report.problem or error.message, hint=report.hint or error.hint)
-    columns, doubts = cells.columns, _named_alike(table) if found is None else _passed_over(found, maps)
-    entries = _recognised(found) if found is not None else guess(table, columns)
+    columns, doubts = cells.columns, _named_alike(table) if fit is None else _passed_over(fit, maps)
+    entries = _recognised(fit) if fit is not None else guess(table, columns)
     used = {column.place for column in entries}
     entries += [_unused(table, columns, place) for place in range(table.width) if place not in used]
-    entries = [_ranged(one, columns[one.place]) if one.place in columns else one for one in entries]
+    entries = [_ranged(entry, columns[entry.place]) if entry.place in columns else entry for entry in entries]
     text = table if table.data_line else None
     report = replace(report, dialect=text, entries=tuple(entries), doubts=tuple(doubts))
-    if found is not None:
+    if fit is not None:
         keys = ("robot", "rows", "split", "gravity_removed")
-        head = tuple((key, value) for key in keys if (value := getattr(found.layout, key)))
-        report = replace(report, layout=found.layout.name, confidence=_KNOWN, head=head)
+        head = tuple((key, value) for key in keys if (value := getattr(fit.layout, key)))
+        report = replace(report, layout=fit.layout.name, confidence=_KNOWN, head=head)
     else:
         sure = min((column.confidence for column in entries if column.to), default=0.0)
         report = replace(report, confidence=sure)
         if not any("t" in column.to for column in entries):
             return replace(report, doubts=(*report.doubts, *_damage(table, cells, ())))
     try:
-        source = read_source(found or _bound(report, table), held=cells)
+        source = read_source(fit or _bound(report, table), held=cells)
         trial = assemble(path, [("", source)], robot, whole=False)
     except InputError as error:
-        told = (*report.doubts, error.message) if error.message != report.problem else report.doubts
+        lines = (*report.doubts, error.message) if error.message != report.problem else report.doubts
         return replace(
-            report, problem=report.problem or error.message, hint=report.hint or error.hint, doubts=told
+            report, problem=report.problem or error.message, hint=report.hint or error.hint, doubts=lines
         )
     return _measured(report, trial, robot)
 
@@ -234,8 +234,10 @@ def _measured(report: FileReport, trial: Trial, robot: str | Path | None) -> Fil
     the_robot = load_robot(robot or trial.info.robot or "granite")
     still, motion = tuple(standstills(trial, the_robot)), look(trial, the_robot)
     entries = tuple(
-        replace(one, unit=unit) if (unit := next(filter(None, map(trial.units.get, one.to)), "")) else one
-        for one in report.entries
+        replace(column, unit=unit)
+        if (unit := next(filter(None, map(trial.units.get, column.to)), ""))
+        else column
+        for column in report.entries
     )
     head = dict(report.head)
     if trial.imu is not None:
@@ -261,15 +263,15 @@ def _damage(table: Table, cells: Cells, wanted: Collection[int]) -> list[str]:
         return [error.message]
 
 
-def _passed_over(found: Match, maps: Sequence[Layout]) -> list[str]:
+def _passed_over(fit: Match, maps: Sequence[Layout]) -> list[str]:
     """Return a warning that no given map fits a file that the catalogue knows."""
-    if not maps or found.layout in maps or is_bag(found.table.path):
+    if not maps or fit.layout in maps or is_bag(fit.table.path):
         return []
     try:
-        why = no_match([match(layout, found.table) for layout in maps], given=True).message
+        why = no_match([match(layout, fit.table) for layout in maps], given=True).message
     except InputError as error:
         why = error.message
-    return [f"read by layout '{found.layout.name}', for no given map fits: {why}"]
+    return [f"read by layout '{fit.layout.name}', for no given map fits: {why}"]
 
 
 def _named_alike(table: Table) -> list[str]:
@@ -278,10 +280,10 @@ def _named_alike(table: Table) -> list[str]:
     if not listed:
         return []
     first = table.repeated[0][1]
-    told = f"in a column map they are {' and '.join(repr(table.names[k]) for k in first[:2])}, …"
+    remedy = f"in a column map they are {' and '.join(repr(table.names[k]) for k in first[:2])}, …"
     where = at(table.path.name, table.header_line or None)
     more = ", …" if len(listed) > 6 else ""
-    return [f"{where}: names that occur more than once: {', '.join(listed[:6])}{more}; {told}"]
+    return [f"{where}: names that occur more than once: {', '.join(listed[:6])}{more}; {remedy}"]
 
 
 def _ranged(column: ColumnReport, values: Array) -> ColumnReport:
@@ -292,15 +294,17 @@ def _ranged(column: ColumnReport, values: Array) -> ColumnReport:
     return replace(column, low=float(seen.min()), high=float(seen.max()), filled=len(seen) / len(values))
 
 
-def _recognised(found: Match) -> list[ColumnReport]:
+def _recognised(fit: Match) -> list[ColumnReport]:
     """Report the columns of a known layout, in the order of its map."""
-    why, reports = f"layout '{found.layout.name}'", dict[int, ColumnReport]()
-    several = sum(b.channel == "t" for b in found.bindings) > 1
-    for b in found.bindings:
-        said = [(k, value) for k in _SETTINGS if (value := getattr(b.spec, k)) != getattr(_PLAIN, k)]
-        said += [("optional", True)] if b.channel == "t" and several else []
+    why, reports = f"layout '{fit.layout.name}'", dict[int, ColumnReport]()
+    several = sum(b.channel == "t" for b in fit.bindings) > 1
+    for b in fit.bindings:
+        settings = [(k, value) for k in _SETTINGS if (value := getattr(b.spec, k)) != getattr(_PLAIN, k)]
+        settings += [("optional", True)] if b.channel == "t" and several else []
         to = (*reports[b.place].to, b.channel) if b.place in reports else (b.channel,)
-        reports[b.place] = ColumnReport(b.name, b.place, to, b.unit.name, _KNOWN, why, settings=tuple(said))
+        reports[b.place] = ColumnReport(
+            b.name, b.place, to, b.unit.name, _KNOWN, why, settings=tuple(settings)
+        )
     return list(reports.values())
 
 
@@ -308,19 +312,19 @@ def _unused(table: Table, columns: Mapping[int, Array], place: int) -> ColumnRep
     """Report a column that nothing is taken from, with what it may be."""
     if place not in columns:
         return ColumnReport(table.names[place], place, why="not used; texts or empty")
-    one = called(table, place)
-    what = f"its name suggests {', '.join(one.to)} [{one.unit}]" if one.to else one.why
-    return replace(one, to=(), confidence=0.0, why=f"not used; {what}")
+    guessed = called(table, place)
+    suggestion = f"its name suggests {', '.join(guessed.to)} [{guessed.unit}]" if guessed.to else guessed.why
+    return replace(guessed, to=(), confidence=0.0, why=f"not used; {suggestion}")
 
 
 def _bound(report: FileReport, table: Table) -> Match:
     """Bind the columns as they were guessed, if a clock is among them and the header tells them apart."""
     used = [e for e in report.entries if e.to]
     columns = tuple(Column(to=e.to, name=e.name, unit=e.unit) for e in used)
-    found = match(Layout(name=report.path.stem, column=columns), table)
-    if found.missing:
+    fit = match(Layout(name=report.path.stem, column=columns), table)
+    if fit.missing:
         raise InputError(report.problem)
-    return found
+    return fit
 
 
 def _streams(trial: Trial) -> tuple[StreamReport, ...]:
@@ -330,11 +334,11 @@ def _streams(trial: Trial) -> tuple[StreamReport, ...]:
         "imu": trial.imu, "encoders": trial.wheels, "motor currents": trial.currents,
         "command": trial.command, "reference": trial.reference_x or trial.reference_v,
     }  # fmt: skip
-    for what, stream in sensors.items():
+    for name, stream in sensors.items():
         if stream is not None:
             t, steps = stream.t, np.diff(stream.t)
             period = float(np.median(steps))
             gap = steps > GAP_PERIODS * period
             clock = (float(t[0]), float(t[-1]), 1 / period, float(steps[~gap].std()))
-            reports.append(StreamReport(what, len(t), *clock, int(gap.sum()), float(steps.max())))
+            reports.append(StreamReport(name, len(t), *clock, int(gap.sum()), float(steps.max())))
     return tuple(reports)

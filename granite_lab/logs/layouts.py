@@ -28,7 +28,8 @@ from granite_lab.logs.quantities import (
 )
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.table import Table, numbered
-from granite_lab.parameters import CATALOGUE, Robot, names
+from granite_lab.parameters import CATALOGUE, Robot
+from granite_lab.parameters import names as catalogued
 from granite_lab.parameters.catalogue import find
 from granite_lab.parameters.quantity import build, quantity, read_toml
 
@@ -63,7 +64,7 @@ class Column:
     @cached_property
     def label(self) -> str:
         """The name to ask for in a message."""
-        plain = re.match(r"\(?([\w. %]+)", self.pattern.replace("\\", ""))
+        plain = re.match(r"\(?(?:\?:)?([\w. %]+)", self.pattern.replace("\\", ""))
         return self.name or (plain[1].rstrip("_") if plain else self.pattern)
 
 
@@ -152,10 +153,10 @@ class Log:
         """Add a warning, of a column or sensor, with what to do about it."""
         self.doubts.append(Doubt(what, where, remedy))
 
-    def refuse(self, channels: str | tuple[str, ...], what: str, hint: str = OUT) -> InputError:
+    def refuse(self, channels: str | tuple[str, ...], message: str, hint: str = OUT) -> InputError:
         """Return the error that names the columns of some channels."""
         named = self.column(*([channels] if isinstance(channels, str) else channels))
-        return InputError(f"{self.where}: {named}{what}", hint)
+        return InputError(f"{self.where}: {named}{message}", hint)
 
 
 def load_layout(name: str | Path) -> Layout:
@@ -164,12 +165,12 @@ def load_layout(name: str | Path) -> Layout:
     layout = build(Layout, read_toml(path), str(path))
     patterns = {"file": layout.file, "preamble": layout.preamble}
     patterns |= {f"[[column]] {n} pattern": column.pattern for n, column in enumerate(layout.column, 1)}
-    for what, pattern in patterns.items():
+    for key, pattern in patterns.items():
         try:
             re.compile(pattern)
         except re.error as error:
-            told = f"{path}: {what} = {pattern!r} is not a regular expression: {error}"
-            raise InputError(told, "write it in 'single quotes', and \\( for a bracket") from None
+            message = f"{path}: {key} = {pattern!r} is not a regular expression: {error}"
+            raise InputError(message, "write it in 'single quotes', and \\( for a bracket") from None
     for number, column in enumerate(layout.column, 1):
         _check(f"{path}: [[column]] {number}", column)
     if not any("t" in column.to for column in layout.column):
@@ -179,20 +180,20 @@ def load_layout(name: str | Path) -> Layout:
 
 def given_maps(maps: Maps) -> tuple[Layout, ...]:
     """Load the column maps a user gave, names, files, or folders of maps; raise errors as `load_layout`."""
-    found: list[Layout] = []
-    for one in [maps] if isinstance(maps, (str, Path)) else maps or ():
-        folder = is_folder(Path(one))
-        files: list[str | Path] = [*sorted(Path(one).glob("*.toml"))] if folder else [one]
+    layouts: list[Layout] = []
+    for entry in [maps] if isinstance(maps, (str, Path)) else maps or ():
+        folder = is_folder(Path(entry))
+        files: list[str | Path] = [*sorted(Path(entry).glob("*.toml"))] if folder else [entry]
         if not files:
-            raise InputError(f"{one}: is a directory without column maps (.toml)", "give the path of a map")
-        found += [load_layout(file) for file in files]
-    return tuple(found)
+            raise InputError(f"{entry}: is a directory without column maps (.toml)", "give the path of a map")
+        layouts += [load_layout(file) for file in files]
+    return tuple(layouts)
 
 
 @lru_cache
 def all_layouts() -> tuple[Layout, ...]:
     """Read every column map of the catalogue."""
-    return tuple(load_layout(CATALOGUE / "loggers" / f"{name}.toml") for name in names("loggers"))
+    return tuple(load_layout(CATALOGUE / "loggers" / f"{name}.toml") for name in catalogued("loggers"))
 
 
 def _check(where: str, column: Column) -> None:
@@ -217,12 +218,12 @@ def check_unit(text: str, channel: str, where: str) -> Unit:
     expected = f"expected one of {', '.join(name for kind in allowed for name in factors(kind))}"
     if unit is None:
         close = resembling(text, *allowed)
-        what = f"unit '{text}' is not known" if text else "the unit is missing"
+        message = f"unit '{text}' is not known" if text else "the unit is missing"
         hint = f"did you mean '{close}'?" if close else "rename it, or convert with scale = … in a column map"
-        raise InputError(f"{where}: {what}, {expected}", hint)
+        raise InputError(f"{where}: {message}, {expected}", hint)
     if unit.quantity not in allowed:
-        what = f"unit '{text}' is one of {unit.quantity}, but {channel} is {' or '.join(allowed)}"
-        raise InputError(f"{where}: {what}", expected)
+        message = f"unit '{text}' is one of {unit.quantity}, but {channel} is {' or '.join(allowed)}"
+        raise InputError(f"{where}: {message}", expected)
     return unit
 
 
@@ -241,21 +242,21 @@ def _match_row(layout: Layout, table: Table, names: Sequence[str], partly: bool)
     """Try a layout with one row of names; each column may be named as it stands or `numbered`."""
     bare = [name.strip() for name in names]
     unique = numbered(bare)
-    found: dict[int, list[Hit]] = {}
+    entries: dict[int, list[Hit]] = {}
     for index, spec in enumerate(layout.column):
         fits = spec.regex.fullmatch
         both = enumerate(zip(bare, unique, strict=True))
-        if hits := [(place, hit) for place, (one, other) in both if (hit := fits(one) or fits(other))]:
-            found[index] = hits
-    columns = len({place for hits in found.values() for place, _ in hits})
-    missing = _missing(layout, set(found), partly)
+        if hits := [(place, hit) for place, (plain, other) in both if (hit := fits(plain) or fits(other))]:
+            entries[index] = hits
+    columns = len({place for hits in entries.values() for place, _ in hits})
+    missing = _missing(layout, set(entries), partly)
     if partly and not missing:
-        used = {place for hits in found.values() for place, _ in hits}
-        missing = _misnamed(layout, set(found), [name for k, name in enumerate(bare) if k not in used])
+        used = {place for hits in entries.values() for place, _ in hits}
+        missing = _misnamed(layout, set(entries), [name for k, name in enumerate(bare) if k not in used])
     bindings: list[Binding] = []
-    for index, hits in found.items() if not missing else ():
+    for index, hits in entries.items() if not missing else ():
         spec = layout.column[index]
-        place, hit = _one(table, spec, hits, bare, unique)
+        place, hit = _only(table, spec, hits, bare, unique)
         where = f"{at(table.path, table.header_line or None)}: column '{unique[place]}'"
         for channel in spec.to:
             unit = check_unit(hit.groupdict().get("unit") or spec.unit, channel, where)
@@ -266,9 +267,9 @@ def _match_row(layout: Layout, table: Table, names: Sequence[str], partly: bool)
     return Match(table, layout, tuple(bindings), missing, columns)
 
 
-def _misnamed(layout: Layout, found: set[int], others: Sequence[str]) -> tuple[str, ...]:
+def _misnamed(layout: Layout, present: set[int], others: Sequence[str]) -> tuple[str, ...]:
     """List the columns that are not found but seem to stand in the table by other names."""
-    absent = [c for i, c in enumerate(layout.column) if i not in found and c.group]
+    absent = [c for i, c in enumerate(layout.column) if i not in present and c.group]
     meant = {channel for name in others for channel in by_name(name).to}
     plain = ["".join(words(name)[0]) for name in others]
 
@@ -278,13 +279,13 @@ def _misnamed(layout: Layout, found: set[int], others: Sequence[str]) -> tuple[s
     return tuple(c.label for c in absent if meant & set(c.to) or resembled(c.label))
 
 
-def _missing(layout: Layout, found: set[int], partly: bool) -> tuple[str, ...]:
+def _missing(layout: Layout, present: set[int], partly: bool) -> tuple[str, ...]:
     """List the columns that keep a layout from being complete, or `partly` from being of use."""
-    touched = {layout.column[i].group for i in found} - {""}
+    touched = {layout.column[i].group for i in present} - {""}
     missing = [
         c.label
         for i, c in enumerate(layout.column)
-        if i not in found
+        if i not in present
         and not c.optional
         and c.to != ("t",)
         and (not c.group or (c.group in touched and not partly))
@@ -292,27 +293,31 @@ def _missing(layout: Layout, found: set[int], partly: bool) -> tuple[str, ...]:
     # Of several clocks one is enough.
     clocks = [i for i, c in enumerate(layout.column) if "t" in c.to]
     strict = [i for i in clocks if not layout.column[i].optional]
-    if not found.issuperset(strict) or found.isdisjoint(clocks):
+    if not present.issuperset(strict) or present.isdisjoint(clocks):
         missing.insert(0, layout.column[(strict or clocks)[0]].label)
     groups = [c.label for c in layout.column if c.group]
     return tuple(missing if missing or touched else groups[:1])
 
 
-def _one(table: Table, spec: Column, hits: list[Hit], bare: Sequence[str], names: Sequence[str]) -> Hit:
+def _only(table: Table, spec: Column, hits: list[Hit], bare: Sequence[str], names: Sequence[str]) -> Hit:
     """Choose between several columns that fit one entry: only an angle beside its own rate is clear."""
     if len(hits) == 1 or not spec.to:
         return hits[0]
     if spec.to[0] in ENCODERS:
         units = [find_unit(hit.groupdict().get("unit") or "") for _, hit in hits]
-        angles = [one for one, unit in zip(hits, units, strict=True) if unit and unit.quantity == "angle"]
+        angles = [
+            candidate
+            for candidate, unit in zip(hits, units, strict=True)
+            if unit and unit.quantity == "angle"
+        ]
         if len(angles) == 1:
             return angles[0]
     listed = " and ".join(f"'{names[place]}' (column {place + 1})" for place, _ in hits)
-    what = f"{listed} both are {spec.to[0]}, expected one column for it"
+    message = f"{listed} both are {spec.to[0]}, expected one column for it"
     last, hint = hits[-1][0], "rename or remove the other one"
     if names[last] != bare[last]:
         hint += f'; or write name = "{names[last]}" in a column map, or names = […] under its [table]'
-    raise table.error(what, hint, table.header_line)
+    raise table.error(message, hint, table.header_line)
 
 
 def best(fits: list[Match]) -> Match:
@@ -327,24 +332,24 @@ def best(fits: list[Match]) -> Match:
     first, *others = sorted(fits, key=rank, reverse=True)
     rivals = [m.layout.name for m in others if rank(m) == rank(first) and meaning(m) != meaning(first)]
     if rivals:
-        one, other = first.layout.name, rivals[0]
-        hint = f"say which: --map {one} or --map {other}"
-        raise InputError(f"{first.table.path}: could be of layout '{one}' or '{other}'", hint)
+        name, other = first.layout.name, rivals[0]
+        hint = f"say which: --map {name} or --map {other}"
+        raise InputError(f"{first.table.path}: could be of layout '{name}' or '{other}'", hint)
     return first
 
 
 def no_match(tries: list[Match], given: bool) -> InputError:
     """Say what is missing from the layout that comes closest, of those tried on one table."""
     table = tries[0].table
-    names, (line, what, hint) = table.names, table.unnamed
+    names, (line, message, hint) = table.names, table.unnamed
     if line:
-        return table.error(what, hint, line)
+        return table.error(message, hint, line)
     shown = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
     near = max(tries, key=lambda m: m.columns / (m.columns + len(m.missing)))
     numbered_ones = ""
     if table.repeated:
-        one, other = (table.names[place] for place in table.repeated[0][1][:2])
-        numbered_ones = f"; in a column map two columns of one name are '{one}' and '{other}'"
+        first, other = (table.names[place] for place in table.repeated[0][1][:2])
+        numbered_ones = f"; in a column map two columns of one name are '{first}' and '{other}'"
     if near.columns <= len(near.missing) and not given:
         hint = "granite-lab inspect shows what the columns seem to be and writes a column map for --map"
         return table.error(f"the layout is not known: {shown}", hint + numbered_ones, table.header_line)
@@ -352,8 +357,12 @@ def no_match(tries: list[Match], given: bool) -> InputError:
     unused = [name for name in names if not any(c.regex.fullmatch(name.strip()) for c in near.layout.column)]
     close = difflib.get_close_matches(lacking, unused, n=1, cutoff=0.6)
     hint = f"there is '{close[0]}'; " if close and close[0] != lacking else ""
-    own = near.layout.name == "canonical"
-    hint += "names are channel_unit, such as imu_gy_radps or enc_fl_rad" if own else f"columns here: {shown}"
+    canonical = near.layout.name == "canonical"
+    hint += (
+        "names are channel_unit, such as imu_gy_radps or enc_fl_rad"
+        if canonical
+        else f"columns here: {shown}"
+    )
     more = f" (and {len(near.missing) - 1} more)" if len(near.missing) > 1 else ""
-    what = f"column '{lacking}' is missing{more}, expected by layout '{near.layout.name}'"
-    return table.error(what, hint + numbered_ones, table.header_line)
+    message = f"column '{lacking}' is missing{more}, expected by layout '{near.layout.name}'"
+    return table.error(message, hint + numbered_ones, table.header_line)

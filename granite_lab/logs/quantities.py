@@ -68,15 +68,15 @@ def find_unit(text: str) -> Unit | None:
     return _UNITS.get(bare) or _FOLDED.get(bare.casefold())
 
 
-def factors(quantity: str) -> dict[str, float]:
+def factors(kind: str) -> dict[str, float]:
     """Return the units of a quantity, that of SI first, with the number of SI units that one is."""
-    return {name: factor for name, (factor, _) in _TABLE[quantity].items()}
+    return {name: factor for name, (factor, _) in _TABLE[kind].items()}
 
 
 def resembling(text: str, *quantities: str) -> str:
     """Return the known unit of some quantities that `text` resembles, or nothing."""
-    known = [spelling for spelling, unit in _UNITS.items() if unit.quantity in quantities]
-    return next(iter(difflib.get_close_matches(text, known, n=1, cutoff=0.5)), "")
+    spellings = [spelling for spelling, unit in _UNITS.items() if unit.quantity in quantities]
+    return next(iter(difflib.get_close_matches(text, spellings, n=1, cutoff=0.5)), "")
 
 
 def gravity_unit(size: float, within: float) -> str:
@@ -127,11 +127,11 @@ def words(name: str) -> tuple[list[str], str]:
 
 def wheels_named(parts: Collection[str]) -> tuple[str, ...]:
     """Return the wheels that the words of a name speak of: one, both of a side, or none."""
-    said = set(re.sub(r"front|rear|back|left|right", r" \g<0> ", " ".join(parts)).split())
-    if one := next((wheel for wheel in WHEELS if said & WORDS[wheel]), ""):
-        return (one,)
-    side = next((key[0] for key in ("left", "right") if said & WORDS[key]), "")
-    axle = next((key for key in ("f", "r") if said & WORDS[key]), "")
+    terms = set(re.sub(r"front|rear|back|left|right", r" \g<0> ", " ".join(parts)).split())
+    if single := next((wheel for wheel in WHEELS if terms & WORDS[wheel]), ""):
+        return (single,)
+    side = next((key[0] for key in ("left", "right") if terms & WORDS[key]), "")
+    axle = next((key for key in ("f", "r") if terms & WORDS[key]), "")
     return tuple(wheel for wheel in WHEELS if side and wheel[1] == side and axle in ("", wheel[0]))
 
 
@@ -154,26 +154,26 @@ def by_name(name: str, place: int = 0) -> ColumnReport:
 
 def _meaning(parts: list[str], unit: Unit | None) -> tuple[tuple[str, ...], float]:
     """Return channels that the words of a name mean, and how sure that is."""
-    said = set(parts)
+    terms = set(parts)
     for channel, words_of_it, sure in (("v_cmd", "command", 0.7), *((c, c, 0.8) for c in _GLOBE)):
-        if said & WORDS[words_of_it]:
+        if terms & WORDS[words_of_it]:
             return (channel,), sure
-    if said & WORDS["reference"]:
-        speed = (unit is not None and unit.quantity == "speed") or said & {"v", "vel"}
-        return () if "z" in said else ("ref_v" if speed else "ref_y" if "y" in said else "ref_x",), 0.5
+    if terms & WORDS["reference"]:
+        speed = (unit is not None and unit.quantity == "speed") or terms & {"v", "vel"}
+        return () if "z" in terms else ("ref_v" if speed else "ref_y" if "y" in terms else "ref_x",), 0.5
     joined, wheels = "".join(parts), wheels_named(parts)
-    if not wheels and WORDS["numbered"] & said:
+    if not wheels and WORDS["numbered"] & terms:
         wheels = tuple(wheel for number, wheel in enumerate(WHEELS, 1) if str(number) in parts)
-    for sensor in SENSORS.values() if "covariance" not in said else ():
+    for sensor in SENSORS.values() if "covariance" not in terms else ():
         hints = sensor.words.split()
         # `ax`, `gyrx`, `accz`: the axis may hang on to the word.
         axis = next((a for a in "xyz" if a in parts or any(joined.endswith(h + a) for h in hints)), "")
         named = any(h in parts or (axis and h + axis in parts) or (len(h) > 2 and h in joined) for h in hints)
         if sensor.channels == RATE and not axis:
-            axis = next((a for a in "xyz" if WORDS[a] & said), "")
+            axis = next((a for a in "xyz" if WORDS[a] & terms), "")
         turning = sensor.channels == ENCODERS and unit is not None and unit.name == "rpm"
         ends = wheels if sensor.channels[0].endswith(WHEELS[0]) else tuple(axis)
         if ends and (named or turning):
-            found = tuple(channel for channel in sensor.channels if channel.endswith(ends))
-            return found, 0.8 if ends == wheels else 0.9
+            channels = tuple(channel for channel in sensor.channels if channel.endswith(ends))
+            return channels, 0.8 if ends == wheels else 0.9
     return (("t",), 0.9) if {*parts[:1], *parts[-1:]} & WORDS["time"] else ((), 0.0)

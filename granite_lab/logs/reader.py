@@ -52,33 +52,44 @@ _STREAMS = ("imu", "wheels", *_BESIDE)
 Files = Sequence[tuple[str, Source]]
 
 
+@dataclasses.dataclass(frozen=True)
+class Excerpt:
+    """Which part of a log is taken.
+
+    Attributes:
+        rows: of the table, as ``run_id = 4``; None: all.
+        window: begin and end [s, the log's time], infinite where open; None: from beginning to end.
+    """
+
+    rows: str | None = None
+    window: tuple[float, float] | None = None
+
+
+WHOLE = Excerpt()
+
+
 def read_trial(
     path: str | Path,
+    beside: Mapping[str, str | Path | None] | None = None,
     *,
-    imu: str | Path | None = None,
-    encoders: str | Path | None = None,
-    currents: str | Path | None = None,
-    reference: str | Path | None = None,
     map: Maps = None,  # noqa: A002  # the option is called --map
     robot: str | Path | None = None,
     info: TrialInfo | None = None,
-    rows: str | None = None,
     topics: Mapping[str, str] | None = None,
-    window: tuple[float, float] | None = None,
+    excerpt: Excerpt = WHOLE,
 ) -> Trial:
     """Read a trial from its log.
 
     Args:
         path: the log, the first of its files, or a folder with a file a sensor; it gives the trial its name.
-        imu, encoders, currents, reference: further files; each counts before `path` for its sensors.
-            Motor currents and commands may stand in the encoders' file.
+        beside: further files by their purpose: ``imu``, ``encoders``, ``currents`` or ``reference``.
+            Each counts before `path` for its sensors; the encoders' may hold motor currents and commands.
         map: column maps by name or path, or folders of them, where the layout is not recognised. Each file
             takes the one that fits it.
         robot: name or file of the robot; without it the log, then the column map says which.
         info: metadata that count before the log's.
-        rows: which rows to take, as ``run_id = 4``.
         topics: of a bag, ``imu``, ``joints`` and ``odom`` to the name of a topic.
-        window: begin and end [s, the log's time] of what is taken, infinite where open.
+        excerpt: which part of the log is taken.
 
     Returns:
         the trial in SI, every doubt in its warnings.
@@ -87,15 +98,14 @@ def read_trial(
         InputError: a file cannot be used, or its wheels do not turn in the window.
         UsageError: unknown robot or column map.
     """
-    first, maps = Path(path), given_maps(map)
+    first, maps, window = Path(path), given_maps(map), excerpt.window
     given = [("", file) for file in parts_of(first) or [first]]
-    roles = {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference}
-    others = [(role, Path(file)) for role, file in roles.items() if file is not None]
+    others = [(role, Path(file)) for role, file in (beside or {}).items() if file is not None]
     given += [(role, file) for role, file in others if file != first]
     files: list[tuple[str, Source]] = []
     for role, file in given:
         # What is said of the whole trial goes with its first file.
-        of_all = (rows if file == first else None, None if files else sidecar(first))
+        of_all = (excerpt.rows if file == first else None, None if files else sidecar(first))
         files.append((role, read_source(recognise(file, maps, topics), *of_all)))
     for layout in maps:
         if all(source.match.layout != layout for _, source in files):
@@ -247,11 +257,11 @@ def _imu(streams: Streams, path: Path, doubts: list[Doubt]) -> ImuStream | None:
     return ImuStream(t, force, rate, streams.gravity_removed, stamp_std=late)
 
 
-def _nothing_in_common(path: Path, one: str, t: Array, other: str, s: Array) -> InputError:
+def _nothing_in_common(path: Path, name: str, t: Array, other: str, s: Array) -> InputError:
     """Return the error of two sensors that were never logged at the same time."""
     first, second = (f"({x[0]:.3f} to {x[-1]:.3f} s)" for x in (t, s))
     hint = "both need stamps of the same clock; correct one in its file or choose another time column"
-    return InputError(f"{path}: {one} {first} and {other} {second} have no time in common", hint)
+    return InputError(f"{path}: {name} {first} and {other} {second} have no time in common", hint)
 
 
 def _across(trial: Trial) -> list[Doubt]:

@@ -46,9 +46,9 @@ class Source:
         """Add a warning about the file, or a place in it, with what to do about it."""
         self.doubts.append(Doubt(what, where, remedy).of(self.path.name))
 
-    def refuse(self, what: str, hint: str) -> InputError:
+    def refuse(self, message: str, hint: str) -> InputError:
         """Return the error that names the file."""
-        return InputError(f"{self.path}: {what}", hint)
+        return InputError(f"{self.path}: {message}", hint)
 
     def bindings(self, *channels: str) -> list[Binding]:
         """Return the bindings of some channels."""
@@ -73,7 +73,7 @@ def recognise(path: Path, maps: Sequence[Layout] = (), topics: Mapping[str, str]
     if bag := is_bag(path):
         table, roles = read_bag(path, topics or {})
         tries = [match(layout, table) for layout in maps]
-        if all(found.missing for found in tries):
+        if all(fit.missing for fit in tries):
             layout, doubts = bag_layout(table, roles)
             tries = [match(layout, table.doubted(*doubts))]
     misfits: list[InputError] = []
@@ -82,13 +82,13 @@ def recognise(path: Path, maps: Sequence[Layout] = (), topics: Mapping[str, str]
             tries.append(match(layout, open_table(path, layout.table)))
         except InputError as error:
             misfits.append(error)
-    if all(found.missing for found in tries):
+    if all(fit.missing for fit in tries):
         tries = _of_catalogue(path, maps, tries, misfits)
-    chosen = best([found for found in tries if not found.missing])
+    chosen = best([fit for fit in tries if not fit.missing])
     if bag or chosen.layout in maps or any(b.channel in ENCODERS for b in chosen.bindings):
         return chosen
-    table, known = chosen.table, {b.place for b in chosen.bindings}
-    names = [table.names[place] for place in range(table.width) if place not in known]
+    table, used = chosen.table, {b.place for b in chosen.bindings}
+    names = [table.names[place] for place in range(table.width) if place not in used]
     wheels = ", ".join(name for name in names if set(by_name(name).to) & set(ENCODERS))
     unknown = f"look like wheels, which layout '{chosen.layout.name}' does not know"
     remedy = "inspect --write-map writes a map to which they can be added"
@@ -104,18 +104,18 @@ def _of_catalogue(
         table = open_table(path)
     except InputError as error:
         raise (no_match(tries, given=True) if tries else next(iter(misfits), error)) from None
-    known = [match(layout, table) for layout in all_layouts() if layout.may_be(table)]
+    fits = [match(layout, table) for layout in all_layouts() if layout.may_be(table)]
     if not maps:  # a robot may have fewer sensors
-        least = max([table.width / 2, *(found.columns for found in known if not found.missing)])
-        partly = [match(found.layout, table, partly=True) for found in known if found.missing]
-        known += [fit for fit in partly if not fit.missing and fit.columns > least]
-    if all(found.missing for found in known):
-        raise misfits[0] if misfits else no_match(tries or known, bool(maps))
-    return known
+        least = max([table.width / 2, *(attempt.columns for attempt in fits if not attempt.missing)])
+        partly = [match(attempt.layout, table, partly=True) for attempt in fits if attempt.missing]
+        fits += [fit for fit in partly if not fit.missing and fit.columns > least]
+    if all(attempt.missing for attempt in fits):
+        raise misfits[0] if misfits else no_match(tries or fits, bool(maps))
+    return fits
 
 
 def read_source(
-    found: Match,
+    fit: Match,
     rows: str | None = None,
     beside: Path | None = None,
     held: Cells | None = None,
@@ -124,23 +124,23 @@ def read_source(
 
     Metadata in a further TOML file `beside` the log go before its own.
     """
-    table, layout, doubts = found.table, found.layout, list(found.table.doubts)
+    table, layout, doubts = fit.table, fit.layout, list(fit.table.doubts)
     condition, splitter = rows or layout.rows, _place(table, layout.split)
     selector = _selector(table, condition, asked=rows is not None) if condition else None
-    wanted = {b.place for b in found.bindings}
+    wanted = {b.place for b in fit.bindings}
     wanted |= {place for place in (selector[0] if selector else None, splitter) if place is not None}
-    dates = {b.place for b in found.bindings if b.unit.name == DATE}
+    dates = {b.place for b in fit.bindings if b.unit.name == DATE}
     if held is None or not wanted <= set(held.columns) or dates != set(filter(table.is_dated, wanted)):
         held = load(table, sorted(wanted), sorted(dates))
     columns = {place: held.columns[place] for place in wanted}
-    whole, told = held.whole(table, wanted)
-    doubts += told
+    whole, damaged = held.whole(table, wanted)
+    doubts += damaged
     beside_it = dict.fromkeys((sidecar(table.path), beside))
     sides = [side for side in beside_it if side and side != table.path and side.is_file()]
     metadata = collect(table.comments, table.path, doubts, sides)
     inputs = tuple(InputFile(file, sha256(file)) for file in (table.path, *sides))
     kept = np.arange(len(next(iter(columns.values()))), dtype=np.float64)
-    source = Source(found, columns, kept, metadata, inputs, [Doubt(text) for text in doubts])
+    source = Source(fit, columns, kept, metadata, inputs, [Doubt(text) for text in doubts])
     source = source if whole.all() else source.only(whole)
     if selector:
         chosen = source.columns[selector[0]] == selector[1]
@@ -149,8 +149,8 @@ def read_source(
             raise table.error(f"no row has {condition}", f"values there: {there}")
         source = source.only(chosen)
     if splitter is not None and len(runs := np.unique(source.columns[splitter])) > 1:
-        what = f"holds several runs: {layout.split} = {_values(runs)}"
-        raise table.error(what, f"choose one, such as --rows '{layout.split} = {runs[0]:g}'")
+        message = f"holds several runs: {layout.split} = {_values(runs)}"
+        raise table.error(message, f"choose one, such as --rows '{layout.split} = {runs[0]:g}'")
     return source
 
 
@@ -171,8 +171,8 @@ def _selector(table: Table, condition: str, asked: bool) -> tuple[int, float] | 
         raise UsageError(f"rows '{condition}' cannot be understood", hint)
     place = _place(table, name)
     if place is None and asked:
-        known = ", ".join(table.names)
-        raise table.error(f"there is no column '{name}' to choose rows by", f"columns: {known}")
+        listed = ", ".join(table.names)
+        raise table.error(f"there is no column '{name}' to choose rows by", f"columns: {listed}")
     return None if place is None else (place, float(value))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import NamedTuple, overload
+from typing import NamedTuple
 
 import numpy as np
 
@@ -90,22 +90,19 @@ def read_streams(source: Source, robot: Robot, window: tuple[float, float] | Non
             wheels = _wheels(source, samples, robot)
         logged[kind] = samples
     source.doubts.extend(d.of(f"{source.path.name}: {', '.join(names)}") for d, names in by_stamps.items())
-    currents = logged["currents"]
+    currents, command = logged["currents"], logged["command"]
     removed = source.match.layout.gravity_removed or bool(source.metadata.get("imu_gravity_removed"))
     return Streams(
         acceleration=logged["acceleration"], rate=logged["rate"], wheels=wheels,
         gravity_removed=removed,
-        currents=currents and CurrentStream(currents.t, currents.values), command=_series(logged["command"]),
+        currents=currents and CurrentStream(currents.t, currents.values),
+        command=command and _series(command),
         **_reference(source, logged["globe"], logged["reference_x"], logged["reference_v"]),
     )  # fmt: skip
 
 
-@overload
-def _series(samples: Samples) -> Series: ...
-@overload
-def _series(samples: Samples | None) -> Series | None: ...
-def _series(samples: Samples | None) -> Series | None:
-    return samples and Series(samples.t, samples.values[:, 0])
+def _series(samples: Samples) -> Series:
+    return Series(samples.t, samples.values[:, 0])
 
 
 def interval(window: tuple[float, float]) -> str:

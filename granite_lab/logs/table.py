@@ -73,7 +73,7 @@ class Table(Dialect):
         places: dict[str, list[int]] = {}
         for place, name in enumerate(self.headers[0] if self.headers else ()):
             places.setdefault(name.casefold(), []).append(place)
-        return [(self.headers[0][at[0]], at) for name, at in places.items() if name and len(at) > 1]
+        return [(self.headers[0][same[0]], same) for name, same in places.items() if name and len(same) > 1]
 
     def is_dated(self, place: int) -> bool:
         """Say whether the first cells of a column are dates or times of day."""
@@ -101,10 +101,10 @@ class Table(Dialect):
             return f"{self.path}: sample {row + 1}"
         return at(self.path, int(self.rows.lines[row]))
 
-    def error(self, what: str, hint: str, line: int = 0, place: int | None = None) -> InputError:
+    def error(self, message: str, hint: str, line: int = 0, place: int | None = None) -> InputError:
         """Return an error that names the file, and the line and the column if they are known."""
         column = "" if place is None else f" column '{self.names[place]}':"
-        return InputError(f"{at(self.path, line or None)}:{column} {what}", hint)
+        return InputError(f"{at(self.path, line or None)}:{column} {message}", hint)
 
 
 def numbered(names: Sequence[str]) -> tuple[str, ...]:
@@ -121,7 +121,7 @@ def numbered(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(unique)
 
 
-def open_table(path: Path, said: TableFormat | None = None) -> Table:
+def open_table(path: Path, stated: TableFormat | None = None) -> Table:
     """Open a table: a MATLAB file, or a text, of which a column map may say something.
 
     Raises:
@@ -132,17 +132,17 @@ def open_table(path: Path, said: TableFormat | None = None) -> Table:
     text, encoding, doubts = _read(path)
     lines = text[:_LOOKED_AT].decode("utf-8", "replace").split("\n")
     lines = lines[:-1] if len(text) > _LOOKED_AT else lines
-    found = find_dialect(path, lines, said or TableFormat())
-    return Table(path=path, text=text, encoding=encoding, doubts=doubts, **vars(found))
+    dialect = find_dialect(path, lines, stated or TableFormat())
+    return Table(path=path, text=text, encoding=encoding, doubts=doubts, **vars(dialect))
 
 
 def _read(path: Path) -> tuple[bytes, str, tuple[str, ...]]:
     """Return a text file's content in UTF-8 with plain line ends, its encoding, and doubts."""
     refuse_special(path)
     data = _unpacked(path)
-    for magic, what in _MAGIC.items():
+    for magic, kind in _MAGIC.items():
         if data.startswith(magic):
-            raise InputError(f"{path}: is not text but {what}", "export the log as CSV")
+            raise InputError(f"{path}: is not text but {kind}", "export the log as CSV")
     encoding = _encoding(path, data[: 1 << 16])
     guessed = f"read as {encoding.upper()}, which the file does not say" if encoding[:7] == "utf-16-" else ""
     guessed = "not UTF-8, read as Windows-1252" if encoding == "cp1252" else guessed
@@ -153,8 +153,8 @@ def _read(path: Path) -> tuple[bytes, str, tuple[str, ...]]:
     data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     doubts = [f"{path.name}: {guessed}"] if guessed else []
     if zeros := len(data) - len(data := data.rstrip(b"\0")):
-        told = f"{zeros} zero bytes at the end were passed over: was the log closed?"
-        doubts.append(f"{path.name}: {told}")
+        lost = f"{zeros} zero bytes at the end were passed over: was the log closed?"
+        doubts.append(f"{path.name}: {lost}")
     if 1 < data.count(b";") == data.count(b";\n") + data.endswith(b";"):
         data = data.replace(b";\n", b"\n").removesuffix(b";")  # rows that end as in MATLAB
     return data, encoding, tuple(doubts)
@@ -189,9 +189,9 @@ def _only_table(path: Path, archive: zipfile.ZipFile) -> str:
     inside = [name for name in archive.namelist() if not name.startswith("__MACOSX/")]
     tables = [name for name in inside if name.lower().endswith((".csv", ".txt", ".tsv"))]
     if len(tables) != 1:
-        found = ", ".join(tables[:5]) + (", …" if len(tables) > 5 else "") if tables else "none"
-        what = f"{path}: expected one table (.csv, .txt, .tsv) in the archive, found {found}"
-        raise InputError(what, "unpack it and name the tables" if tables else PLAIN)
+        listed = ", ".join(tables[:5]) + (", …" if len(tables) > 5 else "") if tables else "none"
+        message = f"{path}: expected one table (.csv, .txt, .tsv) in the archive, found {listed}"
+        raise InputError(message, "unpack it and name the tables" if tables else PLAIN)
     return tables[0]
 
 
@@ -228,18 +228,20 @@ def _matlab(path: Path) -> Table:
     except NotImplementedError:
         raise InputError(f"{path}: is a MATLAB file of version 7.3", f"save it with -v7; {again}") from None
     except Exception as error:  # the parser raises whatever a damaged file makes it stumble over
-        what = " ".join(str(error).split())[:120] or type(error).__name__
-        what = f"{path}: cannot be read as a MATLAB file: {what}"
-        raise InputError(what, "copy or save it again") from None
-    found = dict(_vectors({key: value for key, value in held.items() if not key.startswith("__")}, ""))
-    lengths = sorted({len(values) for values in found.values()})
+        message = " ".join(str(error).split())[:120] or type(error).__name__
+        message = f"{path}: cannot be read as a MATLAB file: {message}"
+        raise InputError(message, "copy or save it again") from None
+    vectors = dict(_vectors({key: value for key, value in held.items() if not key.startswith("__")}, ""))
+    lengths = sorted({len(values) for values in vectors.values()})
     if len(lengths) != 1:
-        one_each = [f"{next(n for n, v in found.items() if len(v) == k)} ({k})" for k in lengths[:4]]
-        what = f"vectors of different lengths: {', '.join(one_each)}" if lengths else "no vectors of numbers"
-        raise InputError(f"{path}: {what}, expected a column a quantity, all of one length", again)
-    short = [name.rpartition(".")[2] for name in found]
-    names = tuple(short if len(set(short)) == len(short) else found)
-    columns = tuple(found.values())
+        examples = [f"{next(n for n, v in vectors.items() if len(v) == k)} ({k})" for k in lengths[:4]]
+        message = (
+            f"vectors of different lengths: {', '.join(examples)}" if lengths else "no vectors of numbers"
+        )
+        raise InputError(f"{path}: {message}, expected a column a quantity, all of one length", again)
+    short = [name.rpartition(".")[2] for name in vectors]
+    names = tuple(short if len(set(short)) == len(short) else vectors)
+    columns = tuple(vectors.values())
     return Table(path=path, headers=(names,), width=len(names), encoding="MATLAB", numbers=columns)
 
 

@@ -243,8 +243,8 @@ def trial_files(paths: Sequence[str | Path] | str | Path) -> list[Path]:
     for path in named:
         inside = sorted(filter(is_log, path.iterdir())) if is_folder(path) and not is_log(path) else [path]
         if not inside:
-            what = f"{path}: the folder holds no log (.csv, .mat, .bag, .mcap)"
-            raise UsageError(what, "name the logs themselves")
+            message = f"{path}: the folder holds no log (.csv, .mat, .bag, .mcap)"
+            raise UsageError(message, "name the logs themselves")
         plain = {name_of(log) for log in inside if not _is_table(log, _PACKED)}
         packed = [log for log in inside if _is_table(log, _PACKED)] if path not in inside else []
         files += [log for log in inside if log not in packed or name_of(log) not in plain]

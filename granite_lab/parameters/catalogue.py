@@ -37,13 +37,13 @@ def find(kind: str, name: str | Path) -> Path:
     text = str(name)
     if text.endswith(".toml") or "/" in text:
         return Path(text)
-    known = names(kind)
-    if text in known:
+    listed = names(kind)
+    if text in listed:
         return CATALOGUE / kind / f"{text}.toml"
-    close = difflib.get_close_matches(text, known, n=1)
+    close = difflib.get_close_matches(text, listed, n=1)
     hint = f"did you mean '{close[0]}'? " if close else ""
     raise UsageError(
-        f"unknown {kind[:-1]} '{text}'", f"{hint}known: {', '.join(known)}; or give the path of a .toml file"
+        f"unknown {kind[:-1]} '{text}'", f"{hint}known: {', '.join(listed)}; or give the path of a .toml file"
     )
 
 
@@ -128,9 +128,9 @@ def variant_of(velocity: float) -> Variant:
     for variant in load_variants():
         if abs(variant.velocity - velocity) < 1e-6:
             return variant
-    known = ", ".join(f"{v.velocity:g}" for v in load_variants())
+    listed = ", ".join(f"{v.velocity:g}" for v in load_variants())
     raise UsageError(
-        f"unknown variant '{velocity:g}'", f"known [m/s]: {known}; or give --v, --a and --distance"
+        f"unknown variant '{velocity:g}'", f"known [m/s]: {listed}; or give --v, --a and --distance"
     )
 
 

@@ -79,10 +79,10 @@ def noting_files() -> Iterator[dict[Path, str]]:
     Records of the catalogue are remembered once read; `catalogue.forget` before the block makes
     it read them.
     """
-    found: dict[Path, str] = {}
-    token = _files.set(found)
+    files: dict[Path, str] = {}
+    token = _files.set(files)
     try:
-        yield found
+        yield files
     finally:
         _files.reset(token)
 
@@ -138,10 +138,10 @@ def toml_line(key: str, value: object) -> str:
     return f"{key if re.fullmatch(r'[A-Za-z0-9_-]+', key) else toml(key)} = {toml(value)}"
 
 
-def unknown_key(where: str, key: str, known: list[str]) -> InputError:
+def unknown_key(where: str, key: str, keys: list[str]) -> InputError:
     """Say that a key is not known and which known one it resembles."""
-    close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-    hint = f"did you mean '{close[0]}'?" if close else f"allowed here: {', '.join(sorted(known))}"
+    close = difflib.get_close_matches(key, keys, n=1, cutoff=0.5)
+    hint = f"did you mean '{close[0]}'?" if close else f"allowed here: {', '.join(sorted(keys))}"
     return InputError(f"{where}: unknown key '{key}'", hint)
 
 

@@ -138,11 +138,11 @@ def fingerprint(path: Path) -> str:
         return "absent"
 
 
-def trial_key(what: str, path: Path, options: Options) -> str:
+def trial_key(computed: str, path: Path, options: Options) -> str:
     """Return the key of the result of some work, by its name, on one trial."""
     files = [(str(p), fingerprint(p), fingerprint(sidecar(p))) for p in (path, *options.files())]
     mine = dataclasses.replace(options, tolerance=0.0, latency=0.0)  # of searches
-    return digest_of(code(), what, files, content(mine))
+    return digest_of(code(), computed, files, content(mine))
 
 
 def digest_of(*parts: Any) -> str:

@@ -86,8 +86,8 @@ def decode(data: bytes | Buffer, effects: Mapping[str, Effect] | None = None) ->
     if magic != MAGIC or digest != _hash(length, body):
         raise ValueError("not whole, or no record of this package")
     classes, node = json.loads(bytes(body[:length]))
-    known = [_class(name, tuple(fields)) for name, fields in classes]
-    return _value(node, _makers(known, body[length + -length % ALIGNED :], effects or {}))
+    kinds = [_class(name, tuple(fields)) for name, fields in classes]
+    return _value(node, _makers(kinds, body[length + -length % ALIGNED :], effects or {}))
 
 
 def content(record: Any) -> str:
@@ -135,8 +135,8 @@ def _is_effect(value: Any) -> bool:
 
 
 def _is_record(kind: Any) -> bool:
-    own = isinstance(kind, type) and _CLASS.fullmatch(_name(kind)) is not None
-    return own and dataclasses.is_dataclass(kind) and not hasattr(kind, "__slots__")
+    ours = isinstance(kind, type) and _CLASS.fullmatch(_name(kind)) is not None
+    return ours and dataclasses.is_dataclass(kind) and not hasattr(kind, "__slots__")
 
 
 def _name(kind: type) -> str:

@@ -92,8 +92,8 @@ def each_trial(
     keys = {path: trial_key(name, path, options) for path in paths} if cache is not None else {}
     results: dict[Path, T | LabError] = {}
     for path, key in keys.items():
-        if cache is not None and (found := cache.get(key, arena=arena)) is not None:
-            results[path] = found
+        if cache is not None and (outcomes := cache.get(key, arena=arena)) is not None:
+            results[path] = outcomes
             done(path)
     left = [path for path in dict.fromkeys(paths) if path not in results]
     for index, outcome in _run(partial(_guarded, work, options), left, execution):
@@ -128,7 +128,7 @@ def sifted(
 def _naming(path: Path, error: LabError) -> LabError:
     """Return an error of one of several trials; its message says which."""
     name = name_of(path)
-    named = any(told in error.message for told in (str(path), f"'{name}'", f"{name}:"))
+    named = any(message in error.message for message in (str(path), f"'{name}'", f"{name}:"))
     return error if named else type(error)(f"{name}: {error.message}", error.hint)
 
 

@@ -7,12 +7,12 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.effects import library
 from granite_lab.errors import LabError
 from granite_lab.inference.bench import Respond, Task, World
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Effect
+from granite_lab.model.empirical import EmpiricalLaw
 from granite_lab.running.cache import fingerprint
 from granite_lab.running.codec import decode, encode
 from granite_lab.running.each import Execution, connected, run_on
@@ -32,12 +32,12 @@ def on_cluster(execution: Execution, effects: Path | None) -> Iterator[Respond |
                 return [world.respond(task) for task in tasks]
             size = max(1, min(16, len(tasks) // (2 * max(1, sum(client.nthreads().values())))))
             parts = [tuple(tasks[i : i + size]) for i in range(0, len(tasks), size)]
-            found: dict[int, list[Array | None]] = {}
+            computed: dict[int, list[Array | None]] = {}
             for index, part in run_on(client, partial(_simulate, encode(world), effects, sha), parts):
                 if isinstance(part, LabError):
                     raise LabError(f"the cluster failed: {part.message.partition(': ')[2]}", part.hint)
-                found[index] = part
-            return [signals for index in range(len(parts)) for signals in found[index]]
+                computed[index] = part
+            return [signals for index in range(len(parts)) for signals in computed[index]]
 
         yield respond
 

@@ -106,7 +106,7 @@ CASES: dict[str, tuple[Change, int, str]] = {
     "one encoder": (without("enc_f", "enc_rr"), 0, "no encoder fl, fr, rr in the log"),
     "no gyro": (without("imu_g"), 0, "no gyroscope in the log"),
     "one axis each": (without("imu_ay", "imu_az", "imu_gx", "imu_gz"), 0, "accelerometer: no axis y, z"),
-    "dead": (dead, 0, "encoder fr stands still while the others turn: not connected? left out"),
+    "dead": (dead, 0, "encoder fr stands still while the others turn, as if not connected; left out"),
     "sticks": (sticking, 0, "encoder fr gives no counts for"),
     "reversed": (reversed_sign, 0, "encoder fr counts against the others"),
 }

@@ -54,7 +54,7 @@ def test_an_offset_of_milliseconds_is_left_to_the_refined_search() -> None:
     for by in (0.0, 0.05, -0.2):
         wheels = late(trial, by).wheels
         assert wheels is not None
-        assert gross_offset(imu, wheels, 0.1, forward_known=True).value == 0.0
+        assert gross_offset(imu, wheels, 0.1, forward_given=True).value == 0.0
 
 
 def test_a_given_offset_of_seconds_is_taken_as_it_is() -> None:
@@ -77,7 +77,7 @@ def test_wheels_that_repeat_one_ramp_for_ever_show_no_offset() -> None:
     imu = to_body(replace(trial.imu, t=t, specific_force=force, angular_rate=0 * force), Rotation.identity())
     angle = np.cumsum(np.repeat(speed[:, None], 4, axis=1), axis=0) * 0.01 / 0.1
     wheels = replace(trial.wheels, t=t + 1.5, angle=angle, rate=None)
-    assert np.isnan(gross_offset(imu, wheels, 0.1, forward_known=True).std)
+    assert np.isnan(gross_offset(imu, wheels, 0.1, forward_given=True).std)
 
 
 def turned(trial: Trial, degrees: float) -> Trial:

@@ -229,7 +229,7 @@ def found_in(truth: Drive, monkeypatch: pytest.MonkeyPatch) -> float:
         found.append(original(problem, offset))
         return found[-1]
 
-    monkeypatch.setattr("granite_lab.estimation.chain.identify_scatter", spy)
+    monkeypatch.setattr("granite_lab.estimation.stages.identify_scatter", spy)
     estimate(truth.trial, load_robot("granite", "industrial"))
     return found[-1].scatter
 

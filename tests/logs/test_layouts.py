@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from granite_lab.errors import InputError, UsageError
-from granite_lab.logs import inspect_logs
+from granite_lab.logs import Excerpt, inspect_logs
 from granite_lab.logs.inspection import FileReport
 from granite_lab.logs.layouts import all_layouts, load_layout
 from granite_lab.logs.quantities import by_name
@@ -105,7 +105,9 @@ def test_columns_that_look_like_a_sensor_are_not_passed_over_in_silence(tmp_path
 def test_phones_write_one_file_a_sensor(tmp_path: Path) -> None:
     header = "time,seconds_elapsed,z,y,x"
     gyro = make.written(tmp_path, table(header, "{ns},{t},{gz},{gy},{gx}"), "Gyroscope.csv")
-    trial = make.read(tmp_path, table(header, "{ns},{t},{az},{ay},{ax}"), "TotalAcceleration.csv", imu=gyro)
+    trial = make.read(
+        tmp_path, table(header, "{ns},{t},{az},{ay},{ax}"), "TotalAcceleration.csv", beside={"imu": gyro}
+    )
     assert trial.layout == "sensor_logger_total + sensor_logger_gyroscope"
     np.testing.assert_allclose(trial.imu.specific_force.mean(axis=0), [0.1, 0.2, 9.8], atol=2e-3)
     np.testing.assert_allclose(trial.imu.angular_rate.mean(axis=0), [0.01, 0.02, 0.03], atol=2e-4)
@@ -128,7 +130,7 @@ def test_phyphox_with_sensors_on_different_stamps(tmp_path: Path) -> None:
     ).splitlines()
     shifted = [f"{float(line.split(';')[0]) + 0.004};" + line.split(";", 1)[1] for line in lines[1:]]
     gyro = make.written(tmp_path, "\n".join([lines[0], *shifted]), "Gyroscope.csv")
-    trial = make.read(tmp_path, acc, "Accelerometer.csv", imu=gyro)
+    trial = make.read(tmp_path, acc, "Accelerometer.csv", beside={"imu": gyro})
     assert len(trial.imu.t) == N - 1
     assert trial.imu.t[0] == 0.01
     np.testing.assert_allclose(trial.imu.angular_rate.mean(axis=0), [0.01, 0.02, 0.03], atol=2e-4)
@@ -205,7 +207,7 @@ def test_rows_are_chosen_by_a_column(tmp_path: Path) -> None:
     path = own(tmp_path, text.replace('name = "mine"', 'name = "mine"\nsplit = "run"'))
     with pytest.raises(InputError, match="holds several runs: run = 0, 1, 2"):
         make.read(tmp_path, content, map=path)
-    trial = make.read(tmp_path, content, map=path, rows="run = 2")
+    trial = make.read(tmp_path, content, map=path, excerpt=Excerpt(rows="run = 2"))
     assert trial.wheels.angle[0, 0] == pytest.approx(np.deg2rad(200))
     fixed = own(tmp_path, text.replace('name = "mine"', 'name = "mine"\nrows = "run = 1"'))
     trial = make.read(tmp_path, content, map=fixed)
@@ -216,7 +218,7 @@ def test_rows_are_chosen_by_a_column(tmp_path: Path) -> None:
         ("run 7", "cannot be understood", UsageError),
     ):
         with pytest.raises(error, match=said):
-            make.read(tmp_path, content, map=fixed, rows=rows)
+            make.read(tmp_path, content, map=fixed, excerpt=Excerpt(rows=rows))
 
 
 def test_two_maps_that_fit_equally_are_not_chosen_between(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from granite_lab.errors import InputError
-from granite_lab.logs import inspect_logs, read_trial
+from granite_lab.logs import Excerpt, inspect_logs, read_trial
 from granite_lab.parameters import load_robot
 from tests.logs import make
 from tests.real_logs import DATA, MARKS
@@ -87,7 +87,7 @@ def test_robotino_slips_as_its_camera_says(name: str, low: float, high: float) -
 def test_boreal_husky_in_two_files(name: str) -> None:
     folder = DATA / "borealtc_husky"
     imu, pro = folder / (name.format("imu") + ".csv"), folder / (name.format("pro") + ".csv")
-    trial = read_trial(imu, encoders=pro)
+    trial = read_trial(imu, {"encoders": pro})
     assert trial.info.robot == "husky"
     assert trial.warnings == ()
     np.testing.assert_array_equal(trial.imu.specific_force[:, 1], raw(imu, "ay"))
@@ -104,7 +104,7 @@ def test_husky_with_gps_is_a_folder_with_a_file_a_sensor() -> None:
     folder = DATA / "husky_gps"
     trial = read_trial(folder)
     apart = {"encoders": folder / "odom.csv", "reference": folder / "fix.csv"}
-    make.same(trial, read_trial(folder / "imu.csv", **apart))
+    make.same(trial, read_trial(folder / "imu.csv", apart))
     assert (trial.name, trial.info.robot) == ("husky_gps", "husky_gps")
     rates = [1 / np.median(np.diff(s.t)) for s in (trial.imu, trial.wheels, trial.reference_v)]
     np.testing.assert_allclose(rates, [30, 10, 2.5], rtol=0.02)
@@ -123,7 +123,7 @@ def test_one_run_of_the_small_car() -> None:
     assert "--rows 'run_id = 4'" in caught.value.hint
     run = raw(path, "run_id")
     for number in (4, 21, 22):
-        trial = read_trial(path, rows=f"run_id = {number}")
+        trial = read_trial(path, excerpt=Excerpt(f"run_id = {number}"))
         mine = run == number
         np.testing.assert_array_equal(trial.imu.t, raw(path, "")[mine])
         np.testing.assert_array_equal(trial.imu.specific_force[:, 0], raw(path, "ax_imu")[mine])
@@ -150,7 +150,10 @@ def test_the_map_that_inspection_writes_reads_the_log_back(
     name: str, rows: str | None, tmp_path: Path
 ) -> None:
     path = DATA / name
-    right, back = read_trial(path, rows=rows), make.mapped(tmp_path, path, rows=rows)
+    right, back = (
+        read_trial(path, excerpt=Excerpt(rows)),
+        make.mapped(tmp_path, path, excerpt=Excerpt(rows)),
+    )
     assert back.layout == path.stem
     assert back.warnings == right.warnings
     make.same(right, back)

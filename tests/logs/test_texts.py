@@ -177,10 +177,14 @@ def test_a_broken_log_is_refused_in_one_line_and_can_be_inspected(name: str, tmp
 def test_files_of_different_clocks_and_of_other_sensors(tmp_path: Path) -> None:
     later = make.only("t_s", *make.WHEELS, change=lambda row: [f"{float(row[0]) + 1e6}", *row[1:]])
     with pytest.raises(InputError, match="have no time in common"):
-        make.read(tmp_path, make.only("t_s", *make.IMU), encoders=make.written(tmp_path, later, "enc.csv"))
+        make.read(
+            tmp_path,
+            make.only("t_s", *make.IMU),
+            beside={"encoders": make.written(tmp_path, later, "enc.csv")},
+        )
     other = make.written(tmp_path, make.only("t_s", *make.IMU), "b.csv")
     with pytest.raises(InputError, match="given as --encoders, but nothing in it is of that kind"):
-        make.read(tmp_path, TEXT, encoders=other)
+        make.read(tmp_path, TEXT, beside={"encoders": other})
 
 
 def test_counts_of_an_encoder_nobody_describes(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 import granite_lab as gl
 from granite_lab.errors import InputError
-from granite_lab.logs import read_trial
+from granite_lab.logs import Excerpt, read_trial
 from tests.corpus import cli
 from tests.logs import make
 
@@ -27,7 +27,7 @@ def twice(tmp_path: Path) -> Path:
 
 
 def test_the_window_holds_its_samples_unchanged_and_only_these(twice: Path) -> None:
-    whole, part = read_trial(twice), read_trial(twice, window=(6.0, 11.5))
+    whole, part = read_trial(twice), read_trial(twice, excerpt=Excerpt(window=(6.0, 11.5)))
     for name in ("imu", "wheels"):
         t, cut = getattr(whole, name).t, getattr(part, name).t
         np.testing.assert_array_equal(cut, t[(t >= 6.0) & (t <= 11.5)])
@@ -54,7 +54,7 @@ def test_a_fault_outside_the_window_does_not_matter(twice: Path) -> None:
     twice.write_text("\n".join(lines) + "\n")
     with pytest.raises(InputError, match="time runs backwards"):
         read_trial(twice)
-    assert read_trial(twice, window=(6.0, 9.5)).imu is not None
+    assert read_trial(twice, excerpt=Excerpt(window=(6.0, 9.5))).imu is not None
 
 
 @pytest.mark.parametrize(

@@ -238,7 +238,7 @@ def test_what_could_not_be_had_is_a_dash_and_null(tmp_path: Path) -> None:
         return dataclasses.replace(record, **gone, **others)
 
     biases = [f"{sensor}_bias{std}" for sensor in ("accel", "gyro") for std in ("", "_std")]
-    health = lost(HEALTHY, *biases, good=False)
+    health = lost(HEALTHY, *biases, grade="poor")
     motion = lost(c.motion, "v", "v_std", "pitch", "slip_ratio", "clock_offset", health=health)
     status = dict.fromkeys(("status", "status_trajectory"), "not_evaluated")
     fit = lost(c.fit, "k92", "k92_trajectory", "slip_measured", slip_simulated=math.nan, **status)

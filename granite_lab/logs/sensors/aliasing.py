@@ -42,23 +42,23 @@ def resolve_aliases(wheels: WheelStream, imu: ImuStream | None, log: Log) -> Whe
     angle = wheels.angle.copy()
     witness, speed = _witness(wheels, near, imu, log)
     for i in near:
-        known, width = np.isfinite(angle[:, i]), wheels.span[i]
-        t, short = wheels.t[known], angle[known, i]
-        expected = None if speed is None else np.diff(integral(wheels.t, speed)[known])
+        finite, width = np.isfinite(angle[:, i]), wheels.span[i]
+        t, short = wheels.t[finite], angle[finite, i]
+        expected = None if speed is None else np.diff(integral(wheels.t, speed)[finite])
         chosen = _choose(t, short, width, expected)
         if chosen is None:
-            told = f"{witness} fits neither reading" if witness else "nothing else tells which"
+            evidence = f"{witness} fits neither reading" if witness else "nothing else tells which"
             moved = f"{_largest_step(wheels, i):.0%} of its range or more from sample to sample"
-            what = f"the counter moves by {moved}, forward or back by the rest: {told}"
+            message = f"the counter moves by {moved}, forward or back by the rest: {evidence}"
             hint = "log faster, or a wider counter; wrap = … in a column map states another range"
-            raise InputError(f"{log.where}: {log.column(ENCODERS[i])}: {what}", hint)
+            raise InputError(f"{log.where}: {log.column(ENCODERS[i])}: {message}", hint)
         share = float(np.abs(np.diff(chosen)).max()) / width
         if share > _NEARLY:
             fits = f", which {witness} confirms" if witness else ""
             moved = f"moves by up to {share:.0%} of its range from sample to sample"
             read = f"read as a motion that goes on{fits}"
             log.doubt(f"the counter {moved}: {read}", log.column(ENCODERS[i]), "log faster")
-        angle[known, i] = chosen
+        angle[finite, i] = chosen
     return dataclasses.replace(wheels, angle=angle)
 
 

@@ -50,10 +50,10 @@ def row_stamps(source: Source) -> Array:
         source.doubts.append(Doubt(f"{away} and come back", where, "left out"))
         logged = logged.copy()
         logged[block] = np.nan
-    raw, known = logged.copy(), np.isfinite(logged)
+    raw, finite = logged.copy(), np.isfinite(logged)
     usual = RANGES if binding.unit.name == DATE else _WRAPS
     ranges = (binding.spec.wrap,) if binding.spec.wrap else usual
-    raw[known], wraps, width = unwrap(logged[known], ranges, slack=0.0)
+    raw[finite], wraps, width = unwrap(logged[finite], ranges, slack=0.0)
     if wraps:
         source.doubt(f"the clock wrapped {wraps} times at {width:.0f}", remedy="unwrapped")
     for kind in _KINDS:
@@ -84,8 +84,8 @@ def _chosen(source: Source) -> Binding:
         (k for k, ticks in enumerate(good) if ticks), next((k for k, on in enumerate(runs) if on), None)
     )
     if best is None:
-        what = f"column '{clocks[0].name}' does not advance, expected time stamps"
-        raise source.refuse(what, "a log needs at least two rows with stamps that increase")
+        message = f"column '{clocks[0].name}' does not advance, expected time stamps"
+        raise source.refuse(message, "a log needs at least two rows with stamps that increase")
     for clock, t, on in zip(clocks[:best], logged, runs, strict=False):
         if len(t):
             fault = "ticks too rarely" if on else f"is {t[0] / clock.factor:.10g} throughout"
@@ -99,13 +99,13 @@ def _stray_rows(source: Source, logged: Array) -> list[Rows]:
 
     Sensors whose rows take turns in a file may have clocks of their own, seconds apart.
     """
-    found: dict[int, Rows] = {}
+    blocks: dict[int, Rows] = {}
     sensors = [sampled(source, kind.channels) for name, kind in SENSORS.items() if name != "time"]
     for sensor in (*sensors, ~np.any(sensors, axis=0)):
         rows = np.flatnonzero(sensor)
         for block in stray(logged[rows]):
-            found.setdefault(int(rows[block.start]), rows[block])
-    return [found[row] for row in sorted(found)]
+            blocks.setdefault(int(rows[block.start]), rows[block])
+    return [blocks[row] for row in sorted(blocks)]
 
 
 def stray(raw: Array) -> list[slice]:
@@ -122,16 +122,16 @@ def stray(raw: Array) -> list[slice]:
     period = float(np.mean(np.delete(steps, jumps))) if len(jumps) < len(steps) else 0.0
     if period <= 0:
         return []
-    found: list[slice] = []
+    blocks: list[slice] = []
     done = -1
     for k, i in enumerate(jumps):
         for j in jumps[k + 1 : k + 20]:
             hole, count = raw[seen[j + 1]] - raw[seen[i]], int(j - i)
             if i > done and count < 0.2 * len(seen) and 0.3 < hole / ((count + 1) * period) < 3:
-                found.append(slice(int(seen[i + 1]), int(seen[j]) + 1))
+                blocks.append(slice(int(seen[i + 1]), int(seen[j]) + 1))
                 done = j
                 break
-    return found
+    return blocks
 
 
 def _usual(t: Array) -> float:
@@ -169,7 +169,7 @@ def set_back(t: Array, values: Array) -> list[int]:
     within[: lasts[0] + 1] &= taken[0]  # what reaches to all others from before may have been written late
     count = np.bincount(b, weights=within, minlength=len(cuts) + 1)[1:]
     count_wrong = np.bincount(b, weights=within & wrong, minlength=len(cuts) + 1)[1:]
-    found: list[int] = []
+    steps: list[int] = []
     for k in np.flatnonzero((count_wrong >= _SEEN) & (count_wrong > 0.5 * count)):
         cut, end = int(cuts[k]), int(cuts[k + 1]) if k + 1 < len(cuts) else len(t)
         past = np.flatnonzero(t[cut:end] > highest[cut - 1])
@@ -177,8 +177,8 @@ def set_back(t: Array, values: Array) -> list[int]:
         # Rows that were written twice end in a jump to where the file was.
         back = 0.5 * float(t[cut - 1] - t[cut])
         if np.diff(t[cut : on + 1]).max(initial=0.0) <= max(GAP_PERIODS * period, back):
-            found.append(cut)
-    return found
+            steps.append(cut)
+    return steps
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ def set_forward(t: Array, counts: Array) -> list[int]:
 
     While the counters stand, so was one over a gap that is longer than all the rest of the log.
     """
-    period, found = _usual(t), list[int]()
+    period, steps = _usual(t), list[int]()
     for cut in (np.flatnonzero(np.diff(t) > GAP_PERIODS * period) + 1).tolist():
         gap = float(t[cut] - t[cut - 1])
         near, at = np.abs(np.diff(counts[max(cut - 6, 0) : cut + 6], axis=0)), min(cut - 1, 5)
@@ -227,8 +227,8 @@ def set_forward(t: Array, counts: Array) -> list[int]:
         else:
             stood = gap > float(np.ptp(t)) - gap and goes_on(counts, cut)
         if stood:
-            found.append(cut)
-    return found
+            steps.append(cut)
+    return steps
 
 
 def one_line(source: Source, t: Array) -> tuple[Array, list[Doubt]]:
@@ -257,18 +257,18 @@ def one_line(source: Source, t: Array) -> tuple[Array, list[Doubt]]:
         _refuse_step(source, t, row, best, steps)
         t[row:] -= best.size
         way, place = "back" if best.size < 0 else "forward", Path(source.place(row)).name
-        what = f"the clock was set {way} by {abs(best.size):.4g} ± {best.std:.1g} s"
-        doubts.append(Doubt(what, place, "the stamps from there on are joined to those before"))
+        jump = f"the clock was set {way} by {abs(best.size):.4g} ± {best.std:.1g} s"
+        doubts.append(Doubt(jump, place, "the stamps from there on are joined to those before"))
     raise source.refuse(f"the clock was set more than {_MOST_STEPS} times", "choose another time column")
 
 
 def _series(source: Source, t: Array) -> list[Rows]:
     """Return the rows of each sensor that have a stamp."""
-    known = np.isfinite(t)
+    finite = np.isfinite(t)
     return [
         rows
         for kind in _KINDS
-        if len(rows := np.flatnonzero(sampled(source, SENSORS[kind].channels) & known)) > 2
+        if len(rows := np.flatnonzero(sampled(source, SENSORS[kind].channels) & finite)) > 2
     ]
 
 
@@ -279,21 +279,21 @@ def _values(source: Source, rows: Rows, *channels: str) -> Array:
 
 def _first_steps(source: Source, t: Array, series: Sequence[Rows]) -> list[tuple[Rows, int]]:
     """Return, for each sensor that sees one, its rows and the sample at which the clock was first set."""
-    found: list[tuple[Rows, int]] = []
+    steps: list[tuple[Rows, int]] = []
     for rows in series:
         logged = [b.place for b in source.match.bindings if np.isfinite(source.columns[b.place][rows]).any()]
         values = np.column_stack([source.columns[place][rows] for place in logged])
         clocks = [
             k for k, place in enumerate(logged) if place in {b.place for b in source.bindings("t", "t_add")}
         ]
-        found += [(rows, cut) for cut in set_back(t[rows], np.delete(values, clocks, axis=1))[:1]]
+        steps += [(rows, cut) for cut in set_back(t[rows], np.delete(values, clocks, axis=1))[:1]]
     rows, counts = _counted(source, t)
     for cut in set_forward(t[rows], counts) if len(rows) > 2 else ():
         between = t[rows[cut - 1] : rows[cut] + 1]
         between = between[np.isfinite(between)]
         if np.diff(between).max() > 0.5 * np.ptp(between):  # else the others went on
-            return [*found, (rows, cut)]
-    return found
+            return [*steps, (rows, cut)]
+    return steps
 
 
 def _counted(source: Source, t: Array) -> tuple[Rows, Array]:
@@ -322,10 +322,10 @@ def _refuse_step(source: Source, t: Array, row: int, best: Step, steps: Sequence
     if alike and clear and best.std <= 0.5 * best.period:
         return
     way = f"backwards by {-best.size:.3f} s" if best.size < 0 else f"on by {best.size:.3f} s"
-    what = f"time runs {way} and starts over at {t[row]:.3f} s"
+    message = f"time runs {way} and starts over at {t[row]:.3f} s"
     if not alike:
-        what += ", for some of the sensors only"
+        message += ", for some of the sensors only"
     elif counted and not clear:
-        what += ", and the wheels' counters do not go on"
+        message += ", and the wheels' counters do not go on"
     hint = "the clock was reset: cut the file there and read the parts as separate trials"
-    raise InputError(f"{source.place(row)}: {what}", hint)
+    raise InputError(f"{source.place(row)}: {message}", hint)

@@ -76,8 +76,8 @@ def convert(t: Array, raw: Array, unit: Unit, spec: Column, wheel: Wheel, doubts
     ranges = wrap_ranges(raw, unit, spec.wrap, wheel.per_rev)
     values, wraps, width = unwrap(raw, ranges, stated=spec.wrap > 0)
     if wraps:
-        what = "rate overflowed" if not is_angle else "counter wrapped"
-        doubts.append(Doubt(f"the {what} {wraps} times at {width:g}", remedy="unwrapped"))
+        kind = "rate overflowed" if not is_angle else "counter wrapped"
+        doubts.append(Doubt(f"the {kind} {wraps} times at {width:g}", remedy="unwrapped"))
     if wraps and not is_angle:
         values = _anchored(raw, values, width)
     factor = spec.scale * ((_TURN / wheel.per_rev if wheel.per_rev else math.nan) if counted else unit.factor)
@@ -95,10 +95,10 @@ def convert(t: Array, raw: Array, unit: Unit, spec: Column, wheel: Wheel, doubts
     counts = _counts_per_period(t, values, wheel.per_rev * size / _TURN)
     step = size * (counts.rate if counts else max(quantum(raw) or lattice(raw), 1.0 if whole else 0.0))
     rate = _measured(t, values * factor, step, wheel, doubts)
-    known = np.isfinite(rate)
-    if counts and known.all():
+    finite = np.isfinite(rate)
+    if counts and finite.all():
         return Turning(counts.angle * factor, None, counts.step * size)
-    return Turning(integral(t, np.interp(t, t[known], rate[known]) if known.any() else rate), rate, step)
+    return Turning(integral(t, np.interp(t, t[finite], rate[finite]) if finite.any() else rate), rate, step)
 
 
 class _Periods(NamedTuple):
@@ -123,8 +123,8 @@ def _counts_per_period(t: Array, raw: Array, per_unit: float) -> _Periods | None
     for passed in (times, np.full(len(t), period)):
         steps = raw * passed
         step = lattice(steps)
-        one = per_unit > 0 and abs(step * per_unit - 1) < _NEAR
-        if step > 0 and (one or lattice(raw) == 0.0):
+        by_count = per_unit > 0 and abs(step * per_unit - 1) < _NEAR
+        if step > 0 and (by_count or lattice(raw) == 0.0):
             whole = np.rint(steps / step)
             return _Periods(np.cumsum(whole) * step, step, step / period)
     return None
@@ -183,8 +183,8 @@ def _anchored(raw: Array, rate: Array, width: float) -> Array:
     turns = {round(float(rate[k] - raw[k]) / width) for a, b in rests for k in range(a, b)}
     if step > _CLEAR * width or len(turns) != 1:
         why = f"by up to {step / width:.0%} of its range" if turns else "and never rests at 0"
-        what = f"the rate overflows at {width:g} and changes from sample to sample {why}"
-        raise InputError(f"{what}: not to be read", "log it in wider numbers, or log the counter itself")
+        message = f"the rate overflows at {width:g} and changes from sample to sample {why}"
+        raise InputError(f"{message}: not to be read", "log it in wider numbers, or log the counter itself")
     return rate - turns.pop() * width
 
 
@@ -208,13 +208,13 @@ def _without_jumps(t: Array, angle: Array, fastest: float, doubts: list[Doubt]) 
     wild = too_fast(steps, times)
     middle = (t[1:] + t[:-1]) / 2
     usual = np.interp(middle, middle[~wild], (steps / times)[~wild]) * times
-    for found, what, done in (
+    for flags, kind, done in (
         (alone[1:], "thrown off", "replaced by their neighbours"),
         (wild, "from which the counter starts anew", "joined to what was before"),
     ):
-        if found.any():
-            at = ", ".join(f"{x:.3f}" for x in t[1:][found][:3])
-            doubts.append(Doubt(f"{np.count_nonzero(found)} readings {what} (t = {at} s)", remedy=done))
+        if flags.any():
+            at = ", ".join(f"{x:.3f}" for x in t[1:][flags][:3])
+            doubts.append(Doubt(f"{np.count_nonzero(flags)} readings {kind} (t = {at} s)", remedy=done))
     return angle - np.concatenate(([0.0], np.cumsum(np.where(wild, steps - usual, 0.0))))
 
 
@@ -231,10 +231,10 @@ def _measured(t: Array, rate: Array, step: float, wheel: Wheel, doubts: list[Dou
         return rate
     wild |= _strayed(t, np.where(wild, np.interp(t, t[~wild], rate[~wild]), rate), step, wheel.radius)
     stuck = _repeated(t, rate, step) & ~wild
-    for found, what in ((wild, "thrown off or 0 for a lost sample"), (stuck, "that repeat the last one")):
-        if found.any():
-            at = ", ".join(f"{t[a]:.3f}" for a, _ in runs(found)[:3])
-            doubts.append(Doubt(f"{np.count_nonzero(found)} readings {what} (t = {at} s)", remedy="left out"))
+    for flags, kind in ((wild, "thrown off or 0 for a lost sample"), (stuck, "that repeat the last one")):
+        if flags.any():
+            at = ", ".join(f"{t[a]:.3f}" for a, _ in runs(flags)[:3])
+            doubts.append(Doubt(f"{np.count_nonzero(flags)} readings {kind} (t = {at} s)", remedy="left out"))
     return np.where(wild | stuck, np.nan, rate)
 
 
@@ -244,9 +244,9 @@ def _strayed(t: Array, rate: Array, step: float, radius: float) -> Mask:
     top = float(np.quantile(np.abs(rate), 0.95))
     limit = np.maximum(_TREAD / radius * dt, max(3 * step, 0.3 * top))
     jumps = np.flatnonzero(np.abs(change) > limit)
-    found, k = np.zeros(len(rate), dtype=bool), 0
+    strays, k = np.zeros(len(rate), dtype=bool), 0
     if len(jumps) > _MANY * len(rate):  # then jumps are the rule
-        return found
+        return strays
     while k < len(jumps):
         i = jumps[k]
         # The first jump within reach after which the rate is again what it was before.
@@ -256,21 +256,21 @@ def _strayed(t: Array, rate: Array, step: float, radius: float) -> Mask:
         ]  # fmt: skip
         k += 1
         if back:
-            found[i + 1 : back[0] + 1] = True
+            strays[i + 1 : back[0] + 1] = True
             k = int(np.searchsorted(jumps, back[0])) + 1
-    return found
+    return strays
 
 
 def _repeated(t: Array, rate: Array, step: float) -> Mask:
     """(N,) True where a turning wheel's rate repeats the last one much longer than it usually does."""
     edges = np.concatenate(([0], np.flatnonzero(np.diff(rate) != 0) + 1, [len(rate)]))
-    lengths, found = np.diff(edges), np.zeros(len(rate), dtype=bool)
+    lengths, repeats = np.diff(edges), np.zeros(len(rate), dtype=bool)
     moving, changes = rate[edges[:-1]] != 0, np.abs(np.diff(rate))
     # A rate of coarse steps repeats itself while the wheel turns steadily.
     if np.count_nonzero(moving) < 20 or float(np.median(changes[changes > 0])) < 3 * step:
-        return found
+        return repeats
     usual = float(np.quantile(lengths[moving], 0.95))
     for a, b in zip(edges[:-1][moving], edges[1:][moving], strict=True):
         if b - a >= max(_STUCK[1], _OFTEN * usual) and t[b - 1] - t[a] >= _STUCK[0]:
-            found[a + 1 : b] = True
-    return found
+            repeats[a + 1 : b] = True
+    return repeats

@@ -130,9 +130,9 @@ def find_restarts(
     if not all(at.any() for at in places):
         return ()
     forces, rates = ([_level(v[at]) for at in places] for v in (stream.specific_force, stream.angular_rate))
-    for one, two in pairwise(zip(rests, forces, rates, strict=True)):
-        ((start, begin), (force, force_std), (rate, rate_std)) = one
-        ((end, stop), (force_2, force_std_2), (rate_2, rate_std_2)) = two
+    for first, second in pairwise(zip(rests, forces, rates, strict=True)):
+        ((start, begin), (force, force_std), (rate, rate_std)) = first
+        ((end, stop), (force_2, force_std_2), (rate_2, rate_std_2)) = second
         time, time_2 = begin - start, stop - end
         share = np.sqrt(1.0 / max(time, 0.1) + 1.0 / max(time_2, 0.1))
         apart = np.sqrt(2.0 * (end - begin + 0.5 * (time + time_2)) / grade.instability_time)

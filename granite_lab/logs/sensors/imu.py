@@ -23,7 +23,8 @@ from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, Robot
 
 _WINDOW = 0.5  # length [s] of the windows over which vibration is averaged away
-_TURNS = 2.0  # a gyroscope turns at most so many times as far as gravity; a hundredth is rad/s read as deg/s
+# Angle of the gyroscope over that of gravity: more is deg/s read as rad/s, a hundredth of it the opposite.
+_TURNED = 2.0
 _FASTEST = 60.0  # no ground robot's gyroscope reads more [rad/s]
 _OFF_AXIS = 45.0  # gravity at rest farther than this [deg] from the robot's z axis stands on another axis
 _HANGS = 0.5  # all axes of a sensor that repeat themselves for longer [s] hang
@@ -53,12 +54,12 @@ def check_units(imu: ImuStream, log: Log) -> tuple[ImuStream, ImuStream]:
     g = _rate(clean.angular_rate, removed, seen, log)
     imu, clean = (
         dataclasses.replace(
-            one,
-            specific_force=one.specific_force * a,
-            angular_rate=one.angular_rate * g,
+            samples,
+            specific_force=samples.specific_force * a,
+            angular_rate=samples.angular_rate * g,
             gravity_removed=removed,
         )
-        for one in (imu, clean)
+        for samples in (imu, clean)
     )
     _report_rails(imu, log)
     return imu, clean
@@ -115,8 +116,8 @@ def refuse_axes(imu: ImuStream, still: Spans, rolls: Mask, log: Log) -> None:
     """
     mounting = mounted(log.robot).as_matrix()
     _refuse_dead(imu, mounting, rolls, log)
-    known = not np.isnan(imu.specific_force).any()
-    if known and not imu.gravity_removed and log.robot.imu.forward != "find":
+    complete = not np.isnan(imu.specific_force).any()
+    if complete and not imu.gravity_removed and log.robot.imu.forward != "find":
         _refuse_gravity(imu, mounting, still, log)
         _refuse_pitch_rate(imu, mounting, still, log)
 
@@ -165,10 +166,10 @@ def _acceleration(removed: bool, seen: Windows, log: Log) -> tuple[float, bool]:
         gone = "the logger has removed gravity, so that pitch cannot be levelled"
         log.doubt(f"the accelerometer reads {g:.2g} m/s^2 at rest: {gone}")
         return 1.0, True
-    what = f"{log.where}: {reads}, expected 9.81 m/s^2, 1 g, 1000 mg or, with gravity removed, 0"
-    own = log.column(*(channel for channel in ACCELERATION if channel in log.columns))
+    message = f"{log.where}: {reads}, expected 9.81 m/s^2, 1 g, 1000 mg or, with gravity removed, 0"
+    named = log.column(*(channel for channel in ACCELERATION if channel in log.columns))
     fits = f"unit = … or scale = {STANDARD_GRAVITY / g:.4g}" if g > 0 else "unit = … or scale = …"
-    raise InputError(what, f"give {own} the unit that the logger uses, in a column map by {fits}")
+    raise InputError(message, f"give {named} the unit that the logger uses, in a column map by {fits}")
 
 
 def _rate(rate: Array, removed: bool, seen: Windows | None, log: Log) -> float:
@@ -180,14 +181,14 @@ def _rate(rate: Array, removed: bool, seen: Windows | None, log: Log) -> float:
     # The turning of the gravity vector, as the accelerometer sees it, contains all of the true turning:
     # a ratio beyond 1 is impossible. Vibration and acceleration lower it to a few hundredths on flat ground
     # (0.06 to 1.1 in logs of a rover on sand, a Husky on sand and snow, and a car).
-    too_large = turning > _TURNS or (math.isnan(turning) and peak > _FASTEST)
-    too_small = turning < _TURNS / 100 and seen is not None and not _noise_ratio(seen, log.robot) > 1 / 15
+    too_large = turning > _TURNED or (math.isnan(turning) and peak > _FASTEST)
+    too_small = turning < _TURNED / 100 and seen is not None and not _noise_ratio(seen, log.robot) > 1 / 15
     why = f"it turns {turning:.3g} times as far as gravity does"
     why = f"it reads up to {peak:.0f} rad/s" if math.isnan(turning) else why
     if (too_large and declared == "rad/s") or (too_small and declared == "deg/s"):
-        sizes, found = factors("angular rate"), "deg/s" if too_large else "rad/s"
-        log.convert(RATE, found, f"the gyroscope, declared in {declared}, is in {found} ({why})")
-        return sizes[found] / sizes[declared]
+        sizes, unit = factors("angular rate"), "deg/s" if too_large else "rad/s"
+        log.convert(RATE, unit, f"the gyroscope, declared in {declared}, is in {unit} ({why})")
+        return sizes[unit] / sizes[declared]
     if too_large:
         log.doubt(f"the gyroscope, declared in {declared}, reads far too much ({why}): wrong unit?")
     return 1.0
@@ -224,17 +225,17 @@ def _report_rails(imu: ImuStream, log: Log) -> None:
     """Report axes that stay at the end of their range, and axes that never change."""
     grade = log.robot.imu_grade
     limits = (grade.accel_range, grade.gyro_range) if grade else (math.inf, math.inf)
-    for (what, _, values), unit, limit in zip(_sensors(imu), ("m/s^2", "rad/s"), limits, strict=True):
+    for (name, _, values), unit, limit in zip(_sensors(imu), ("m/s^2", "rad/s"), limits, strict=True):
         for axis, column in zip("xyz", values.T, strict=True):
             if np.isnan(column).all():
                 continue
             if np.ptp(column) == 0 and len(column) > 10:
-                log.doubt(f"constant at {column[0]:g} {unit}: not connected?", f"{what} {axis}")
+                log.doubt(f"constant at {column[0]:g} {unit}, as if not connected", f"{name} {axis}")
             elif (at_rail := (np.abs(column) >= 0.999 * limit) | rail(column)).any():
                 log.doubt(
                     f"saturated at {column[at_rail][0]:.4g} {unit} in {int(at_rail.sum())} samples, first at "
                     f"t = {imu.t[int(np.argmax(at_rail))]:.3f} s",
-                    f"{what} {axis}",
+                    f"{name} {axis}",
                 )
 
 
@@ -251,18 +252,18 @@ def rail(axis: Array) -> Mask:
     that holds the last value does so everywhere), and away from the usual reading.
     """
     mark = np.zeros(axis.size, dtype=bool)
-    known = axis[np.isfinite(axis)]
-    change = np.abs(np.diff(known))
+    finite = axis[np.isfinite(axis)]
+    change = np.abs(np.diff(finite))
     moved = change[change > 0]
-    if known.size < 8 or moved.size == 0:
+    if finite.size < 8 or moved.size == 0:
         return mark
-    usual = known.size / (moved.size + 1.0)
-    for extreme in (float(known.max()), float(known.min())):
+    usual = finite.size / (moved.size + 1.0)
+    for extreme in (float(finite.max()), float(finite.min())):
         at_limit = axis == extreme
         stays = max(runs(at_limit), key=lambda run: run[1] - run[0])
         if stays[1] - stays[0] >= 3.0 * max(usual, 1.0) and _cut_off(axis, *stays, float(moved.min())):
-            centre = float(np.median(known))
-            scatter = 1.4826 * float(np.median(np.abs(known - centre)))
+            centre = float(np.median(finite))
+            scatter = 1.4826 * float(np.median(np.abs(finite - centre)))
             if abs(extreme - centre) > max(3.0 * float(moved.min()), 1.5 * scatter):
                 mark |= at_limit
     return mark
@@ -281,15 +282,15 @@ def _refuse_dead(imu: ImuStream, mounting: Array, rolls: Mask, log: Log) -> None
     """
     turn = np.abs(mounting) > 0.5
     both, needed = _sensors(imu), ((0, 2), (1,))
-    for (what, channels, values), (_, _, other), rows in zip(both, both[::-1], needed, strict=True):
+    for (name, channels, values), (_, _, other), rows in zip(both, both[::-1], needed, strict=True):
         equal = (np.diff(values, axis=0) == 0).all(axis=1)
         same = runs(equal & rolls[1:])
         first, last = max(same, key=lambda run: run[1] - run[0], default=(0, 0))
         begin, end = float(imu.t[first]), float(imu.t[last])
-        changes = f"expected readings of the {what} that change"
+        changes = f"expected readings of the {name} that change"
         if end - begin > _HANGS and last - first > 50 and np.count_nonzero(equal) < 0.9 * len(imu.t):
-            told = f": every sample from t = {begin:.3f} s to {end:.3f} s is the same, {changes}: it hangs"
-            raise log.refuse(channels, told, "cut the log there (--from, --to)")
+            repeats = f": every sample from t = {begin:.3f} s to {end:.3f} s is the same, {changes}: it hangs"
+            raise log.refuse(channels, repeats, "cut the log there (--from, --to)")
         constant = np.array([np.isfinite(v).all() and np.ptp(v) == 0 for v in values.T])
         silent = np.isnan(other).all() or not np.ptp(other, axis=0).any()
         if silent and constant[np.isfinite(values).any(axis=0)].all():
@@ -318,14 +319,14 @@ def _refuse_gravity(imu: ImuStream, mounting: Array, still: Spans, log: Log) -> 
 def _refuse_pitch_rate(imu: ImuStream, matrix: Array, still: Spans, log: Log) -> None:
     """Refuse a pitch rate that motions between standstills contradict, where another reading of axes fits."""
     grade = log.robot.imu_grade
-    found = contradicted(imu, matrix, still, grade) if grade is not None else None
-    if found is not None:
-        logged, best = found
+    contradiction = contradicted(imu, matrix, still, grade) if grade is not None else None
+    if contradiction is not None:
+        logged, best = contradiction
         forward = log.name(ACCELERATION[int(np.argmax(np.abs(matrix[0])))])
         sign_of = f"its sign or that of '{forward}' is wrong"
-        what = sign_of if best.name == "-y" else f"the rate about {best.name[1]} fits: axes exchanged"
+        cause = sign_of if best.name == "-y" else f"the rate about {best.name[1]} fits: axes exchanged"
         left_over = f"{logged.speed:.2f} m/s are left at standstill, with {best.name} {best.speed:.2f} m/s"
         remedy = "scale = -1 in a column map turns a sign, 'to' exchanges axes"
         channel = RATE[int(np.argmax(np.abs(matrix[1])))]
         hint = f"{remedy}; pitch rate is positive nose down"
-        raise log.refuse(channel, f": with it as pitch rate {left_over}: {what}", hint)
+        raise log.refuse(channel, f": with it as pitch rate {left_over}: {cause}", hint)

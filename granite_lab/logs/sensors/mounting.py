@@ -55,14 +55,14 @@ class BodyImu:
 
         Of axes that turn into these the steps add as errors of rounding do.
         """
-        matrix, found = self.rotation.as_matrix(), []
+        matrix, steps = self.rotation.as_matrix(), []
         triples = (self.forward, self.left, self.up), (self.roll_rate, self.pitch_rate, self.yaw_rate)
         for axis, triple in zip((0, 1), triples, strict=True):
             body = np.stack(triple, axis=1)
             whole = bool(np.isfinite(body).all())
-            own = matrix[axis] * step_of(body @ matrix) if whole else step_of(triple[axis][:, None])
-            found.append(float(np.linalg.norm(own)))
-        return found[0], found[1]
+            step = matrix[axis] * step_of(body @ matrix) if whole else step_of(triple[axis][:, None])
+            steps.append(float(np.linalg.norm(step)))
+        return steps[0], steps[1]
 
 
 def to_body(imu: ImuStream, rotation: Rotation, *, levelled: bool = False) -> BodyImu:

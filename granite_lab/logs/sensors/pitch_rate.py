@@ -81,7 +81,7 @@ def contradicted(
     The IMU is turned to robot axes by `matrix` (3, 3); `still` are standstills [s].
     """
     force, rate = imu.specific_force @ matrix.T, np.nan_to_num(imu.angular_rate) @ matrix.T
-    motions = [m for one, other in pairwise(still) if (m := _between(imu.t, force, rate, one, other))]
+    motions = [m for before, after in pairwise(still) if (m := _between(imu.t, force, rate, before, after))]
     if not motions:
         return None
     covariances = [_covariance(motion, grade) for motion in motions]
@@ -100,12 +100,12 @@ def contradicted(
 
 
 def _between(
-    t: Array, force: Array, rate: Array, one: tuple[float, float], other: tuple[float, float]
+    t: Array, force: Array, rate: Array, before: tuple[float, float], after: tuple[float, float]
 ) -> Motion | None:
     """Cut the motion between two standstills out of force and rates (N, 3); None where it tells nothing."""
-    a, b, c, d = np.searchsorted(t, np.add([*one, *other], [0.1, -0.1, 0.1, -0.1]))
+    a, b, c, d = np.searchsorted(t, np.add([*before, *after], [0.1, -0.1, 0.1, -0.1]))
     first, last, motion = slice(a, b), slice(c, d), slice(b, c)
-    if min(part.stop - part.start for part in (first, last, motion)) < 10 or other[0] - one[1] > LONGEST:
+    if min(part.stop - part.start for part in (first, last, motion)) < 10 or after[0] - before[1] > LONGEST:
         return None
     up = np.array([force[rest].mean(axis=0) for rest in (first, last)])
     level = np.arcsin(np.clip(up[:, 0] / -GRAVITY, -1.0, 1.0))

@@ -35,7 +35,7 @@ AXES = "give its [imu] rotation in the robot's file, or let forward = 'find' loo
 
 
 def check_signs(
-    wheels: WheelStream, imu: BodyImu | None, robot: Robot, *, forward_known: bool
+    wheels: WheelStream, imu: BodyImu | None, robot: Robot, *, forward_given: bool
 ) -> tuple[WheelStream, tuple[Doubt, ...]]:
     """Turn wheels that count backwards, and exchange the sides where the gyro shows that they are.
 
@@ -53,7 +53,7 @@ def check_signs(
     live = np.flatnonzero(np.nan_to_num(np.abs(speed)).max(axis=0, initial=0.0) > MOVING)
     if live.size == 0 or grid.size < 4 * REACH:
         return wheels, ()
-    judge = imu if forward_known else None
+    judge = imu if forward_given else None
     doubts: list[Doubt] = []
     yaw = None
     if imu is not None and np.isfinite(imu.yaw_rate).any():
@@ -104,7 +104,7 @@ def _speeds(wheels: WheelStream, robot: Robot) -> tuple[Array, Array]:
 def _relative_signs(speed: Array, live: np.ndarray) -> Array:
     """(4,) signs against the first live wheel; all +1 where the wheels do not move alike."""
     sign, moves = np.ones(4), np.nan_to_num(speed[:, live].T)
-    alike = np.array([_correlation(moves[0], one) for one in moves])
+    alike = np.array([_correlation(moves[0], wheel) for wheel in moves])
     if np.abs(alike).min() >= ALIKE:
         sign[live] = np.sign(alike)
     return sign

@@ -95,11 +95,11 @@ def _first(where: Where, row: int) -> str:
 
 
 def tidy(
-    t: Array, values: Array, what: str, where: Where, doubts: list[Doubt], *, spread: bool = True
+    t: Array, values: Array, sensor: str, where: Where, doubts: list[Doubt], *, spread: bool = True
 ) -> Stamps:
     """Put stamps (N,) [s] in order: drop missing ones, sort late ones, spread or drop equal ones.
 
-    The samples (N, K) tell those that were written twice from those that share a stamp; `what` names the
+    The samples (N, K) tell those that were written twice from those that share a stamp; `sensor` names the
     sensor. Without `spread` the first of equal stamps is kept.
 
     Raises:
@@ -114,23 +114,23 @@ def tidy(
     if len(back) > 0.5 * len(stamps):
         seen = f"time runs backwards, from {stamps[0]:.3f} s to {stamps[-1]:.3f} s"
         hint = "stamps increase from row to row: sort the log, or correct its time column"
-        raise InputError(f"{where(int(rows[back[0]]))}: {what}: {seen}", hint)
+        raise InputError(f"{where(int(rows[back[0]]))}: {sensor}: {seen}", hint)
     if len(back):
         late = int(np.count_nonzero(stamps < np.maximum.accumulate(stamps)))
         first = _first(where, int(rows[back[0]]))
         order = np.argsort(stamps, kind="stable")
         rows, stamps = rows[order], stamps[order]
         doubts.append(Doubt(f"{late} samples were not in the order of time {first}", remedy="sorted"))
-    found = _apart(stamps, values[rows], what, lambda row: where(int(rows[row])), doubts, spread)
-    if len(found.t) < 2:
-        count = "a single stamp" if len(found.t) else "no sample"
+    spaced = _apart(stamps, values[rows], sensor, lambda row: where(int(rows[row])), doubts, spread)
+    if len(spaced.t) < 2:
+        count = "a single stamp" if len(spaced.t) else "no sample"
         hint = "the log is too short, or its clock stands still"
         place = where(int(rows[0] if len(rows) else 0))
-        raise InputError(f"{place}: {what}: {count}, expected at least two", hint)
-    return Stamps(found.t, rows[found.rows], found.std)
+        raise InputError(f"{place}: {sensor}: {count}, expected at least two", hint)
+    return Stamps(spaced.t, rows[spaced.rows], spaced.std)
 
 
-def _apart(t: Array, values: Array, what: str, where: Where, doubts: list[Doubt], spread: bool) -> Stamps:
+def _apart(t: Array, values: Array, sensor: str, where: Where, doubts: list[Doubt], spread: bool) -> Stamps:
     """Give samples that share a stamp (N,), in order, stamps of their own; copies are dropped."""
     new = np.concatenate(([True], np.diff(t) > 0))[: len(t)]
     if new.all():
@@ -140,7 +140,7 @@ def _apart(t: Array, values: Array, what: str, where: Where, doubts: list[Doubt]
     different = (np.isfinite(change) & (change != 0)).any(axis=1)
     keep, apart, std = new, t, 0.0
     if spread and different.mean() >= _DIFFER:
-        apart, kept, std = _spread(t, new, f"{where(int(tied[0]))}: {what}")
+        apart, kept, std = _spread(t, new, f"{where(int(tied[0]))}: {sensor}")
         keep = new | kept
     if shared := int(np.count_nonzero(keep & ~new)):
         late = f"; all may be off by {1e3 * std:.3g} ms" if std else ""
@@ -199,12 +199,12 @@ def _refuse_batches(sizes: Rows, room: Array, length: float, place: str) -> None
     seen = f"{place}: {shared:.0%} of the samples have the stamp of another one, {np.median(sizes):g} a stamp"
     hint = "log the time of every sample, or choose another time column"
     if length > LONGEST_BATCH * _ROUNDED:
-        what = f"a stamp every {length:.3g} s, expected every {LONGEST_BATCH:g} s at least"
-        raise InputError(f"{seen}, {what}", hint)
+        message = f"a stamp every {length:.3g} s, expected every {LONGEST_BATCH:g} s at least"
+        raise InputError(f"{seen}, {message}", hint)
     crowded = sizes[room < 1 / _ROOM[1]].sum() / sizes.sum()
     if crowded + (room > 1.1 * _ROOM[1]).mean() > _UNSTEADY:
-        what = f"from {sizes.min()} to {sizes.max()} whatever time has passed, expected a steady number"
-        raise InputError(f"{seen}, {what}", hint)
+        message = f"from {sizes.min()} to {sizes.max()} whatever time has passed, expected a steady number"
+        raise InputError(f"{seen}, {message}", hint)
 
 
 def ticks_too_rarely(t: Array) -> bool:

@@ -156,14 +156,14 @@ def find_standstills(
         still = without_swings(imu, still, grade)
         if wheels is None:
             still = late_halves(imu, still)
-    found, creep, dt = list[Interval](), np.zeros(t.size), float(np.median(np.diff(t)))
+    rests, creep, dt = list[Interval](), np.zeros(t.size), float(np.median(np.diff(t)))
     for a, b in runs(bridged(t, still, max(BRIDGED, 2.5 * dt))):
         begin, end = float(t[a]), float(t[b - 1])
         if end - begin >= 0.5 * SHORTEST:
-            found.append((begin, end))
+            rests.append((begin, end))
             hidden = np.inf if imu is None else unseen_by_imu(imu, a, b)
             creep[a] = 1.0 / np.hypot(1.0 / max(unseen[a], 1e-9), 1.0 / hidden) if unseen[a] > 0 else 0.0
-    return found, creep
+    return rests, creep
 
 
 def wheels_still(wheels: Turning, quiet: Mask | None = None, quiet_t: Array | None = None) -> Still:
@@ -187,22 +187,22 @@ def _by_counts(wheels: Turning) -> Still:
     of the finest counts does not show, the body does not do.
     """
     t, count = wheels.t, np.inf
-    turns, known = np.zeros(t.size, dtype=bool), np.isfinite(wheels.distance)
-    stand = np.asarray(known.any(axis=1))
+    turns, logged = np.zeros(t.size, dtype=bool), np.isfinite(wheels.distance)
+    stand = np.asarray(logged.any(axis=1))
     first = int(stand.argmax())
-    for distance, finite, resolution in zip(wheels.distance.T, known.T, wheels.resolution, strict=True):
+    for distance, finite, resolution in zip(wheels.distance.T, logged.T, wheels.resolution, strict=True):
         if not finite.any():
             continue
-        place, own = np.flatnonzero(finite), max(resolution, CREEP * SHORTEST)
-        step = np.diff(np.rint((distance[place] - distance[place[0]]) / own))
-        count = min(count, own) if step.any() else count
+        place, smallest = np.flatnonzero(finite), max(resolution, CREEP * SHORTEST)
+        step = np.diff(np.rint((distance[place] - distance[place[0]]) / smallest))
+        count = min(count, smallest) if step.any() else count
         changed = np.flatnonzero(step)
         back = np.zeros(changed.size, dtype=bool)
         back[1:] = (step[changed[1:]] == -step[changed[:-1]]) & (np.abs(step[changed[1:]]) == 1)
         back[:-1] |= back[1:]
         counted, stands = np.zeros(t.size, dtype=bool), ~finite
         counted[place[changed[~back] + 1]] = True
-        for a, b in _without_counts(t, counted, own / ZERO_VELOCITY):
+        for a, b in _without_counts(t, counted, smallest / ZERO_VELOCITY):
             stands[a:b] = True
         turns |= counted
         stand &= stands
@@ -226,17 +226,17 @@ def _without_counts(t: Array, counted: Mask, lasting: float) -> list[tuple[int, 
     same, `lasting` [s]; else the robot creeps in it, unless the log begins with it.
     """
     edges = np.flatnonzero(counted)
-    found: list[tuple[int, int]] = []
+    stretches: list[tuple[int, int]] = []
     for a, b in zip([0, *edges], [*edges, t.size], strict=True):
         length = t[b - 1] - t[a]
-        first, parted = found[-1] if found else (0, -1)
+        first, parted = stretches[-1] if stretches else (0, -1)
         if parted == a and t[a - 1] - t[first] >= lasting and (length >= SHORTEST or b == t.size):
-            found[-1] = (first, b)
+            stretches[-1] = (first, b)
         elif length >= SHORTEST:
             if parted == a and first > 0:
-                found.pop()
-            found.append((a, b))
-    return found
+                stretches.pop()
+            stretches.append((a, b))
+    return stretches
 
 
 def _by_rates(wheels: Turning, velocity: Array, certain: Mask) -> Still:
@@ -245,11 +245,11 @@ def _by_rates(wheels: Turning, velocity: Array, certain: Mask) -> Still:
     These are those at which the robot stands for `certain` (M,), by its IMU. Where none tells, they are the
     windows whose mean is zero within their own scatter.
     """
-    t, known = wheels.t, np.isfinite(velocity)
+    t, logged = wheels.t, np.isfinite(velocity)
     size = max(round(WINDOW / float(np.median(np.diff(t)))), 1) | 1
-    still = np.asarray(known.any(axis=1))
+    still = np.asarray(logged.any(axis=1))
     unseen = np.zeros(t.size)
-    for rate, finite, resolution in zip(velocity.T, known.T, wheels.resolution, strict=True):
+    for rate, finite, resolution in zip(velocity.T, logged.T, wheels.resolution, strict=True):
         if not finite.any():
             continue
         clean = np.interp(t, t[finite], rate[finite])
@@ -288,23 +288,23 @@ def _highest(dof: float, chance: float = FALSE_ALARM) -> float:
 
 def rolls(wheels: Turning, t: Array) -> Mask:
     """(N,) True at instants t where a wheel certainly rolls: faster than `SLOW` of what is usual."""
-    found = np.zeros(t.size, dtype=bool)
+    rolling = np.zeros(t.size, dtype=bool)
     reach = 0.5 * WINDOW
     for distance in wheels.distance.T:
-        known = np.isfinite(distance)
-        if known.sum() > 1:
-            ahead, behind = (np.interp(t + s, wheels.t[known], distance[known]) for s in (reach, -reach))
+        finite = np.isfinite(distance)
+        if finite.sum() > 1:
+            ahead, behind = (np.interp(t + s, wheels.t[finite], distance[finite]) for s in (reach, -reach))
             speed = np.abs(ahead - behind) / WINDOW
-            found |= speed > SLOW * float(np.quantile(speed, 0.9))
-    return found
+            rolling |= speed > SLOW * float(np.quantile(speed, 0.9))
+    return rolling
 
 
 def coasting(wheels: Turning | None, begin: float, end: float) -> bool:
     """Whether every wheel turns more slowly than `COAST` on the average of an interval [s]."""
     if wheels is None or not wheels.t[0] <= begin < end <= wheels.t[-1]:
         return False
-    known = [(wheels.t[seen], d[seen]) for d in wheels.distance.T if (seen := np.isfinite(d)).sum() > 1]
-    ways = [abs(float(np.diff(np.interp([begin, end], *one))[0])) for one in known]
+    counted = [(wheels.t[seen], d[seen]) for d in wheels.distance.T if (seen := np.isfinite(d)).sum() > 1]
+    ways = [abs(float(np.diff(np.interp([begin, end], *samples))[0])) for samples in counted]
     return bool(ways) and max(ways) < COAST * (end - begin)
 
 
@@ -337,13 +337,13 @@ def restlessness(values: Array, size: int, few: int = 1) -> Array:
 
     The samples are averaged over a `few` before.
     """
-    found = np.zeros(values.shape)
-    for signal, variance in zip(values.T, found.T, strict=True):
+    variances = np.zeros(values.shape)
+    for signal, variance in zip(values.T, variances.T, strict=True):
         if np.isfinite(signal).any():
             clean = uniform_filter1d(np.nan_to_num(signal - np.nanmedian(signal)), few, mode="nearest")
             power, level = (uniform_filter1d(s, size, mode="nearest") for s in (clean**2, clean))
             variance[:] = np.maximum(power - level**2, 0.0)
-    return found
+    return variances
 
 
 def period_of(imu: ImuStream) -> float:

@@ -53,7 +53,7 @@ def together(trial: Trial, robot: Robot) -> tuple[Trial, float]:
     elif trial.imu is not None and trial.wheels is not None and trial.wheels.t.size > 2:
         imu = mounting.to_body(despike(trial.imu)[0], mounted(robot))
         forward = robot.imu.forward != "find" or trial.imu.robot_axes
-        offset = gross_offset(imu, trial.wheels, robot.wheels.radius, forward_known=forward)
+        offset = gross_offset(imu, trial.wheels, robot.wheels.radius, forward_given=forward)
         how = "found by the ramps that both show"
     else:
         return trial, 0.0
@@ -77,7 +77,7 @@ def together(trial: Trial, robot: Robot) -> tuple[Trial, float]:
     return moved, by
 
 
-def gross_offset(imu: BodyImu, wheels: WheelStream, radius: float, *, forward_known: bool) -> Estimate:
+def gross_offset(imu: BodyImu, wheels: WheelStream, radius: float, *, forward_given: bool) -> Estimate:
     """Find an offset of seconds, as between two computers, by the ramps that wheels and IMU both show.
 
     The wheels' common acceleration and the horizontal specific force are correlated over all lags at which
@@ -88,24 +88,24 @@ def gross_offset(imu: BodyImu, wheels: WheelStream, radius: float, *, forward_kn
         imu: samples in robot axes.
         wheels: encoders on their own clock.
         radius: of the wheels [m].
-        forward_known: the forward axis is that of the robot.
+        forward_given: the forward axis is that of the robot.
 
     Returns:
         how far the encoders' clock lies behind the IMU's [s]; 0 with a std of 0 where an offset within
         `LARGEST` explains the ramps as well, which `find_offset` refines; std NaN where none is found.
     """
-    own = [np.arange(t[0], t[-1], STEP) for t in (imu.t, wheels.t)]  # the clocks may be years apart
-    wheel = changing(np.gradient(radius * _common_rate(own[1], wheels), STEP))
-    axes = [imu.forward] if forward_known else [imu.forward, imu.left]
-    force = [changing(joined(own[0], imu.t, x)) for x in axes if np.isfinite(x).any()]
+    grids = [np.arange(t[0], t[-1], STEP) for t in (imu.t, wheels.t)]  # the clocks may be years apart
+    wheel = changing(np.gradient(radius * _common_rate(grids[1], wheels), STEP))
+    axes = [imu.forward] if forward_given else [imu.forward, imu.left]
+    force = [changing(joined(grids[0], imu.t, x)) for x in axes if np.isfinite(x).any()]
     if not force or float(np.max(np.abs(wheel), initial=0.0)) < LEAST_RAMP:
         return Estimate(0.0)
-    half = min(len(grid) for grid in own) // 2
-    reach = max(len(grid) for grid in own) - half
+    half = min(len(grid) for grid in grids) // 2
+    reach = max(len(grid) for grid in grids) - half
     values = np.sqrt(np.sum([correlate(f, wheel, reach)[0] ** 2 for f in force], axis=0))
     values /= np.sqrt(np.sum(np.square(force)) * np.sum(wheel**2))
     lags = np.arange(-reach, reach + 1)
-    covered = (lags <= len(own[0]) - half) & (-lags <= len(own[1]) - half)
+    covered = (lags <= len(grids[0]) - half) & (-lags <= len(grids[1]) - half)
     values, offsets = values[covered], STEP * lags[covered] + imu.t[0] - wheels.t[0]
     best = int(np.argmax(values))
     if values[np.abs(offsets) <= LARGEST].max(initial=0.0) > RIVAL * values[best]:

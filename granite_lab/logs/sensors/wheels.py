@@ -84,7 +84,9 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
     ratio = _ratio(t, speed, imu) if imu is not None else math.nan
     if not (math.isnan(ratio) or 0.3 < ratio < 8):
         declared, gain = log.unit(*ENCODERS), f"gain {ratio:.3g} times the speed that the IMU gains"
-        sizes = next((kind for what in ("angle", "angular rate") if declared in (kind := factors(what))), {})
+        sizes = next(
+            (kind for quantity in ("angle", "angular rate") if declared in (kind := factors(quantity))), {}
+        )
         changes = {unit: size / sizes[declared] for unit, size in sizes.items() if unit != declared}
         fits = [(unit, change) for unit, change in changes.items() if 0.7 < ratio * change < 3]
         if len(fits) == 1:
@@ -130,7 +132,8 @@ def _without_dead(wheels: WheelStream, imu: ImuStream | None, log: Log) -> Wheel
         return wheels
     for name, stands in zip(WHEELS, still, strict=True):
         if stands:
-            log.doubt(f"encoder {name} stands still while the others turn: not connected?", remedy="left out")
+            still_one = f"encoder {name} stands still while the others turn, as if not connected"
+            log.doubt(still_one, remedy="left out")
     angle, rate = (None if x is None else np.where(still, np.nan, x) for x in (wheels.angle, wheels.rate))
     assert angle is not None
     return dataclasses.replace(wheels, angle=angle, rate=rate)
@@ -142,8 +145,8 @@ def report_absent(log: Log) -> None:
     if not absent:
         return
     left = [name for name in WHEELS if name not in absent]
-    one_side = len({name[1] for name in left}) == 1
-    turning = "; how the robot turns the wheels do not tell" if one_side else ""
+    same_side = len({name[1] for name in left}) == 1
+    turning = "; how the robot turns the wheels do not tell" if same_side else ""
     slip = f"the robot's slip is by {', '.join(left)} alone"
     log.doubt(f"no encoder {', '.join(absent)} in the log: no slip of these wheels, {slip}{turning}")
 
@@ -156,15 +159,15 @@ def refuse_counts_and_speed(wheels: WheelStream, log: Log) -> None:
     if drive:
         top, whose = drive.voltage_max / (drive.emf_constant * drive.gear_ratio), f"{log.robot.name}'s motors"
     for channel, logged in zip(ENCODERS, wheels.angle.T, strict=True):
-        known = np.isfinite(logged)
-        angle, t = logged[known], wheels.t[known]
+        finite = np.isfinite(logged)
+        angle, t = logged[finite], wheels.t[finite]
         if len(angle) < 20:
             continue
         whole = wheels.rate is None and (angle == np.rint(angle)).all() and len(np.unique(angle)) > 20
         if whole and quantum(angle) >= 1:
             numbers = f"only whole numbers up to {np.abs(angle).max():.0f}"
-            what = f": {numbers}, expected an angle in rad: they look like counts"
-            raise log.refuse(channel, what, f"{counts} in a column map")
+            message = f": {numbers}, expected an angle in rad: they look like counts"
+            raise log.refuse(channel, message, f"{counts} in a column map")
         fast = float(np.quantile(np.abs(np.diff(angle) / np.diff(t)), 0.75))
         if fast > 1.5 * top:
             turns = f"the wheel turns with {fast:.3g} rad/s ({fast * radius:.2g} m/s)"
@@ -193,7 +196,7 @@ def without_free_wheels(wheels: WheelStream, log: Log) -> WheelStream:
             ratio = float(np.median(top[mine] / middle[mine]))
             since = f"from t = {wheels.t[long[0][0]]:.2f} s on"
             fast = f"the wheel turns {ratio:.2g} times as fast as the others {since}"
-            log.doubt(f"{fast}: off the ground?", log.column(channel), "left out there")
+            log.doubt(f"{fast}, as if off the ground", log.column(channel), "left out there")
     return dataclasses.replace(wheels, angle=angle)
 
 
@@ -213,15 +216,15 @@ def check_currents(currents: CurrentStream, wheels: WheelStream | None, log: Log
     speed = np.interp(currents.t, t, speed)
     going = np.abs(speed) > 0.3 * float(np.abs(speed).max())
     values = currents.current
-    known = np.isfinite(values)
-    live = [i for i in range(4) if known[:, i].sum() > 20 and known[going, i].any()]
+    finite = np.isfinite(values)
+    live = [i for i in range(4) if finite[:, i].sum() > 20 and finite[going, i].any()]
     if len(live) < 3 or not np.ptp(values[:, live], axis=0).all():
         return currents
     values = np.nan_to_num(values)
     power = np.mean(values[going] * np.sign(speed[going])[:, None], axis=0)
     for i in opposed(values, power, live):
-        what = "the current flows against the other motors': its sign is wrong"
-        log.doubt(what, log.column(CURRENTS[i]), "say scale = -1 in a column map")
+        message = "the current flows against the other motors': its sign is wrong"
+        log.doubt(message, log.column(CURRENTS[i]), "say scale = -1 in a column map")
     return currents
 
 
@@ -230,10 +233,10 @@ def opposed(values: Array, power: Array, live: Sequence[int]) -> list[int]:
 
     `power` (4,) [A] is their mean, counted positive where it drives the wheels.
     """
-    found = []
+    against = []
     for i in live:
         others = [j for j in live if j != i]
         if power[i] < 0 and len(others) > 1 and np.median(power[others]) > 0:
             like = np.corrcoef(values[:, i], values[:, others].mean(axis=1))[0, 1]
-            found += [i] if like < _OPPOSED else []
-    return found
+            against += [i] if like < _OPPOSED else []
+    return against
