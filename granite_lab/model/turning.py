@@ -58,7 +58,7 @@ def turned(
         mean[[0, -1]] = 0.0
         course = course_of(fine, mean, stretch)
     else:
-        course = command if stretch is None else replace(command, stretch=stretch)
+        course = command if stretch is None else course_of(*command.corners, stretch)
     inner = np.concatenate([course.corners[0], *(s.get_knots() for s in splines)])
     knots = np.unique(np.concatenate([[begin, end], inner[(inner > begin) & (inner < end)]]).round(6))
     axles = [_axle(knots, spline, radius) for spline in splines]

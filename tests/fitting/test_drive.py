@@ -213,3 +213,13 @@ def test_a_stated_trapezoid_stays_unless_the_log_contradicts_it() -> None:
     motion = correct(dataclasses.replace(other, info=told), ROBOT)[1]
     assert motion.variant_source == "logged"
     assert any("misses the stated trapezoid" in line for line in motion.warnings)
+
+
+def test_a_trapezoid_gives_one_exponent_by_both_ways() -> None:
+    """The same trial, driven by its command and by its wheels: a_θ differs by little of its std."""
+    run = simulate(variant_of(0.5), ROBOT, SOIL, a_theta=A_THETA)
+    trial, motion = correct(virtual_trial(run, 1, "plain")[0], ROBOT)
+    turned = driven(motion, ROBOT, "wheels")
+    (a, std), (other, _) = exponent(motion, trial), exponent(turned, trial)
+    assert abs(a - other) < 0.3 * std
+    assert turned.variant.velocity == pytest.approx(motion.variant.velocity, rel=0.01)

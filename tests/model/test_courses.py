@@ -63,6 +63,9 @@ def test_wheels_of_a_run_fed_back_give_its_velocity_and_its_torques(command: Cou
     assert max(apart(back, run, f"torque_{axle}_Nm") for axle in "fr") < 0.01
     assert max(apart(back, run, f"current_{axle}_A") for axle in "fr") < 0.01
     assert back.slip_ratio == pytest.approx(run.slip_ratio, abs=1e-4)
+    part = np.linspace(*run.steady, 2000)
+    v_d = command.velocity_at(part)
+    assert back.variant.velocity == pytest.approx(np.sum(v_d**2) / np.sum(v_d), rel=0.005)
 
 
 @pytest.mark.parametrize(
