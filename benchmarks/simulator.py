@@ -205,7 +205,7 @@ def effects_table(repeats: int) -> dict[str, Any]:
             ]
             seconds.append(median_times(works, repeats))
             truth, *found = (
-                interpreted.outputs(effects, tuple(SIGNALS), t, states, vector)
+                interpreted.outputs(effects, variant, tuple(SIGNALS), t, states, vector)
                 for states in (
                     interpreted.run(effects, variant, fine, start, vector), works[0](), works[1](),
                 )
@@ -251,7 +251,7 @@ def box(draws: int) -> dict[str, Any]:
             begin = time.thread_time()
             try:
                 states = engine.run(effects, d.variant, accuracy, start, vector)
-                found.append(interpreted.outputs(effects, ("v_mps",), t, states, vector)[0])
+                found.append(interpreted.outputs(effects, d.variant, ("v_mps",), t, states, vector)[0])
             except EstimateError:
                 found.append(None)
             seconds.append(time.thread_time() - begin)

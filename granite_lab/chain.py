@@ -92,6 +92,16 @@ def blindly(path: Path, options: Options) -> Motion:
     return estimation.correct(logged, robot, soil=soil_of(logged, options.soil))[1]
 
 
+def simulable(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
+    """Return what `corrected` does, and in the motion what its simulation is driven by.
+
+    Raises:
+        InputError, EstimateError: as `corrected`, or the wheels are to drive and are not known.
+    """
+    trial, robot, motion = corrected(path, options)
+    return trial, robot, fitting.driven(motion, robot, options.drive)
+
+
 def analyse(path: Path, options: Options) -> TrialResult:
     """Take one trial through the whole chain.
 
@@ -100,6 +110,7 @@ def analyse(path: Path, options: Options) -> TrialResult:
     """
     logged, robot = read(path, options)
     trial, motion = estimation.correct(logged, robot, soil=soil_of(logged, options.soil))
+    motion = fitting.driven(motion, robot, options.drive)
     soil, effects = ground(trial, options)
     if options.model and (lugs := load_model(options.model, options.effects).lugs) is not None:
         robot = replace(robot, wheels=replace(robot.wheels, lugs=lugs))

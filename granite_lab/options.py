@@ -10,10 +10,11 @@ from typing import Any
 
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.logs.trial import TrialInfo, over
+from granite_lab.parameters.course import DriveBy
 
 GIVEN: dict[str, tuple[str, type]] = {
     "robot": ("robot", str), "soil": ("soil", str), "map": ("column_map", str),
-    "model": ("model", Path), "effects": ("effects", Path),
+    "model": ("model", Path), "effects": ("effects", Path), "drive": ("drive", str),
 }  # fmt: skip
 """Option of the command line to field and type."""
 
@@ -62,6 +63,7 @@ class Options:
         tolerance: of a search, discrepancy that does not matter, as a share of a channel's rms in motion.
         latency: of a search, largest delay between the stamps of two sensors that passes for latency [s].
         window: begin and end [s, the log's time] of what is taken of every log, infinite where open.
+        drive: what drives the simulation: "wheels" as they were measured, "command", or "auto".
     """
 
     robot: str | None = None
@@ -80,6 +82,7 @@ class Options:
     tolerance: float = TOLERANCE
     latency: float = LATENCY_LIMIT
     window: tuple[float, float] | None = None
+    drive: DriveBy = "auto"
 
     def files(self) -> tuple[Path, ...]:
         """Return the files that these options name, those of the catalogue left out."""
@@ -103,6 +106,7 @@ class Options:
             "latency": None if self.latency == LATENCY_LIMIT else f"{1e3 * self.latency:.9g}",
             "from": start if math.isfinite(start) else None,
             "to": end if math.isfinite(end) else None,
+            "drive": None if self.drive == "auto" else self.drive,
         }
         info = self.info or TrialInfo()
         named |= _told(info)

@@ -19,7 +19,7 @@ from granite_lab.folders import replacing
 from granite_lab.logs.trial import Trial
 from granite_lab.options import Options
 from granite_lab.origin import Written
-from granite_lab.parameters import load_robot
+from granite_lab.parameters import Course, load_robot
 from granite_lab.processes import shared_out
 from granite_lab.results import StudyResult, recordings_of
 from granite_lab.running.output import Guard
@@ -119,6 +119,8 @@ def save_found(
     saved = guard.run("model", lambda: save_model_of(finding, options, trials, guard.folder))
     said = []  # trials whose metadata say what was commanded
     for trial, motion in zip(trials, motions, strict=True):
+        if isinstance(motion.variant, Course):  # plans are of trapezoids
+            continue
         v, a, d = motion.variant.velocity, motion.variant.acceleration, motion.variant.distance
         said.append(replace(trial, info=replace(trial.info, v_desired=v, a_max=a, distance=d)))
 
@@ -131,7 +133,8 @@ def save_found(
             if finding.tracebacks:
                 write_text(new / "failure-search.txt", "\n".join(finding.tracebacks))
 
-    guard.run("design", design)
+    if said:
+        guard.run("design", design)
     guard.run("tracebacks", tracebacks)
     return saved
 

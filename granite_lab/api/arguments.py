@@ -6,11 +6,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import cast, get_args
 
 from granite_lab.errors import UsageError
 from granite_lab.estimate import Estimate
 from granite_lab.logs.trial import TrialInfo, over
 from granite_lab.options import Options
+from granite_lab.parameters.course import DriveBy
 from granite_lab.running import Cache, Execution
 
 Logs = str | Path | Sequence[str | Path]
@@ -48,11 +50,14 @@ def options_of(
     window: Window = None,
     model: File = None,
     effects: File = None,
+    drive: str = "auto",
 ) -> Options:
-    """Return what is said of logs as a record."""
+    """Return what is said of logs as a record; raise a UsageError where nothing drives like that."""
+    if drive not in (known := get_args(DriveBy)):
+        raise UsageError(f"--drive {drive}: not known", f"one of: {', '.join(known)}")
     return Options(
         text(robot), text(soil), text(column_map), model=path(model), effects=path(effects),
-        topics=tuple((topics or {}).items()), window=window,
+        topics=tuple((topics or {}).items()), window=window, drive=cast(DriveBy, drive),
     )  # fmt: skip
 
 

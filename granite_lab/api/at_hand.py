@@ -184,7 +184,8 @@ def remember(folder: Path, tables: Mapping[Path, Path], said: Mapping[str, Any])
     """
     path = folder / LIST
     own = {name: said[name] for name in KNOWN if said.get(name)}
-    options = knowing(options_of(**{name: said.get(name) for name in ABOUT}), **own).given()
+    about: dict[str, Any] = {name: said.get(name) for name in ABOUT}
+    options = knowing(options_of(**about), **own).given()
     alone = tuple(name for name in ALONE if said.get(name))
     known = {one.table: one for one in (_read(path) if path.exists() else ())}
     known |= {table: Listed(log, table, options, alone) for log, table in tables.items()}

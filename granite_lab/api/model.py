@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granite_lab.api.arguments import File, path, refuse_outside
+from granite_lab.api.arguments import File, path, refuse_outside, text
 from granite_lab.api.project import FILE, project_in
 from granite_lab.api.records import Records
 from granite_lab.effects import get, library
@@ -23,15 +23,18 @@ from granite_lab.model import Accuracy, Run
 from granite_lab.model import simulate as run_model
 from granite_lab.model.effect import Active, Effect, activate
 from granite_lab.model.single_wheel import Ratio, SingleWheel, WheelPoint, acts, rolling
+from granite_lab.options import Options
 from granite_lab.parameters import (
     GRAVITY,
     Robot,
     Soil,
     Variant,
     Wheels,
+    course_of,
     load_paper,
     load_robot,
     load_soil,
+    parse_path,
     variant_of,
 )
 from granite_lab.parameters.catalogue import Provenance, forget, in_force
@@ -87,6 +90,7 @@ def simulate(
     variant: float | Variant | None = None,
     *,
     v: float | None = None, a: float | None = None, distance: float | None = None,
+    command: str | Sequence[tuple[float, float]] | None = None, wheels: File = None,
     log: File = None, seed: int = 0, scatter: bool = False,
     k92: float | None = None, a_theta: float | None = None, robot: File | Robot = None,
     soil: File | Soil = None,
@@ -99,6 +103,8 @@ def simulate(
         v: desired velocity [m/s] instead of a variant; needs `a` and `distance`.
         a: largest acceleration [m/s²] (with `v`).
         distance: total distance [m] (with `v`).
+        command: any desired velocity, linear between times, as ``0:0, 1:0.3, 5:0.3, 6:0`` in s and m/s.
+        wheels: a log whose measured wheel speeds drive the simulation; it says robot and soil, too.
         log: file for the log of virtual sensors (CSV).
         seed: seed of the random numbers of sensors and sand.
         scatter: vary the sand at random, as raking does.
@@ -118,6 +124,15 @@ def simulate(
         EstimateError: the robot finds no rest on this soil, or the simulation does not converge.
     """
     refuse_outside("seed", seed, 0)
+    trapezoid = (variant, v, a, distance)
+    given = [any(x is not None for x in trapezoid), command is not None, wheels is not None]
+    if sum(given) > 1:
+        others = "--variant, --v, --a and --distance"
+        raise UsageError(f"--wheels and --command exclude each other, {others}", "give one of them")
+    if wheels is not None:
+        course, robot, soil = _of_log(Path(wheels), robot, soil)
+    else:
+        course = _trapezoid(*trapezoid) if command is None else _commanded(command)
     it = _model(robot, soil, k92, a_theta, model, effects, active)
     ground, a_theta = it.soil, it.a_theta
     if scatter:
@@ -126,7 +141,7 @@ def simulate(
         exponent = load_paper().a_theta if a_theta is None else a_theta
         ground, a_theta = rake(ground, exponent, Scatter(), np.random.default_rng([seed, 1]))
     run = run_model(
-        _trapezoid(variant, v, a, distance), it.robot, ground,
+        course, it.robot, ground,
         k92=it.k92, a_theta=a_theta, effects=it.effects,
         accuracy=Accuracy(1e-6, 1e-8, 0.0025) if log else Accuracy(),
     )  # fmt: skip
@@ -135,6 +150,28 @@ def simulate(
 
         write_canonical(Path(log), virtual_trial(run, seed, Path(log).stem)[0])
     return run
+
+
+def _of_log(log: Path, robot: File | Robot, soil: File | Soil) -> tuple[Variant, File | Robot, File | Soil]:
+    """Return the wheels of a log as what drives a run, and robot and soil: as given, else as the log says."""
+    from granite_lab.chain import simulable  # noqa: PLC0415, heavy
+
+    name, ground = (None if isinstance(given, (Robot, Soil)) else text(given) for given in (robot, soil))
+    trial, found, motion = simulable(log, Options(name, ground, drive="wheels"))
+    return motion.variant, robot or found, soil or trial.info.soil
+
+
+def _commanded(command: str | Sequence[tuple[float, float]]) -> Variant:
+    """Return the motion of a list of times and velocities, which begins and ends at rest."""
+    try:
+        path = parse_path(command if isinstance(command, str) else " ".join(f"{t}:{v}" for t, v in command))
+    except ValueError:
+        hint = "write two or more times [s] and velocities [m/s], as 0:0, 1:0.3, 5:0.3, 6:0"
+        raise UsageError(f"--command {command}: cannot be understood", hint) from None
+    t, v = np.array(path).T
+    if v.max() <= 0 or v.min() < 0:
+        raise UsageError("--command: the model drives forward only", "give velocities of 0 or more")
+    return course_of(t - t[0], v)
 
 
 def _trapezoid(
@@ -147,7 +184,8 @@ def _trapezoid(
             raise UsageError("--variant excludes --v, --a and --distance", "give one or the other")
         return variant if isinstance(variant, Variant) else variant_of(variant)
     if any(value is None for value in given.values()):
-        raise UsageError("the motion is not given", "use --variant 0.5, or all of --v, --a and --distance")
+        hint = "use --variant 0.5, all of --v, --a and --distance, --command or --wheels"
+        raise UsageError("the motion is not given", hint)
     return build(Variant, given, "command line")
 
 

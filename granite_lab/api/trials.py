@@ -24,7 +24,7 @@ from granite_lab.api.arguments import (
 )
 from granite_lab.api.project import choose
 from granite_lab.api.records import Records
-from granite_lab.chain import analyse, corrected, find_effect, over_trials, source_of
+from granite_lab.chain import analyse, find_effect, over_trials, simulable, source_of
 from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.effects import library
@@ -71,7 +71,7 @@ def fit_k92(
     window: Window = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
-    model: File = None, effects: File = None,
+    drive: str = "auto", model: File = None, effects: File = None,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None,
 ) -> Records[K92Fit]:  # fmt: skip
@@ -82,6 +82,8 @@ def fit_k92(
         robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
+        drive: what drives the simulation: "wheels", as they were measured; "command"; or "auto", the command
+            where it is stated and the wheels follow it, else the wheels.
         model: file (model.toml) of the paper's model with effects switched on.
         effects: your own effect file (.py). It is executed: use only code you trust.
         strict: a trial that fails is an error; by default it is left out and listed in the result.
@@ -97,7 +99,7 @@ def fit_k92(
         InputError: a log or file cannot be used.
         EstimateError: an estimate or fit cannot be had.
     """
-    options = options_of(robot, soil, column_map, topics, window, model, effects)
+    options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
     options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
     execution = execution_of(jobs, scheduler, cache=cache)
     results, origin = _analysed("fit-k92", logs, options, execution, strict, done)
@@ -112,7 +114,7 @@ def fit_a_theta(
     window: Window = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
-    model: File = None, effects: File = None,
+    drive: str = "auto", model: File = None, effects: File = None,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None,
 ) -> AThetaFit:  # fmt: skip
@@ -124,7 +126,7 @@ def fit_a_theta(
         robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
-        model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
+        drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
 
     Returns:
         the fit; its table has a row for each trial.
@@ -140,7 +142,7 @@ def fit_a_theta(
         return fitting.published_fit()
     fits, origin = [item for item in given if isinstance(item, K92Fit)], NOWHERE
     if not fits:
-        options = options_of(robot, soil, column_map, topics, window, model, effects)
+        options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
         options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
         paths = [item for item in given if not isinstance(item, K92Fit)]
         execution = execution_of(jobs, scheduler, cache=cache)
@@ -160,7 +162,7 @@ def compare(
     window: Window = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
-    model: File = None, effects: File = None,
+    drive: str = "auto", model: File = None, effects: File = None,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None,
 ) -> Records[Comparison]:  # fmt: skip
@@ -172,7 +174,7 @@ def compare(
         robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
-        model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
+        drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
 
     Returns:
         one comparison a trial; the table has a row for each trial, channel and phase.
@@ -181,7 +183,7 @@ def compare(
         InputError, EstimateError: as in `fit_k92`.
         LabError: a file cannot be written.
     """
-    options = options_of(robot, soil, column_map, topics, window, model, effects)
+    options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
     options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
     execution = execution_of(jobs, scheduler, cache=cache)
     results, origin = _analysed("compare", logs, options, execution, strict, done)
@@ -200,7 +202,7 @@ def study(
     window: Window = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
-    model: File = None, effects: File = None,
+    drive: str = "auto", model: File = None, effects: File = None,
     tolerance: float = TOLERANCE, latency: float = LATENCY_LIMIT,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     done: Done = lambda _: None, progress: Progress = lambda *_: None,
@@ -218,7 +220,7 @@ def study(
         robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
-        model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
+        drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
         tolerance, latency: as in `discover`.
         progress: told what is being done and how many steps of it are done.
 
@@ -229,7 +231,7 @@ def study(
     Raises:
         LabError: no trial went through, or the folder cannot be written.
     """
-    options = options_of(robot, soil, column_map, topics, window, model, effects)
+    options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
     options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
     options = replace(options, tolerance=tolerance, latency=latency)
     execution, folder = execution_of(jobs, scheduler, cache=cache), path(out)
@@ -314,7 +316,7 @@ def discover(
     window: Window = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
-    effects: File = None,
+    drive: str = "auto", effects: File = None,
     tolerance: float = TOLERANCE, latency: float = LATENCY_LIMIT,
     strict: bool = False, jobs: int = 0, scheduler: str | None = None, cache: bool = True,
     progress: Progress = lambda *_: None,
@@ -330,7 +332,7 @@ def discover(
             trials, as in `ingest`.
         tolerance: accepted discrepancy, as a share of a channel's rms in motion.
         latency: largest delay between the stamps of two sensors that counts as latency [s].
-        effects, strict, jobs, scheduler, cache: as in `fit_k92`.
+        drive, effects, strict, jobs, scheduler, cache: as in `fit_k92`.
         progress: told what is being done and how many steps of it are done.
 
     Returns:
@@ -340,7 +342,7 @@ def discover(
         InputError: a log cannot be used, or nothing says what was commanded.
         EstimateError: a trial has no sensor to compare with, or the simulation fails.
     """
-    options = options_of(robot, soil, column_map, topics, window, effects=effects)
+    options = options_of(robot, soil, column_map, topics, window, effects=effects, drive=drive)
     options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
     options = replace(options, tolerance=tolerance, latency=latency)
     execution, folder = execution_of(jobs, scheduler, cache=cache), path(out)
@@ -350,7 +352,7 @@ def discover(
     def ahead(_: Path) -> None:  # imports what follows while other processes work on the trials
         import granite_lab.study_folder  # noqa: F401, PLC0415, heavy
 
-    outcomes = each_trial(corrected, chosen.files, options, execution=execution, done=ahead)
+    outcomes = each_trial(simulable, chosen.files, options, execution=execution, done=ahead)
     from granite_lab.study_folder import write  # noqa: PLC0415, heavy
 
     read, failed = sifted(chosen.files, outcomes, strict=strict)
@@ -405,7 +407,8 @@ def plan_next(
     if not design.is_file():
         raise InputError(
             f"{folder}: holds no search for a missing effect ('{DESIGN}' is missing)",
-            f"run 'granite-lab discover TRIALS… --out {folder}', or 'study' without --no-discover, first",
+            f"run 'granite-lab discover TRIALS… --out {folder}', or 'study' without --no-discover, first; "
+            "plans are made from trials whose command is a trapezoid",
         )
     from granite_lab.planning.design import load_design  # noqa: PLC0415, heavy
     from granite_lab.planning.plan import plan_next as rank  # noqa: PLC0415, heavy

@@ -53,6 +53,10 @@ def simulate(
         help="Desired velocity [m/s] instead of a variant; needs --a and --distance.")] = None,
     a: Annotated[float | None, Option(help="Largest acceleration [m/s²] (with --v).")] = None,
     distance: Annotated[float | None, Option(help="Total distance [m] (with --v).")] = None,
+    command: Annotated[str | None, Option(
+        help="Any desired velocity, linear between times, as '0:0, 1:0.3, 5:0.3, 6:0' [s, m/s].")] = None,
+    wheels: Annotated[Path | None, Option(
+        help="Log whose measured wheel speeds drive the simulation.")] = None,
     log: Annotated[Path | None, Option(help="File for the log of virtual sensors (CSV).")] = None,
     seed: Annotated[int, Option(help="Seed of the random numbers of sensors and sand.")] = 0,
     scatter: Annotated[bool, Option("--scatter", help="Vary the sand at random, as raking does.")] = False,
@@ -67,8 +71,9 @@ def simulate(
     """
     ending = ending_of(out, table_format)
     run = gl.simulate(
-        variant, v=v, a=a, distance=distance, log=log, seed=seed, scatter=scatter, k92=k92, a_theta=a_theta,
-        robot=robot, soil=soil, model=model, effects=effects, active=effects_of(active),
+        variant, v=v, a=a, distance=distance, command=command, wheels=wheels, log=log, seed=seed,
+        scatter=scatter, k92=k92, a_theta=a_theta, robot=robot, soil=soil, model=model, effects=effects,
+        active=effects_of(active),
     )  # fmt: skip
     path = out or Path("reports") / "simulate" / f"v{run.variant.velocity:g}{ending}"
     write_table(path, run.to_frame(), ending)

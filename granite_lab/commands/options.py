@@ -53,6 +53,9 @@ UseReference = Annotated[bool, Option(
 )]  # fmt: skip
 RefVStd = Annotated[float | None, Option(help="Std of the reference's velocity [m/s].")]
 RefXStd = Annotated[float | None, Option(help="Std of the reference's place [m].")]
+DriveBy = Annotated[str, Option(
+    "--drive", help="What drives the simulation: wheels, as they were measured; command; or auto, the "
+    "command where it is stated and the wheels follow it, else the wheels.")]  # fmt: skip
 ModelFile = Annotated[Path | None, Option(
     help="File (model.toml) of the paper's model with effects switched on.")]  # fmt: skip
 EffectFile = Annotated[Path | None, Option(

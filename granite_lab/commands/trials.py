@@ -14,6 +14,7 @@ from granite_lab.columns import Table as Tabular
 from granite_lab.commands.options import (
     BodyRests,
     ColumnMap,
+    DriveBy,
     EffectFile,
     From,
     Jobs,
@@ -64,6 +65,7 @@ def fit_k92(
     begin: From = None, end: To = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
+    drive: DriveBy = "auto",
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
@@ -81,7 +83,7 @@ def fit_k92(
     )
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
         fits = gl.fit_k92(
-            **given, model=model, effects=effects, strict=strict, jobs=jobs, scheduler=scheduler,
+            **given, drive=drive, model=model, effects=effects, strict=strict, jobs=jobs, scheduler=scheduler,
             cache=cache, done=watch.done,
         )  # fmt: skip
     if out is not None:
@@ -105,6 +107,7 @@ def fit_atheta(
     begin: From = None, end: To = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
+    drive: DriveBy = "auto",
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
@@ -121,7 +124,7 @@ def fit_atheta(
         given = at_hand(given)
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
         fit = gl.fit_a_theta(
-            **given, published=published, model=model, effects=effects, strict=strict, jobs=jobs,
+            **given, published=published, drive=drive, model=model, effects=effects, strict=strict, jobs=jobs,
             scheduler=scheduler, cache=cache, done=watch.done,
         )  # fmt: skip
     if out is not None:
@@ -143,6 +146,7 @@ def compare(
     begin: From = None, end: To = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
+    drive: DriveBy = "auto",
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
@@ -161,8 +165,8 @@ def compare(
     out = out or results_folder(given["logs"], "compare")
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
         comparisons = gl.compare(
-            **given, out=out, model=model, effects=effects, strict=strict, jobs=jobs, scheduler=scheduler,
-            cache=cache, done=watch.done,
+            **given, out=out, drive=drive, model=model, effects=effects, strict=strict, jobs=jobs,
+            scheduler=scheduler, cache=cache, done=watch.done,
         )  # fmt: skip
     rows = [
         {"trial": c.motion.trial, "virtual": c.motion.virtual, "variant_mps": c.fit.variant.velocity}
@@ -181,6 +185,7 @@ def study(
     begin: From = None, end: To = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
+    drive: DriveBy = "auto",
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
@@ -218,9 +223,9 @@ def study(
     out = out or results_folder(given["logs"], "study")
     with progress("trials", quiet=quiet, total=count_of(given["logs"])) as watch:
         result = gl.study(
-            **given, out=out, discover=discover, recordings=recordings, model=model, effects=effects,
-            tolerance=tolerance, latency=latency / 1e3, strict=strict, jobs=jobs, scheduler=scheduler,
-            cache=cache, done=watch.done, progress=watch.stage,
+            **given, out=out, discover=discover, recordings=recordings, drive=drive, model=model,
+            effects=effects, tolerance=tolerance, latency=latency / 1e3, strict=strict, jobs=jobs,
+            scheduler=scheduler, cache=cache, done=watch.done, progress=watch.stage,
         )  # fmt: skip
     warn_of(result.origin)
     finding, written = result.finding, result.written
@@ -293,6 +298,7 @@ def discover(
     begin: From = None, end: To = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
+    drive: DriveBy = "auto",
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     tolerance: Tolerance = 0.02, latency: Latency = 20.0,
@@ -313,8 +319,8 @@ def discover(
     out = out or results_folder(given["logs"], "discover")
     with progress("discovering", quiet=quiet) as watch:
         finding = gl.discover(
-            **given, out=out, effects=effects, tolerance=tolerance, latency=latency / 1e3, strict=strict,
-            jobs=jobs, scheduler=scheduler, cache=cache, progress=watch.stage,
+            **given, out=out, drive=drive, effects=effects, tolerance=tolerance, latency=latency / 1e3,
+            strict=strict, jobs=jobs, scheduler=scheduler, cache=cache, progress=watch.stage,
         )  # fmt: skip
     printer, written = Printer(as_json), finding.origin.written
     printer.json("discovery/3", finding_as_json(finding, written.model) | warn_of(finding.origin))

@@ -18,6 +18,7 @@ from granite_lab.logs.counters import mean_known
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model import Run
 from granite_lab.model.command import V_FLOOR
+from granite_lab.model.symbols import DIRECT
 from granite_lab.parameters import WHEELS, Robot, Soil
 from granite_lab.shown import Shown
 
@@ -216,9 +217,8 @@ def simulated_channels(run: Run, t: Array) -> dict[str, Array]:
 
 
 def _torque_per_ampere(robot: Robot) -> float:
-    """Return η_d n_d k_m of (24) [N m/A]."""
-    drive = robot.drive
-    assert drive is not None
+    """Return η_d n_d k_m of (24) [N m/A]; 1 of a drive that is not known, whose current is the torque."""
+    drive = robot.drive or DIRECT
     return drive.gear_efficiency * drive.gear_ratio * drive.torque_constant
 
 

@@ -18,6 +18,7 @@ from granite_lab.discovery.search import Search, search
 from granite_lab.discovery.verdict import Judgement, by_posterior, judge
 from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import Motion
+from granite_lab.fitting.drive import drives, goes_by_command
 from granite_lab.inference.bench import Bench, Respond, World
 from granite_lab.inference.clocks import clocks
 from granite_lab.inference.conditions import under_conditions
@@ -29,7 +30,7 @@ from granite_lab.inference.stated import sand_std
 from granite_lab.logs.trial import Trial
 from granite_lab.model.effect import Effect
 from granite_lab.model.empirical import EmpiricalLaw
-from granite_lab.parameters import Robot, Soil
+from granite_lab.parameters import Course, Robot, Soil, Variant, is_driven
 from granite_lab.processes import one_thread
 
 LATENCY_EFFECT = "clock_offset"
@@ -69,6 +70,8 @@ def discover(
     order = sorted(range(len(trials)), key=lambda i: trials[i].name)
     readings = clocks([trials[i] for i in order], [motions[i] for i in order])
     candidates = dict(sorted((id_, e) for id_, e in effects.items() if id_ != LATENCY_EFFECT))
+    left_out, said = _not_asked([m.variant for m in motions], candidates)
+    candidates = {id_: e for id_, e in candidates.items() if id_ not in left_out}
     law = EmpiricalLaw()
     library = tuple(candidates)
     terms = tuple(f"{law.id}.{p.name}" for p in law.parameters)
@@ -131,11 +134,32 @@ def discover(
             virtual=all(t.info.virtual for t in trials),
             parts=parts,
         )
-        notes = finding.notes
+        notes = [*finding.notes, *said]
         if count != robot.wheels.lugs:
             told = f"What the model leaves repeats {count:g} times a turn of the wheels. The robot's file"
-            notes += (f"{told} says {robot.wheels.lugs:g} lugs; the search took {count:g}.",)
-        return replace(finding, notes=notes, failures=tuple(parts.lines), tracebacks=tuple(parts.tracebacks))
+            notes += [f"{told} says {robot.wheels.lugs:g} lugs; the search took {count:g}."]
+        finding = replace(finding, notes=tuple(notes))
+        return replace(finding, failures=tuple(parts.lines), tracebacks=tuple(parts.tracebacks))
+
+
+def _not_asked(variants: Sequence[Variant], candidates: Mapping[str, Effect]) -> tuple[set[str], list[str]]:
+    """Return the effects that trials whose wheels drive them cannot tell of, and how that is said."""
+    turned = [v for v in variants if is_driven(v)]
+    free = sum(isinstance(v, Course) and not v.commanded for v in turned)
+    of_drives = [id_ for id_, e in candidates.items() if turned and drives(e)]
+    of_command = [id_ for id_, e in candidates.items() if free and goes_by_command(e)]
+    said = []
+    if of_drives:
+        said.append(
+            f"The measured wheel speeds drive {len(turned)} of {len(variants)} trials: effects of drives and "
+            f"encoders are no candidates ({', '.join(of_drives)})."
+        )
+    if of_command:
+        said.append(
+            f"No command is known of {free} of {len(variants)} trials, k_92 goes by their wheels: effects of "
+            f"the command on k_92 are no candidates ({', '.join(of_command)})."
+        )
+    return {*of_drives, *of_command}, said
 
 
 def _power(

@@ -11,6 +11,7 @@ from granite_lab.discovery.heldout import FEWEST_SPEEDS
 from granite_lab.discovery.verdict import Judgement
 from granite_lab.inference.constants import LEAST_SHARE
 from granite_lab.inference.problem import Problem
+from granite_lab.parameters import is_driven
 
 
 def provisional(problem: Problem) -> tuple[str, ...]:
@@ -98,7 +99,8 @@ def notes(
         ("accel", "accelerations", "the motion of the body"),
         ("wheel", "wheel angles", "the motion of the wheels"),
     ):
-        if not any(c.startswith(kind) for c in channels):
+        driven = kind == "wheel" and any(is_driven(t.observation.variant) for t in problem.trials)
+        if not driven and not any(c.startswith(kind) for c in channels):
             found.append(f"No {name} were logged, so {lost} cannot be seen.")
     if judgement.verdict == "unknown" and judgement.small:
         best = ", ".join(n.id for n in judgement.small)

@@ -284,7 +284,7 @@ def _compiled(effect: Effect) -> tuple[bool | None, str]:
     gap = float((np.abs(one - other).max(axis=1) / scale).max())
     names = tuple(build_graph((effect,)).outputs)
     t = np.linspace(0.0, 1.0, other.shape[1])
-    a, b = (e.outputs((effect,), names, t, other, vector) for e in (engine, interpreted))
+    a, b = (e.outputs((effect,), variant, names, t, other, vector) for e in (engine, interpreted))
     same = float((np.abs(a - b) / np.fmax(1, np.abs(b))).max())
     good = gap <= SAME_STATES and same <= SAME_NUMBER
     return good, f"states within {gap:.1g} of their largest values, outputs within {same:.1g}"

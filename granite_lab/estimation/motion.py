@@ -142,7 +142,7 @@ class Totals:
 
     Attributes:
         steady: start and end of the steady part [s].
-        slip_ratio: λ_R by (2) over the steady part.
+        slip_ratio: λ_R by (2) over the steady part, or over the whole drive where none is steady.
         slip_parts: what its std is made of; empty where it has none.
         distance: total distance travelled [m].
         distance_wheels: distance without slip, as the wheels measured it [m].
@@ -190,8 +190,9 @@ class Motion(BodyMotion, WheelMotion, Totals, Clocks, Shown):
         virtual: the log was written by a simulator.
         t: (N,) the log's own time [s].
         phase: (N,) one of rest, accelerate, steady, brake.
-        variant: recognised or given motion of Table 2, or as measured where it is none of it.
-        variant_source: "given", "recognised" or "measured".
+        variant: recognised or given motion of Table 2, or as measured where it is none of it; a `Course`
+            where the log or its metadata tell another command, or where the wheels drive the simulation.
+        variant_source: "given", "recognised", "measured", "logged", "stated" or "wheels".
         noise: noise identified from this trial, by name, with the unit in the name.
         health: the filter's health.
         warnings: the reader's and the estimator's doubts, one line each.

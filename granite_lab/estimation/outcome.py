@@ -13,6 +13,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.budget import slip_parts
 from granite_lab.estimation.clock import LATENCY
+from granite_lab.estimation.commanded import commanded
 from granite_lab.estimation.error_model import PD, TH, V_FLOOR, D, G, P, S, V, X, std_of
 from granite_lab.estimation.motion import NAN, BodyMotion, Health, Motion, PhaseName, Totals, WheelMotion
 from granite_lab.estimation.nodes import QUICK
@@ -29,6 +30,18 @@ from granite_lab.parameters import Robot, Variant
 PHASES: tuple[PhaseName, ...] = ("rest", "accelerate", "steady", "brake")
 UP, STEADY, DOWN = 1, 2, 3
 """Places in `PHASES`."""
+
+LEAST_WAY = 0.3
+"""Least way of the wheels for a slip ratio of a whole drive [m]: the ends are known to millimetres."""
+
+SETTLED = 0.7
+"""A constant velocity that lasts shorter is not steady [s]: slip settles with a time constant of 0.35 s."""
+
+ENTRY = 0.5
+"""A standstill ends by this much before the wheels are seen to turn, at most [s]."""
+
+CLEAR = 5.0
+"""Speeds this many std from those at rest are motion."""
 
 BAND = 0.05
 """The wheels run steadily within this share of their plateau."""
@@ -52,16 +65,20 @@ def motion_of(
     pace = body.v if rolling is None else rolling.speed_at(t, offset.value)
     way = course_of(t, solution.nominal.heading_rate, pace, health.rests, problem.robot)
     course = find_phases(t, pace, health.rests, way.off)
-    variant, source, doubt = recognise(course, trial.info, variants)
     totals = totals_of(problem, solution, body, course.steady)
+    start = command_start(trial.command, offset, course.onset)
+    variant, source, doubt = _command(trial, start, offset, replace(course, steady=totals.steady), variants)
     more = [*way.said, *([doubt] if doubt else [])]
     if not np.isfinite(course.steady[0]):
-        more.append("no steady part: the robot's slip ratio is not defined")
+        more.append("the wheels come no way: the robot's slip ratio is not defined")
+    elif not course.constant:
+        a, b = course.steady
+        more.append(f"never steady: the robot's slip ratio is that of the drive from {a:.2f} s to {b:.2f} s")
     return Motion(
         **vars(body), **vars(wheel_motion(problem, solution, body, health.rests)), **vars(totals),
         trial=trial.name, virtual=trial.info.virtual, t=t, phase=course.name, variant=variant,
-        variant_source=source, t_start=command_start(trial.command, offset, course.onset),
-        clock_offset=offset, clock_applied=solution.applied, noise=problem.noise.as_dict(), health=health,
+        variant_source=source, t_start=start, clock_offset=offset, clock_applied=solution.applied,
+        noise=problem.noise.as_dict(), health=health,
         warnings=(*trial.warnings, *map(str, problem.doubts), *more),
     )  # fmt: skip
 
@@ -139,7 +156,8 @@ def motion_without_imu(
     assert robot.imu_grade is not None
     rests, _ = find_rests(None, rolling, robot.imu_grade, by_hand=by_hand)
     course = find_phases(t, rolling.speed_at(t), rests)
-    variant, source, doubt = recognise(course, trial.info, variants)
+    start = command_start(trial.command, Estimate(0.0), course.onset)
+    variant, source, doubt = _command(trial, start, Estimate(0.0), course, variants)
     lacking = "No IMU" if trial.imu is None else "No accelerometer along the robot's x axis"
     blank, four, none = np.full(t.size, NAN), np.full((t.size, 4), NAN), np.zeros(0)
     health = Health(
@@ -156,7 +174,7 @@ def motion_without_imu(
         pitch=blank, pitch_std=blank, v_wheel=rolling.velocity, v_wheel_std=rolling.velocity_std, slip=four,
         slip_std=four, slip_velocity=blank, slip_velocity_std=blank, phase=course.name,
         slip_ratio=Estimate(NAN), distance=Estimate(NAN), distance_wheels=rolled,
-        steady=course.steady, t_start=command_start(trial.command, Estimate(0.0), course.onset),
+        steady=course.steady, t_start=start,
         clock_offset=Estimate(0.0), variant=variant, variant_source=source, noise={}, health=health,
         warnings=(*trial.warnings, *map(str, rolling.doubts), said, *([doubt] if doubt else [])),
     )  # fmt: skip
@@ -233,14 +251,18 @@ def robot_slip(smoothed: Smoothed, x: Array, d: Array, i: int, j: int) -> Estima
 
 @dataclass(frozen=True, eq=False)
 class Phases:
-    """What the wheels did; λ_R is for the second half of their constant part, when slip has settled."""
+    """What the wheels did; λ_R is for the second half of their constant part, when slip has settled.
+
+    Where nothing is constant, it is for all of the drive.
+    """
 
     name: tuple[PhaseName, ...]  # (N,) of each stamp
-    steady: Interval  # that second half [s]; NaN where there is none
+    steady: Interval  # that second half, else all of the drive [s]; NaN where the wheels come no way
     plateau: float  # wheel velocity there [m/s]
     onset: Estimate  # instant at which the wheels set off, with std [s]
     acceleration: float  # slope of the wheels' velocity on the way up [m/s^2]
     distance: float  # rolled [m]
+    constant: bool = True  # `steady` is part of a constant velocity
 
 
 def find_phases(t: Array, speed: Array, rests: Sequence[Interval], off: Mask | None = None) -> Phases:
@@ -274,15 +296,61 @@ def find_phases(t: Array, speed: Array, rests: Sequence[Interval], off: Mask | N
         name[a:b] = label
         if last - first > longest[1] - longest[0]:
             longest = (a + first, a + last)
-            onset, acceleration = _onset(t[a : a + max(first, 1)], pace[a : a + max(first, 1)], plateau)
+            ramp = slice(a, a + max(first, 1))
+            onset, acceleration = _onset(t[ramp], pace[ramp], plateau)
+            if not np.isfinite(acceleration) or onset.value < t[a] - ENTRY:
+                onset = first_crossing(t, pace, rest, a, plateau)
     i, j = longest
-    if j - i < 3:
-        steady, plateau = (NAN, NAN), float(pace.max())
+    constant = j - i >= 3 and t[j - 1] - t[i] >= SETTLED
+    if not constant:
+        steady, plateau = _whole(t, pace, speed, rest), float(pace.max())
     else:
         steady = (float(0.5 * (t[i] + t[j - 1])), float(t[j - 1]))
         plateau = float(np.median(speed[(t >= steady[0]) & (t <= steady[1])]))
     distance = float(np.trapezoid(np.where(rest, 0.0, speed), t))
-    return Phases(tuple(PHASES[i] for i in name), steady, plateau, onset, acceleration, distance)
+    return Phases(tuple(PHASES[i] for i in name), steady, plateau, onset, acceleration, distance, constant)
+
+
+def _whole(t: Array, pace: Array, speed: Array, rest: np.ndarray) -> Interval:
+    """Return from when to when the wheels move at all [s]; NaN where they come no way."""
+    moving = np.flatnonzero(~rest & (pace > MOVING))
+    if moving.size < 2:
+        return NAN, NAN
+    a, b = max(int(moving[0]) - 1, 0), min(int(moving[-1]) + 1, t.size - 1)
+    way = float(np.trapezoid(speed[a : b + 1], t[a : b + 1]))
+    return (float(t[a]), float(t[b])) if way > LEAST_WAY else (NAN, NAN)
+
+
+def first_crossing(t: Array, pace: Array, rest: np.ndarray, begin: int, plateau: float) -> Estimate:
+    """Return when the wheels set off, by where their speed leaves its own noise [s]; NaN outside the log.
+
+    Args:
+        t, pace, rest: (N,) stamps [s], speed [m/s], and True at standstill.
+        begin: first sample that is no standstill.
+        plateau: speed that is reached [m/s].
+    """
+    still = pace[:begin][rest[:begin]]
+    noise = 1.4826 * float(np.median(np.abs(still - np.median(still)))) if still.size > 3 else 0.0
+    level = min(max(CLEAR * noise, MOVING), 0.5 * plateau)
+    over = np.flatnonzero(pace[begin:] > level)
+    if over.size == 0 or begin + int(over[0]) == 0:
+        return Estimate(NAN)
+    k = begin + int(over[0])
+    under = np.flatnonzero(pace[:k] <= max(level / 2, 2 * noise))
+    if under.size == 0:
+        return Estimate(NAN)
+    early, late = float(t[under[-1]]), float(t[k])
+    # between these two samples, each instant is as likely as the other
+    return Estimate((early + late) / 2, max((late - early) / math.sqrt(12), 0.01))
+
+
+def _command(
+    trial: Trial, start: Estimate, offset: Estimate, course: Phases, variants: Sequence[Variant]
+) -> tuple[Variant, str, str | None]:
+    """Return what was commanded: a course that is told, else the trapezoid; its source; a doubt or None."""
+    variant, source, doubt = recognise(course, trial.info, variants)
+    told, of, other = commanded(trial, start, offset, course.steady, variant, source)
+    return (told, of, other) if of in ("logged", "stated") else (variant, source, doubt)
 
 
 def _onset(t: Array, pace: Array, plateau: float) -> tuple[Estimate, float]:

@@ -23,14 +23,16 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import K92_BOUNDS, FitStatus, K92Fit, Shift
 from granite_lab.inference.bench import RAKED, SAND, Bench, World
 from granite_lab.inference.constants import RAKING, SAND_STD, TOLERANCE
+from granite_lab.inference.fit import Fit
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.setup import baseline, trial_models
 from granite_lab.inference.stated import radius_std, sand_std
 from granite_lab.logs.trial import Trial
 from granite_lab.model import Run, simulate
-from granite_lab.model.command import peak_velocity, steady_interval, steady_part
+from granite_lab.model.command import duration, reference_velocity, steady_interval, steady_part
 from granite_lab.model.effect import Active
-from granite_lab.parameters import Robot, Soil, Variant, load_paper
+from granite_lab.model.instants import COAST
+from granite_lab.parameters import Course, Robot, Soil, Variant, load_paper
 from granite_lab.processes import one_thread
 
 LEAST_K92 = 1e-3
@@ -53,6 +55,10 @@ SHARED_AS = {
 WIDE = 1.0
 """Std of the prior of log a_θ: flat beside the few percent that one trial tells."""
 
+LEAD = 0.05
+"""By how much a command that nobody states may lead its wheels [s]: motor controllers of mobile robots close
+their speed loop at 2 to 10 Hz, so that wheels follow 16 to 80 ms late."""
+
 COARSE = 0.05
 """Least width of a bin [s]: a seventh of the time in which slip settles."""
 
@@ -70,7 +76,7 @@ def simulate_k92(
         InputError: the robot's file lacks chassis or drive.
         EstimateError: the simulation does not converge.
     """
-    a_theta = -math.log(min(max(k92, LEAST_K92), 1.0)) / peak_velocity(variant)
+    a_theta = -math.log(min(max(k92, LEAST_K92), 1.0)) / reference_velocity(variant)
     return simulate(variant, robot, soil, a_theta=a_theta, effects=effects)
 
 
@@ -97,12 +103,17 @@ def simulated_slip(run: Run, interval: tuple[float, float] | None = None) -> flo
 def slip_interval(motion: Motion) -> tuple[float, float]:
     """Return the interval over which λ_R was measured, and is simulated [s after command start].
 
-    It is the model's own steady part where the start is unknown or the command is not constant meanwhile.
+    It is the model's own steady part where the start is unknown or the command is not constant meanwhile,
+    unless it is that of a whole drive.
     """
+    if isinstance(motion.variant, Course):
+        return motion.variant.stretch
     t1, t2 = (t - motion.t_start.value for t in motion.steady)
     begin, end = steady_interval(motion.variant)
     if begin - _SLACK <= t1 < t2 <= end + _SLACK:
         return max(t1, begin), min(t2, end)
+    if -_SLACK <= t1 < begin and end < t2 <= duration(motion.variant) + COAST:
+        return t1, t2
     return steady_part(motion.variant)
 
 
@@ -177,14 +188,19 @@ def fit_k92(
 
 def _by_slip(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]) -> K92Fit:
     """Fit k_92 to the steady slip ratio alone."""
-    variant, interval, measured = motion.variant, slip_interval(motion), motion.slip_ratio
+    variant, measured = motion.variant, motion.slip_ratio
 
     def slip_of(k92: float, on: Soil = soil) -> float:
-        return simulated_slip(simulate(variant, robot, on, k92=k92, effects=effects), interval)
+        return _slip_of(motion, robot, on, effects, k92)
 
     curve = SlipCurve(slip_of)
     k92, status = curve.root(measured.value)
     slope, sand = curve.slope(k92), []
+    if not slope < 0:
+        raise EstimateError(
+            f"the slip ratio does not depend on k_92 over the stretch of {motion.trial} that is simulated",
+            "look at the trial's wheel speeds and at the start of its command",
+        )
     for name, shown, step in zip(SAND[1:RAKED], RAKED_AS, RAKING[1:], strict=True):
         # the mean square of the steps to either side, because (10) has a kink
         grounds = [replace(soil, **{name: getattr(soil, name) * math.exp(s)}) for s in (step, -step)]
@@ -229,6 +245,26 @@ def _by_slip(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
     )
 
 
+def _slip_of(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active], k92: float) -> float:
+    """Return the simulated λ_R of a trial, over the interval of the measured one."""
+    variant, interval = motion.variant, slip_interval(motion)
+    if isinstance(variant, Course) or interval[0] < steady_interval(variant)[0]:
+        run = simulate_k92(variant, robot, soil, k92, effects=effects)  # it changes with v_d meanwhile
+    else:
+        run = simulate(variant, robot, soil, k92=k92, effects=effects)
+    return simulated_slip(run, interval)
+
+
+def _trajectory(
+    trial: Trial, motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
+) -> tuple[Problem, Fit]:
+    """Fit the whole time history of a trial; errors as `_with_trajectory`."""
+    models, variants = trial_models([trial], robot, [motion], least=COARSE)
+    with one_thread(), Bench(World(robot, soil, variants, {}, tuple(effects))) as bench:
+        problem = Problem(models, bench, (WIDE, *SAND_STD[1:]))
+        return problem, baseline(problem)
+
+
 def _shared(
     motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active], curve: SlipCurve, k92: float
 ) -> tuple[Shift, ...]:
@@ -236,7 +272,7 @@ def _shared(
 
     λ_R is measured with the radius of the robot's file, too.
     """
-    interval, slope, found = slip_interval(motion), curve.slope(k92), []
+    slope, found = curve.slope(k92), []
 
     def slip_of(factor: float, name: str) -> float:
         of, on = robot, soil
@@ -244,7 +280,7 @@ def _shared(
             of = replace(robot, wheels=replace(robot.wheels, radius=factor * robot.wheels.radius))
         else:
             on = replace(soil, **{name: factor * getattr(soil, name)})
-        return simulated_slip(simulate(motion.variant, of, on, k92=k92, effects=effects), interval)
+        return _slip_of(motion, of, on, effects, k92)
 
     stds = dict(zip(SAND[1:], sand_std(soil)[1:], strict=True)) | {"radius": radius_std(robot)}
     for name, std in stds.items():
@@ -266,10 +302,7 @@ def _with_trajectory(
     """
     if not np.isfinite(motion.t_start.value):
         raise EstimateError(f"{motion.trial}: the start of the motion is unknown")
-    models, variants = trial_models([trial], robot, [motion], least=COARSE)
-    with one_thread(), Bench(World(robot, soil, variants, {}, tuple(effects))) as bench:
-        problem = Problem(models, bench, (WIDE, *SAND_STD[1:]))
-        fit = baseline(problem)
+    problem, fit = _trajectory(trial, motion, robot, soil, effects)
     x = fit.point.vector + fit.posterior.step
     common = fit.point.trials[0].size
     late = common + len(SAND)
@@ -281,8 +314,14 @@ def _with_trajectory(
         return Estimate(float(g @ x), float(np.sqrt(g @ fit.posterior.covariance @ g)))
 
     log, start, latency = total(0, common), total(RAKED, late), total(late)
-    v, a_theta = peak_velocity(found.variant), load_paper().a_theta * float(np.exp(log.value))
+    v, a_theta = reference_velocity(found.variant), load_paper().a_theta * float(np.exp(log.value))
     k92 = math.exp(-a_theta * v)  # (5)
+    unknown = 0.0
+    if isinstance(motion.variant, Course) and not motion.variant.commanded:
+        course = motion.variant
+        sooner = replace(motion, variant=replace(course, path=tuple((t - LEAD, u) for t, u in course.path)))
+        other = _trajectory(trial, sooner, robot, soil, effects)[1]
+        unknown = float((other.point.vector + other.posterior.step)[[0, common]].sum()) - log.value
     side = "behind" if latency.value > 0 else "ahead of"
     shares = {c: fit.scales.share_of(c) for c in problem.counts}
     off = [f"{c} {100 * share:.0f} %" for c, share in shares.items() if share > TOLERANCE]
@@ -296,9 +335,13 @@ def _with_trajectory(
         notes.append(f"residuals over the noise: {', '.join(louder)}.")
     if not fit.converged:
         notes.append("fit not converged.")
+    if unknown:
+        notes.append(
+            f"a command that leads the wheels by {1e3 * LEAD:.0f} ms moves a_θ by {100 * unknown:.1f} %."
+        )
     return replace(
         found,
-        k92_trajectory=Estimate(k92, k92 * v * (a_theta * log.std)),
+        k92_trajectory=Estimate(k92, k92 * v * a_theta * math.hypot(log.std, unknown)),
         t_start=Estimate(problem.trials[0].observation.t_start + start.value, start.std),
         latency=latency,
         status_trajectory="ok" if fit.converged else "not_converged",

@@ -24,7 +24,7 @@ import numpy.typing as npt
 from granite_lab.inference.constants import REST_SHARE, REST_SPEED, SMOOTH
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.logs.trial import Array
-from granite_lab.model.command import desired_distance
+from granite_lab.model.command import distances_at
 
 MOTION, REST, FORMULA = 0, 1, 2
 """Kinds of columns of a basis."""
@@ -118,8 +118,7 @@ def scale_of(
     at = moving > 0
     before = ~begun
     size: dict[str, float] = {}
-    v = o.variant
-    desired = np.array([float(desired_distance(float(t) + o.width / 2, v)) for t in o.t]) / radius
+    desired = distances_at(o.t + o.width / 2, o.variant) / radius
     for c, values in bins.items():
         if c.startswith("wheel"):
             own = values - desired if c == "wheel" else values

@@ -18,11 +18,11 @@ from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import SIGNALS
-from granite_lab.inference.binning import Binning, Stream, at_edges_or_between
+from granite_lab.inference.binning import CURRENTS, Binning, Stream, at_edges_or_between
 from granite_lab.logs.sensors.imu import mounted
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import duration, phase_of
-from granite_lab.parameters import GRAVITY, Robot, Variant
+from granite_lab.parameters import GRAVITY, Robot, Variant, is_driven
 
 BIN = 0.02
 """Width of a bin [s], where the sensors are fast enough."""
@@ -120,6 +120,10 @@ def observe(
         EstimateError: the log has no sensor that covers the time of the command.
     """
     streams = _streams(trial, robot)
+    if is_driven(variant):  # what turns the wheels is no measurement to compare with
+        streams = {name: s for name, s in streams.items() if not s.is_angle}
+    if robot.drive is None:  # its currents tell no torques
+        streams = {name: s for name, s in streams.items() if s.sensor != CURRENTS}
     if not streams:
         raise EstimateError(f"trial '{trial.name}' has no sensor to compare with", "check its columns")
     before = round(BEFORE / width)

@@ -18,7 +18,7 @@ from granite_lab.inference.observation import BIN, bin_width, observe
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array, Trial
-from granite_lab.model.command import desired_velocity
+from granite_lab.model.command import alike, velocities_at
 from granite_lab.parameters import Robot, Variant, load_variants
 
 TURNED = 0.005
@@ -61,6 +61,7 @@ def trial_models(
     if not trials:
         raise InputError("no trial to look at", "give at least one log")
     starts = [start_of(t, m, m.variant, robot.wheels.radius) for t, m in zip(trials, motions, strict=True)]
+    motions = _repeated(motions)
     variants = tuple(
         sorted({m.variant for m in motions}, key=lambda v: (v.velocity, v.acceleration, v.distance))
     )
@@ -70,6 +71,18 @@ def trial_models(
         for t, m, s in zip(trials, motions, starts, strict=True)
     ]
     return models, variants
+
+
+def _repeated(motions: Sequence[Motion]) -> list[Motion]:
+    """Return motions whose commands are those of the first that they repeat, where no number states them."""
+    found: list[Motion] = []
+    for motion in motions:
+        same = motion.variant
+        if motion.variant_source in ("logged", "stated", "measured"):
+            others = (m.variant for m in found if m.variant_source == motion.variant_source)
+            same = next((v for v in others if alike(v, motion.variant)), same)
+        found.append(replace(motion, variant=same))
+    return found
 
 
 def baseline(problem: Problem) -> Fit:
@@ -190,7 +203,7 @@ def _speed(problem: Problem, residuals: Sequence[Array], own: Sequence[int]) -> 
         rate = np.minimum(rate, 1.2 * np.median(rate[rate > 0.5 * np.quantile(rate, 0.9)]))
     else:
         o = problem.trials[own[0]].observation
-        rate = np.array([float(desired_velocity(float(t), o.variant)) for t in o.t])
+        rate = velocities_at(o.t, o.variant)
     rate = rate / rate.max()
     rate[rate < STILL] = 0.0
     return np.asarray(rate)

@@ -17,6 +17,7 @@ from granite_lab.errors import InputError, at
 from granite_lab.files import write_text, writing
 from granite_lab.logs.quantities import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.trial import Trial, TrialInfo, unsaid
+from granite_lab.parameters import parse_path
 from granite_lab.parameters.quantity import (
     build,
     key_of,
@@ -46,6 +47,7 @@ class Said:
     distance: float = quantity("m", 0, 1e6, "total desired distance", "L_p", math.nan)
     repetition: float = quantity("", 0, 1e6, "number of the repetition", "", math.nan)
     clock_offset: float = quantity("s", -1e4, 1e4, "encoder clock behind the IMU's", "", math.nan)
+    command: str = ""
     rests: tuple[tuple[float, float], ...] = ()
     body_rests: tuple[tuple[float, float], ...] = ()
     distance_measured: float = quantity("m", 1e-3, 1e6, "total distance by tape", "", math.nan)
@@ -106,6 +108,8 @@ def collect(
         for key, value in table.items():
             if key in _KEYS:
                 metadata[_KEYS[key]] = getattr(build(Known, {key: value}, where), _KEYS[key])
+                if key == "command":
+                    _refuse_path(where, metadata[key])
                 continue
             if key == NOTES and isinstance(value, dict):
                 metadata["extra"] |= {name: str(note) for name, note in value.items()}
@@ -120,13 +124,24 @@ def collect(
     return metadata
 
 
+def _refuse_path(where: str, text: str) -> None:
+    """Raise an InputError for a command that is no list of times and velocities."""
+    try:
+        parse_path(text)
+    except ValueError:
+        raise InputError(
+            f"{where}: command = '{text}' is not valid",
+            'write times [s] and velocities [m/s], as command = "0:0, 1:0.3, 5:0.3, 6:0", two or more',
+        ) from None
+
+
 def _parse(text: str, where: str) -> dict[str, Any]:
     """Parse one line; what is not TOML is text, unless its key means a number to the reader."""
     key, _, value = (part.strip() for part in text.partition("="))
     try:
         return parse_toml(text, where)
     except InputError:
-        if key in _KEYS and key not in ("robot", "soil"):
+        if key in _KEYS and key not in ("robot", "soil", "command"):
             hint = "write it as TOML, e.g. # v_desired_mps = 0.3"
             raise InputError(f"{where}: {key} = {value} is not valid", hint) from None
         return {key: value.strip("\"'")}

@@ -116,6 +116,7 @@ class TrialInfo:
     Attributes:
         robot, soil: names of the catalogue or paths of TOML files.
         v_desired, a_max, distance: of the desired motion [m/s], [m/s^2], [m].
+        command: the desired velocity as a list, as `parameters.parse_path` reads it.
         virtual: a simulator wrote the log.
         clock_offset: known offset of the encoder clock behind the IMU's [s].
         rests: intervals in which robot and wheels stood still (start, end) [s, the log's time].
@@ -132,6 +133,7 @@ class TrialInfo:
     a_max: float | None = None
     distance: float | None = None
     repetition: int | None = None
+    command: str | None = None
     virtual: bool = False
     clock_offset: float | None = None
     rests: tuple[tuple[float, float], ...] = ()

@@ -1,18 +1,26 @@
-"""The desired motion: a trapezoid of velocity (section 4, Table 2) and the ratio k_92 that follows it."""
+"""The desired motion, a trapezoid of velocity (section 4, Table 2) or any course, and k_92 along it."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
 from granite_lab.model.symbols import ModelParameters
-from granite_lab.parameters import Variant
+from granite_lab.parameters import Course, Variant
+from granite_lab.parameters.course import ALIKE, MOVING
 
 V_FLOOR = 0.02
 """Velocity [m/s] below which slip and shear fade into standstill; above it the equations are exact."""
+
+
+Kind = Literal["trapezoid", "path", "wheels"]
+"""How a run is driven: motors follow a trapezoid or any path of velocity, or the wheels are turned."""
+
+LEVEL, _ABOUT = 0.05, 0.1
+"""A velocity is steady that changes by less than this share of the fastest within twice the time [s]."""
 
 
 def smoothstep(s: Any) -> Any:
@@ -23,41 +31,91 @@ def smoothstep(s: Any) -> Any:
 
 def peak_velocity(variant: Variant) -> float:
     """Return the largest desired velocity [m/s]; below v_Ru where the distance is too short for it."""
+    if isinstance(variant, Course):
+        return variant.peak
     return min(variant.velocity, float(np.sqrt(variant.acceleration * variant.distance)))
+
+
+def reference_velocity(variant: Variant) -> float:
+    """Return the desired velocity [m/s] at which a k_92 of the run is stated: that of the steady part."""
+    return variant.velocity if isinstance(variant, Course) else peak_velocity(variant)
 
 
 def duration(variant: Variant) -> float:
     """Return the time from the start of the command to its end [s]."""
+    if isinstance(variant, Course):
+        return variant.end
     v = peak_velocity(variant)
     return variant.distance / v + v / variant.acceleration
 
 
 def steady_interval(variant: Variant) -> tuple[float, float]:
-    """Return start and end of the part with constant desired velocity [s after command start]."""
+    """Return start and end of the part with constant desired velocity [s after command start].
+
+    Of a course it is the stretch over which slip is measured, constant or not.
+    """
+    if isinstance(variant, Course):
+        return variant.stretch
     ramp = peak_velocity(variant) / variant.acceleration
     return ramp, duration(variant) - ramp
 
 
-def corners(variant: Variant) -> tuple[float, float, float, float]:
+def corners(variant: Variant) -> tuple[float, ...]:
     """Return when the desired acceleration jumps [s after command start], in order."""
+    if isinstance(variant, Course):
+        return tuple(t for t, *_ in (variant.wheels or variant.path))
     t1, t2 = steady_interval(variant)
     return 0.0, t1, t2, duration(variant)
 
 
 def steady_part(variant: Variant) -> tuple[float, float]:
-    """Return the part over which λ_R is taken: the second half of `steady_interval` [s]."""
+    """Return the part over which λ_R is taken: the second half of `steady_interval` [s].
+
+    Of a course it is the whole interval.
+    """
     start, end = steady_interval(variant)
-    return (start + end) / 2, end
+    return (start, end) if isinstance(variant, Course) else ((start + end) / 2, end)
 
 
 def phase_of(t: npt.NDArray[np.float64], variant: Variant) -> list[str]:
     """Return the commanded phase at each t [s after command start]."""
+    if isinstance(variant, Course):
+        v, change = variant.velocity_at(t), variant.velocity_at(t + _ABOUT) - variant.velocity_at(t - _ABOUT)
+        slow, level = v < MOVING * variant.peak, np.abs(change) < LEVEL * variant.peak
+        kinds = zip(slow.tolist(), level.tolist(), (change > 0).tolist(), strict=True)
+        return ["rest" if a else "steady" if b else "accelerate" if c else "brake" for a, b, c in kinds]
     t1, t2 = steady_interval(variant)
     end = duration(variant)
     return [
         "rest" if x < 0 or x > end else "accelerate" if x < t1 else "steady" if x <= t2 else "brake"
         for x in t
     ]
+
+
+def kind_of(variant: Variant) -> Kind:
+    """Return which of the graphs a run needs."""
+    return "trapezoid" if not isinstance(variant, Course) else "wheels" if variant.wheels else "path"
+
+
+def velocities_at(t: npt.NDArray[np.float64], variant: Variant) -> npt.NDArray[np.float64]:
+    """Return v_Rd [m/s] at each t [s after command start]."""
+    if isinstance(variant, Course):
+        return variant.velocity_at(t)
+    return np.array([float(desired_velocity(float(x), variant)) for x in t])
+
+
+def alike(a: Variant, b: Variant) -> bool:
+    """Say whether two commands are repetitions of one: nowhere further apart than `ALIKE` allows."""
+    t = np.linspace(0.0, max(duration(a), duration(b)), 500)
+    apart = np.abs(velocities_at(t, a) - velocities_at(t, b))
+    return bool(apart.max() <= ALIKE * max(peak_velocity(a), peak_velocity(b)))
+
+
+def distances_at(t: npt.NDArray[np.float64], variant: Variant) -> npt.NDArray[np.float64]:
+    """Return s_Rxd [m] at each t [s after command start]."""
+    if isinstance(variant, Course):
+        return variant.distance_at(t)
+    return np.array([float(desired_distance(float(x), variant)) for x in t])
 
 
 def desired_velocity(t: Any, variant: Variant) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granite_lab.model import interpreted
+from granite_lab.model.command import Kind
 from granite_lab.model.effect import Effect
 from granite_lab.model.instants import Accuracy
 from granite_lab.parameters import Variant
@@ -31,7 +32,7 @@ class Engine(Protocol):
 
         Args:
             effects: of the graph.
-            variant: the commanded trapezoid.
+            variant: the commanded trapezoid, or a course.
             accuracy: tolerances and output grid.
             start: (S,) state at the first instant.
             vector: (P,) parameters.
@@ -44,12 +45,19 @@ class Engine(Protocol):
         """
 
     def outputs(
-        self, effects: tuple[Effect, ...], names: tuple[str, ...], t: Array, states: Array, vector: Array
+        self,
+        effects: tuple[Effect, ...],
+        variant: Variant,
+        names: tuple[str, ...],
+        t: Array,
+        states: Array,
+        vector: Array,
     ) -> Array:
         """Return (rows, N) outputs of the graph.
 
         Args:
             effects: of the graph.
+            variant: as in `run`.
             names: of the outputs.
             t: (N,) instants [s].
             states: (S, N) at them.
@@ -58,31 +66,31 @@ class Engine(Protocol):
 
 
 @cache
-def _compiler() -> Callable[[tuple[Effect, ...]], Engine] | None:
+def _compiler() -> Callable[[tuple[Effect, ...], Kind], Engine] | None:
     """Return what makes an engine of a graph, where machine code can be had at all."""
     if os.environ.get(INTERPRETED):
         return None
     try:
         from granite_lab.model.native import graphs  # noqa: PLC0415, without llvmlite there is none
 
-        graphs.prepare(())
+        graphs.prepare((), "trapezoid")
     except (ImportError, NotImplementedError, OSError, RuntimeError, AttributeError):
         return None
 
-    def compiled(effects: tuple[Effect, ...]) -> Engine:
-        graphs.prepare(effects)
+    def compiled(effects: tuple[Effect, ...], kind: Kind) -> Engine:
+        graphs.prepare(effects, kind)
         return cast(Engine, graphs)
 
     return compiled
 
 
 @lru_cache(maxsize=256)
-def engine_of(effects: tuple[Effect, ...]) -> Engine:
+def engine_of(effects: tuple[Effect, ...], kind: Kind = "trapezoid") -> Engine:
     """Return what integrates this graph; one that cannot be compiled is interpreted."""
     compiler = _compiler()
     if compiler is not None:
         try:
-            return compiler(effects)
+            return compiler(effects, kind)
         except (NotImplementedError, RuntimeError):
             pass
     return cast(Engine, interpreted)

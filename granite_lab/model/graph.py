@@ -18,7 +18,7 @@ import numpy as np
 
 from granite_lab.model import body as bd
 from granite_lab.model import kept
-from granite_lab.model.command import contact_angle_ratio, desired_distance, desired_velocity
+from granite_lab.model.command import Kind, contact_angle_ratio, desired_distance, desired_velocity
 from granite_lab.model.contact import (
     ArcLaws,
     ContactAngles,
@@ -30,12 +30,14 @@ from granite_lab.model.contact import (
 )
 from granite_lab.model.drive import control_voltage, current_rate, drive_torque
 from granite_lab.model.effect import Axle, Effect, Own, Shaft
+from granite_lab.model.pieces import desired, spin, symbols
 from granite_lab.model.symbols import ModelParameters, model_parameters, symbolic, symbols_of
 from granite_lab.parameters import Soil, load_robot, load_soil, load_variants
 
 BODY_STATES = ("x_cm", "z_cm", "pitch", "x_cm_rate", "z_cm_rate", "pitch_rate")
 AXLE_STATES = ("angle", "rate", "current")
 STATES = BODY_STATES + tuple(f"{name}_{axle}" for axle in "fr" for name in AXLE_STATES)
+"""Of the paper's model; where the wheels are turned, the body alone has states."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +46,7 @@ class Graph:
 
     Attributes:
         t, x, p: symbols of time, state and parameters.
+        u: symbols of the piece of a course, as `pieces` names them; none where a trapezoid is driven.
         rates: time derivative of the state.
         outputs: name to expression; the columns of a run.
         states: names of the states, the effects' extra ones last.
@@ -53,6 +56,7 @@ class Graph:
     t: Any
     x: Any
     p: Any
+    u: Any
     rates: Any
     outputs: dict[str, Any]
     states: tuple[str, ...]
@@ -60,37 +64,38 @@ class Graph:
 
 
 @lru_cache(maxsize=64)
-def build_graph(effects: tuple[Effect, ...] = ()) -> Graph:
+def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> Graph:
     """Build the graph of the paper's model with effects, in the order in which their hooks apply.
 
-    Every number is a symbol, so that one graph serves all robots, soils and variants. It is kept on disk,
-    which gives it back six times faster than it is built; one with a user's own effects is not, for nobody
-    knows what these depend on.
+    Every number is a symbol, so that one graph serves all robots, soils and motions of a kind. It is kept on
+    disk, which gives it back six times faster than it is built; one with a user's own effects is not, for
+    nobody knows what these depend on.
     """
     if any(vars(e) or not type(e).__module__.startswith("granite_lab.effects.") for e in effects):
-        return _built(effects)
-    names = " ".join(type(e).__qualname__ for e in effects)
+        return _built(effects, kind)
+    names = " ".join([kind, *(type(e).__qualname__ for e in effects)])
     name = f"{hashlib.sha256(_sources() + names.encode()).hexdigest()}.graph"
     content = kept.read(name)
     if content is not None:
-        return _restored(effects, ca.Function.deserialize(content.decode()))
-    graph = _built(effects)
+        return _restored(effects, kind, ca.Function.deserialize(content.decode()))
+    graph = _built(effects, kind)
     parts = {"rates": graph.rates} | {f"out_{n}": e for n, e in graph.outputs.items()}
     parts |= {f"late_{n}": e for n, e in graph.delays.items()}
-    whole = ca.Function("graph", [graph.t, graph.x, graph.p], [*parts.values()], ["t", "x", "p"], [*parts])
+    given = [graph.t, graph.x, graph.p, graph.u]
+    whole = ca.Function("graph", given, [*parts.values()], ["t", "x", "p", "u"], [*parts])
     kept.keep(name, whole.serialize().encode())
     return graph
 
 
-def _restored(effects: tuple[Effect, ...], whole: Any) -> Graph:
+def _restored(effects: tuple[Effect, ...], kind: Kind, whole: Any) -> Graph:
     """Return the graph that a function holds."""
-    t, x, p = symbols = whole.sx_in()
+    t, x, p, u = symbols = whole.sx_in()
     found = dict(zip(whole.name_out(), whole.call(symbols), strict=True))
     outputs, delays = (
-        {n.removeprefix(kind): e for n, e in found.items() if n.startswith(kind)}
-        for kind in ("out_", "late_")
+        {n.removeprefix(part): e for n, e in found.items() if n.startswith(part)}
+        for part in ("out_", "late_")
     )
-    return Graph(t, x, p, found["rates"], outputs, _states(effects), delays)
+    return Graph(t, x, p, u, found["rates"], outputs, states_of(effects, kind), delays)
 
 
 @cache
@@ -105,33 +110,50 @@ def _sources() -> bytes:
     return hashlib.sha256("\0".join(texts).encode()).digest()
 
 
-def _states(effects: tuple[Effect, ...]) -> tuple[str, ...]:
-    return STATES + tuple(f"{e.id}.{name}" for e in effects for name in e.states)
+def states_of(effects: tuple[Effect, ...], kind: Kind) -> tuple[str, ...]:
+    """Return the names of the states: those of the model, then those of its effects."""
+    return own_states(kind) + tuple(f"{e.id}.{name}" for e in effects for name in e.states)
 
 
-def _built(effects: tuple[Effect, ...]) -> Graph:
+def own_states(kind: Kind) -> tuple[str, ...]:
+    """Return the names of the states without those of effects."""
+    return BODY_STATES if kind == "wheels" else STATES
+
+
+def _built(effects: tuple[Effect, ...], kind: Kind) -> Graph:
     t = ca.SX.sym("t")
     paper = symbolic(model_parameters(load_robot(), load_soil(), load_variants()[0]))
-    names = _states(effects)
+    names = states_of(effects, kind)
     x = ca.SX.sym("x", len(names))
     state = dict(zip(names, ca.vertsplit(x), strict=True))
+    column, piece = symbols(kind)
     hooks = hooks_of(effects, state, t, paper)
     p = paper
     for e, own in hooks:
         p = e.system(p, own)
 
     # command: (5), section 4
-    v_d = desired_velocity(t, p.variant)
-    s_d = desired_distance(t, p.variant)
+    if kind == "trapezoid":
+        v_k92 = v_d = desired_velocity(t, p.variant)
+        s_d = desired_distance(t, p.variant)
+    else:
+        v_d, s_d = desired(t, piece)
+        v_k92 = ca.fmax(0, v_d)
     body = bd.BodyState(*(state[name] for name in BODY_STATES))
     reference = bd.point(body, p.chassis, 0, 0)  # R
     v, _ = bd.to_robot(body.pitch, reference.x_rate, reference.z_rate)
-    v_k92 = v_d
     for e, own in hooks:
         v_k92 = e.desired_velocity(v_k92, v, own)
     k92 = contact_angle_ratio(v_k92, p)
 
-    axles = tuple(_axle(front, state, body, p, k92, v_d, hooks) for front in (True, False))
+    turned = {name: spin(t, piece, name) for name in "fr"} if kind == "wheels" else {}
+    for name, wheel in turned.items():
+        state |= {f"angle_{name}": wheel.angle, f"rate_{name}": wheel.rate}
+    free = [_axle(name, state, body, p, k92, v_d, hooks) for name in "fr"]
+    if turned:
+        axles = [_turned(a, turned[n].acceleration, p, hooks) for n, a in zip("fr", free, strict=True)]
+    else:
+        axles = [_driven(a, state[f"current_{n}"], p, hooks) for n, a in zip("fr", free, strict=True)]
     front, rear = axles
 
     load = bd.ground_load(
@@ -141,22 +163,12 @@ def _built(effects: tuple[Effect, ...]) -> Graph:
         load = e.body_load(load, body, (front, rear), p, own)
     acceleration = bd.accelerations(p.chassis, load)
 
-    drives = _drives(axles, s_d, v_d, p, hooks)
+    drives = _unasked(axles, p, hooks) if kind == "wheels" else _drives(axles, s_d, v_d, p, hooks)
     front, rear = (drive.axle for drive in drives)
     speed = body.x_rate, body.z_rate, body.pitch_rate
     change = acceleration.x, acceleration.z, acceleration.pitch
     rates: dict[str, Any] = dict(zip(BODY_STATES, (*speed, *change), strict=True))
-    outputs: dict[str, Any] = {
-        "x_m": reference.x,
-        "z_m": reference.z,
-        "v_mps": v,
-        "v_z_mps": reference.z_rate,
-        "pitch_rad": body.pitch,
-        "pitch_rate_radps": body.pitch_rate,
-        "v_desired_mps": v_d,
-        "s_desired_m": s_d,
-        "k92": k92,
-    }
+    outputs = _shown(reference, v, body) | {"v_desired_mps": v_d, "s_desired_m": s_d, "k92": k92}
     for drive in drives:
         rates |= _axle_rates(drive, p, hooks)
         outputs |= _axle_outputs(drive, p.wheels.radius)
@@ -166,9 +178,20 @@ def _built(effects: tuple[Effect, ...]) -> Graph:
     imu = {"imu_ax_mps2": f_x, "imu_az_mps2": f_z, "imu_gy_radps": body.pitch_rate}
     sensors, delays = _sensors(imu, drives, p, hooks)
     parameters = ca.vertcat(symbols_of(paper), own_parameters(hooks))
-    return Graph(
-        t, x, parameters, ca.vertcat(*map(rates.__getitem__, names)), outputs | sensors, names, delays
-    )
+    change_of = ca.vertcat(*map(rates.__getitem__, names))
+    return Graph(t, x, parameters, column, change_of, outputs | sensors, names, delays)
+
+
+def _shown(reference: bd.PointMotion, v: Any, body: bd.BodyState) -> dict[str, Any]:
+    """Name what a run shows of the body."""
+    return {
+        "x_m": reference.x,
+        "z_m": reference.z,
+        "v_mps": v,
+        "v_z_mps": reference.z_rate,
+        "pitch_rad": body.pitch,
+        "pitch_rate_radps": body.pitch_rate,
+    }
 
 
 @dataclass(frozen=True)
@@ -205,12 +228,48 @@ def _drives(
     return tuple(map(_Drive, "fr", axles, shafts, readings, voltages))
 
 
-def _axle_rates(drive: _Drive, p: ModelParameters, hooks: list[tuple[Effect, Own]]) -> dict[str, Any]:
-    """Return the time derivatives of the states of one wheel pair, (23), (24)."""
-    axle = drive.axle
+def _unasked(
+    axles: Sequence[Axle], p: ModelParameters, hooks: list[tuple[Effect, Own]]
+) -> tuple[_Drive, ...]:
+    """Return the motors of wheels that are turned, with the voltage that (24) needs for a steady current."""
+    drives = []
+    for name, axle in zip("fr", axles, strict=True):
+        shaft = _shaft(axle, hooks)
+        emf = p.drive.emf_constant * p.drive.gear_ratio * shaft.rate
+        voltage = emf + p.drive.resistance * axle.current
+        drives.append(_Drive(name, axle, shaft, _reading(shaft, axle, hooks), voltage))
+    return tuple(drives)
+
+
+def _driven(axle: Axle, current: Any, p: ModelParameters, hooks: list[tuple[Effect, Own]]) -> Axle:
+    """Return a wheel pair whose motors have a current [A], (24)."""
+    torque = drive_torque(p.drive, current)
+    for e, own in hooks:
+        torque = e.drive_torque(torque, axle.state, own)
+    return replace(axle, current=current, drive_torque=torque)
+
+
+def _turning(axle: Axle, p: ModelParameters, hooks: list[tuple[Effect, Own]]) -> Any:
+    """Return the angular acceleration of a rim [rad/s^2], (23)."""
     turning = axle.rim_acceleration(p.chassis.wheel_inertia)
     for e, own in hooks:
         turning = e.rim_acceleration(turning, axle, p, own)
+    return turning
+
+
+def _turned(axle: Axle, acceleration: Any, p: ModelParameters, hooks: list[tuple[Effect, Own]]) -> Axle:
+    """Return a wheel pair whose motors have the current that its acceleration takes, (23), (24).
+
+    Effects leave the acceleration a linear function of the current, so that two values tell it.
+    """
+    none, one = (_turning(_driven(axle, i, p, hooks), p, hooks) for i in (0.0, 1.0))
+    return _driven(axle, (acceleration - none) / (one - none), p, hooks)
+
+
+def _axle_rates(drive: _Drive, p: ModelParameters, hooks: list[tuple[Effect, Own]]) -> dict[str, Any]:
+    """Return the time derivatives of the states of one wheel pair, (23), (24)."""
+    axle = drive.axle
+    turning = _turning(axle, p, hooks)
     current = current_rate(p.drive, drive.voltage, drive.shaft.rate, axle.current)
     rates = {"angle": axle.state.rate, "rate": turning, "current": current}
     return {f"{name}_{drive.name}": rate for name, rate in rates.items()}
@@ -313,7 +372,7 @@ def on_ground(
 
 
 def _axle(
-    front: bool,
+    name: str,
     state: dict[str, Any],
     body: bd.BodyState,
     p: ModelParameters,
@@ -321,8 +380,8 @@ def _axle(
     v_d: Any,
     hooks: list[tuple[Effect, Own]],
 ) -> Axle:
-    """Kinematics, contact and drive of one wheel pair, (1), (4)-(18), (24)."""
-    name = "f" if front else "r"
+    """Kinematics and contact of one wheel pair, (1), (4)-(18), its motors without current."""
+    front = name == "f"
     position = p.chassis.wheel_base / 2 * (1 if front else -1)
     centre = bd.point(body, p.chassis, position, 0)
     velocity, _ = bd.to_robot(body.pitch, centre.x_rate, centre.z_rate)
@@ -343,14 +402,10 @@ def _axle(
     )
     ground = on_ground(wheel, p.soil, k92, p.chassis.contact_damping, hooks)
     wheel, forces = ground.state, ground.forces
-    current = state[f"current_{name}"]
-    torque = drive_torque(p.drive, current)
-    for e, own in hooks:
-        torque = e.drive_torque(torque, wheel, own)
     rim_load = forces.moment
     for e, own in hooks:
         rim_load = e.rim_load(rim_load, wheel, own)
-    return Axle(position, wheel, ground.angles, forces, current, torque, rim_load)
+    return Axle(position, wheel, ground.angles, forces, 0.0, 0.0, rim_load)
 
 
 def _axle_outputs(drive: _Drive, radius: Any) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from granite_lab.model.command import corners, duration, peak_velocity
 from granite_lab.model.limits import refuse_long
-from granite_lab.parameters import Variant
+from granite_lab.parameters import Course, Variant
 
 Array = npt.NDArray[np.float64]
 
@@ -69,12 +69,16 @@ def instants(variant: Variant, accuracy: Accuracy) -> Array:
 
 @lru_cache(maxsize=64)
 def _instants(variant: Variant, accuracy: Accuracy) -> Array:
-    step = min(accuracy.step, accuracy.travel / peak_velocity(variant))
+    step = accuracy.step
+    if not isinstance(variant, Course):
+        step = min(step, accuracy.travel / peak_velocity(variant))
     samples = int(np.ceil((SETTLE + duration(variant) + COAST) / step)) + 1
     refuse_long(variant, samples, step)
     t: Array = -SETTLE + step * np.arange(samples, dtype=np.float64)
     if not accuracy.lean:
         return t
     before = np.arange(-SETTLE, 0, AT_REST)
+    if isinstance(variant, Course):  # it may have corners everywhere
+        return np.unique(np.concatenate([before, t[t >= 0]]).round(6))
     answers = (np.array(corners(variant))[:, None] + np.concatenate([-ANSWER, ANSWER])).ravel()
     return np.unique(np.concatenate([before, t[t >= 0], answers]).round(6))

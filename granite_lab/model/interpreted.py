@@ -9,19 +9,30 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from granite_lab.model.command import Kind, kind_of
 from granite_lab.model.effect import Effect
 from granite_lab.model.graph import build_graph
 from granite_lab.model.instants import Accuracy, instants
 from granite_lab.model.limits import MAX_STEPS, not_converged
+from granite_lab.model.pieces import numbers_at, pieces
 from granite_lab.parameters import Variant
 
 Array = npt.NDArray[np.float64]
 
 
 @lru_cache(maxsize=64)
-def _equations(effects: tuple[Effect, ...]) -> dict[str, Any]:
-    graph = build_graph(effects)
-    return {"t": graph.t, "x": graph.x, "p": graph.p, "ode": ca.cse(graph.rates)}
+def _equations(effects: tuple[Effect, ...], variant: Variant) -> dict[str, Any]:
+    graph = build_graph(effects, kind_of(variant))
+    if kind_of(variant) == "trapezoid":
+        return {"t": graph.t, "x": graph.x, "p": graph.p, "ode": ca.cse(graph.rates)}
+    corners, table = pieces(variant)
+    rates = ca.Function("rates", [graph.t, graph.x, graph.p, graph.u], [ca.cse(graph.rates)])
+    t, x, p = (
+        ca.MX.sym(name, size) for name, size in (("t", 1), ("x", graph.x.numel()), ("p", graph.p.numel()))
+    )
+    # the number of the piece: how many corners have passed
+    passed = ca.sum1(ca.DM(corners) <= t)
+    return {"t": t, "x": x, "p": p, "ode": rates(t, x, p, ca.MX(ca.DM(table.T))[:, passed])}
 
 
 @lru_cache(maxsize=256)
@@ -30,7 +41,7 @@ def _integrator(effects: tuple[Effect, ...], variant: Variant, accuracy: Accurac
     return ca.integrator(
         "run",
         "cvodes",
-        _equations(effects),
+        _equations(effects, variant if kind_of(variant) != "trapezoid" else _ANY),
         grid[0],
         grid[1:],
         {
@@ -41,6 +52,10 @@ def _integrator(effects: tuple[Effect, ...], variant: Variant, accuracy: Accurac
             "disable_internal_warnings": True,
         },
     )
+
+
+_ANY = Variant(velocity=1.0, acceleration=1.0, distance=2.0)
+"""Stands for all trapezoids, which have one set of equations."""
 
 
 def run(
@@ -62,14 +77,20 @@ def run(
 
 
 @lru_cache(maxsize=128)
-def _columns(effects: tuple[Effect, ...], names: tuple[str, ...]) -> Any:
-    graph = build_graph(effects)
+def _columns(effects: tuple[Effect, ...], kind: Kind, names: tuple[str, ...]) -> Any:
+    graph = build_graph(effects, kind)
     stacked = ca.densify(ca.vertcat(*(graph.outputs[name] for name in names)))
-    return ca.Function("outputs", [graph.t, graph.x, graph.p], [stacked])
+    return ca.Function("outputs", [graph.t, graph.x, graph.p, graph.u], [stacked])
 
 
 def outputs(
-    effects: tuple[Effect, ...], names: tuple[str, ...], t: Array, states: Array, vector: Array
+    effects: tuple[Effect, ...],
+    variant: Variant,
+    names: tuple[str, ...],
+    t: Array,
+    states: Array,
+    vector: Array,
 ) -> Array:
     """Return outputs; see `engine.Engine`."""
-    return np.array(_columns(effects, names)(t[None], states, vector))
+    columns = _columns(effects, kind_of(variant), names)
+    return np.array(columns(t[None], states, vector, numbers_at(t, variant)))

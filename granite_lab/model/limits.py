@@ -37,9 +37,12 @@ _TROUBLE = {
 """What integrators give as their reason, in words."""
 
 
-def most_steps(samples: int) -> int:
-    """Return how many steps of the compiled integrator a run of so many rows may take; usual are 400."""
-    return 10_000 + 10 * samples
+def most_steps(samples: int, corners: int = 0) -> int:
+    """Return how many steps of the compiled integrator a run of so many rows may take; usual are 400.
+
+    From each corner of a course on it begins anew, with a step that is short.
+    """
+    return 10_000 + 10 * samples + 50 * corners
 
 
 def refuse_long(variant: Variant, samples: int, step: float) -> None:

@@ -13,10 +13,10 @@ import numpy.typing as npt
 from scipy.linalg.lapack import dgesv
 
 from granite_lab.errors import EstimateError
-from granite_lab.model.command import steady_part
+from granite_lab.model.command import Kind, kind_of, steady_part
 from granite_lab.model.effect import Active, Effect
 from granite_lab.model.engine import engine_of
-from granite_lab.model.graph import STATES, build_graph
+from granite_lab.model.graph import build_graph, own_states
 from granite_lab.model.instants import SETTLE, USUAL, Accuracy, instants
 from granite_lab.model.limits import (
     refuse_backwards,
@@ -26,26 +26,26 @@ from granite_lab.model.limits import (
 )
 from granite_lab.model.run import Run
 from granite_lab.model.symbols import ModelParameters, model_parameters, vector_of
-from granite_lab.parameters import Robot, Soil, Variant, load_paper
+from granite_lab.parameters import Course, Robot, Soil, Variant, load_paper
 
 Array = npt.NDArray[np.float64]
 
 
 @lru_cache(maxsize=64)
-def _rest_function(effects: tuple[Effect, ...]) -> Any:
+def _rest_function(effects: tuple[Effect, ...], kind: Kind) -> Any:
     """Return f(q, p) -> what must vanish at standstill, its Jacobian, and the place of R.
 
     q holds height and pitch of the robot and the effects' extra states; what must vanish are the
     vertical and the pitch acceleration and the rates of the extra states.
     """
-    graph = build_graph(effects)
-    paper, n = len(STATES), len(graph.states)
+    graph = build_graph(effects, kind)
+    paper, n = len(own_states(kind)), len(graph.states)
     q = ca.SX.sym("q", 2 + n - paper)
     x = ca.vertcat(0, q[:2], ca.SX.zeros(paper - 3), q[2:])
-    rest = ca.vertcat(x, -SETTLE)
-    rates = ca.substitute(graph.rates, ca.vertcat(graph.x, graph.t), rest)
+    given, rest = ca.vertcat(graph.x, graph.t, graph.u), ca.vertcat(x, -SETTLE, ca.SX.zeros(graph.u.numel()))
+    rates = ca.substitute(graph.rates, given, rest)
     residual = ca.vertcat(rates[4:6], rates[paper:])
-    place = ca.substitute(graph.outputs["x_m"], ca.vertcat(graph.x, graph.t), rest)
+    place = ca.substitute(graph.outputs["x_m"], given, rest)
     slope = ca.densify(ca.jacobian(residual, q))
     return ca.Function("rest", [q, graph.p], [ca.densify(residual), slope, ca.densify(place)])
 
@@ -65,7 +65,8 @@ def _rest_state(p: ModelParameters, effects: Sequence[Active], vector: Array) ->
     q = np.array([0.85 * p.wheels.radius + p.chassis.com_z, 0.0] + extra * [0.0])
     limit = np.array(2 * [0.2 * p.wheels.radius] + extra * [np.inf])
     residual, columns, place = np.empty(q.size), np.empty((q.size, q.size)), np.empty(1)
-    places, evaluate = _rest_function(chosen).buffer()
+    kind = kind_of(p.variant)
+    places, evaluate = _rest_function(chosen, kind).buffer()
     for k, given in enumerate((q, vector)):
         places.set_arg(k, given.data)
     for k, found in enumerate((residual, columns, place)):
@@ -86,7 +87,7 @@ def _rest_state(p: ModelParameters, effects: Sequence[Active], vector: Array) ->
             "check masses, wheel size and the soil's moduli",
         )
     start = -float(place[0])  # R begins at x = 0
-    return np.concatenate([[start, q[0], q[1]], np.zeros(len(STATES) - 3), q[2:]])
+    return np.concatenate([[start, q[0], q[1]], np.zeros(len(own_states(kind)) - 3), q[2:]])
 
 
 def _solved(A: Array, b: Array) -> Array:
@@ -125,8 +126,9 @@ def integrate(
     moving = tuple(e for e in effects if e.effect.moves)
     # sensors with other faults look at the same motion; a plain run is not kept, for it may be long
     history = (_history if len(moving) == len(effects) else _remembered)(p, moving, accuracy)
-    wanted = names or tuple(build_graph(chosen).outputs)
-    table = engine_of(chosen).outputs(chosen, wanted, t, history, vector)
+    kind = kind_of(p.variant)
+    wanted = names or tuple(build_graph(chosen, kind).outputs)
+    table = engine_of(chosen, kind).outputs(chosen, p.variant, wanted, t, history, vector)
     if not np.isfinite(table).all():
         raise EstimateError(
             "the simulation gives values that are not finite",
@@ -171,7 +173,9 @@ def _history(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy
         EstimateError: the integrator gave up, or the robot finds no rest.
     """
     chosen, vector = tuple(e.effect for e in effects), parameter_vector(p, effects)
-    states = engine_of(chosen).run(chosen, p.variant, accuracy, _rest_state(p, effects, vector), vector)
+    states = engine_of(chosen, kind_of(p.variant)).run(
+        chosen, p.variant, accuracy, _rest_state(p, effects, vector), vector
+    )
     states.flags.writeable = False
     return states
 
@@ -215,7 +219,7 @@ def simulate(
     """Simulate one run, equations (1)-(26).
 
     Args:
-        variant: the commanded trapezoid.
+        variant: the commanded trapezoid, or a course.
         robot: with chassis and drive.
         soil: the ground.
         k92: a constant k_92 [-]; by default k_92 = exp(-a_θ v_d(t)), (5).
@@ -228,7 +232,8 @@ def simulate(
         EstimateError: the simulation does not converge, the robot finds no rest or is driven
             by the ground, or there is no steady part or no slip ratio in it.
     """
-    refuse_unsteady(variant, *steady_part(variant))
+    if not isinstance(variant, Course):
+        refuse_unsteady(variant, *steady_part(variant))
     exponent = load_paper().a_theta if a_theta is None else a_theta
     p = model_parameters(robot, soil, variant, k92=k92, a_theta=exponent)
     begin = time.perf_counter()

@@ -14,7 +14,7 @@ from typing import Any, TypeVar, cast
 import casadi as ca
 
 from granite_lab.errors import InputError
-from granite_lab.parameters import Chassis, Drive, Imu, Robot, Soil, Variant, Wheels
+from granite_lab.parameters import Chassis, Drive, Imu, Robot, Soil, Variant, Wheels, is_driven
 
 T = TypeVar("T")
 
@@ -41,31 +41,40 @@ class ModelParameters:
     k92_is_constant: Any
 
 
+DIRECT = Drive(
+    inductance=1e-3, resistance=1.0, emf_constant=1.0, torque_constant=1.0, gear_ratio=1.0,
+    gear_efficiency=1.0, voltage_max=1e3, gain_p=0.0, gain_d=0.0,
+)  # fmt: skip
+"""Stands for a drive that nobody knows, where wheels are turned: its current is the torque."""
+
+
 def model_parameters(
     robot: Robot, soil: Soil, variant: Variant, *, k92: float | None = None, a_theta: float = 0.0
 ) -> ModelParameters:
     """Gather all numbers of the model.
 
     Args:
-        robot: with chassis and drive.
+        robot: with chassis and drive; wheels that are turned need no drive.
         soil: the ground.
-        variant: the commanded trapezoid.
+        variant: the commanded trapezoid, or a course.
         k92: a constant k_92; None for the exponential law (5).
         a_theta: a_θ of (5) [s/m].
 
     Raises:
         InputError: the robot's file has no [chassis] or no [drive].
     """
-    for part in ("chassis", "drive"):
+    turned = is_driven(variant)
+    for part in ("chassis",) if turned else ("chassis", "drive"):
         if getattr(robot, part) is None:
             raise InputError(
                 f"robot '{robot.name}' has no [{part}] table and cannot be simulated",
                 f"add [{part}] to its file; see granite_lab/catalogue/robots/granite.toml",
             )
     assert robot.chassis is not None
-    assert robot.drive is not None
+    drive = robot.drive or (DIRECT if turned else None)
+    assert drive is not None
     return ModelParameters(
-        robot.wheels, robot.chassis, robot.drive, robot.imu, soil, variant,
+        robot.wheels, robot.chassis, drive, robot.imu, soil, variant,
         0.0 if k92 is None else float(k92), float(a_theta), 0.0 if k92 is None else 1.0,
     )  # fmt: skip
 
@@ -74,7 +83,7 @@ def _numbers(record: Any) -> Iterator[Any]:
     """Yield the numbers or symbols of a nested record, in field order."""
     for name in _names(record.__class__):
         value = getattr(record, name)
-        if isinstance(value, (int, float, ca.SX)):
+        if isinstance(value, (int, float, ca.SX)) and not isinstance(value, bool):
             yield value
         elif dataclasses.is_dataclass(value):
             yield from _numbers(value)
@@ -97,7 +106,7 @@ def vector_of(record: Any) -> list[float]:
     found: list[float] = []
     for name in _names(record.__class__):
         value = getattr(record, name)
-        if isinstance(value, (int, float)):
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
             found.append(float(value))
         elif dataclasses.is_dataclass(value):
             found += _floats(cast(Hashable, value))

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from granite_lab.logs.trial import CurrentStream, ImuStream, Series, Trial, TrialInfo, WheelStream
 from granite_lab.model.run import Run
-from granite_lab.parameters import WHEELS, ImuGrade, Robot, Soil
+from granite_lab.parameters import WHEELS, Course, ImuGrade, Robot, Soil
 
 Array = npt.NDArray[np.float64]
 
@@ -80,14 +80,15 @@ def virtual_trial(run: Run, seed: int, name: str, *, repetition: int = 1) -> tup
     enc_t = _stamps(rng, robot.encoders.rate, end, robot.encoders.jitter)
     wheels = _encoders(run, robot, enc_t, origin)
     cur_t = _stamps(rng, robot.currents.rate, end, robot.encoders.jitter)
+    stated = None if isinstance(run.variant, Course) else run.variant  # the log holds a course itself
     trial = Trial(
         name=name,
         info=TrialInfo(
             robot=robot.name,
             soil=run.soil.name,
-            v_desired=run.variant.velocity,
-            a_max=run.variant.acceleration,
-            distance=run.variant.distance,
+            v_desired=stated.velocity if stated else None,
+            a_max=stated.acceleration if stated else None,
+            distance=stated.distance if stated else None,
             repetition=repetition,
             virtual=True,
         ),

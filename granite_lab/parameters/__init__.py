@@ -10,6 +10,7 @@ from granite_lab.parameters.catalogue import (
     names,
     variant_of,
 )
+from granite_lab.parameters.course import Course, Turning, course_of, is_driven, parse_path
 from granite_lab.parameters.records import (
     GRAVITY,
     WHEELS,
@@ -33,6 +34,7 @@ __all__ = [
     "GRAVITY",
     "WHEELS",
     "Chassis",
+    "Course",
     "Currents",
     "Drive",
     "Encoders",
@@ -42,14 +44,18 @@ __all__ = [
     "Published",
     "Robot",
     "Soil",
+    "Turning",
     "Variant",
     "Wheels",
     "by_speed",
+    "course_of",
+    "is_driven",
     "load_grade",
     "load_paper",
     "load_robot",
     "load_soil",
     "load_variants",
     "names",
+    "parse_path",
     "variant_of",
 ]

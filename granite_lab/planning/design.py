@@ -20,7 +20,7 @@ from granite_lab.inference.noise import CUT, FAST, FLOOR, at_rest, errors
 from granite_lab.inference.observation import AFTER, BEFORE, BIN
 from granite_lab.inference.setup import variant_of_trial
 from granite_lab.logs.trial import Array, Trial
-from granite_lab.model.command import desired_velocity, duration, peak_velocity
+from granite_lab.model.command import duration, peak_velocity, velocities_at
 from granite_lab.parameters import Robot, Soil, Variant
 from granite_lab.parameters.quantity import build, key_of, quantity
 
@@ -196,8 +196,7 @@ def _driven(residuals: Sequence[Residual], trials: Sequence[Trial]) -> tuple[Dri
 
 def commanded_share(t: Array, variant: Variant) -> Array:
     """Return (n,) the commanded velocity over its largest."""
-    velocity = np.array([float(desired_velocity(float(x), variant)) for x in t])
-    return np.asarray(velocity / peak_velocity(variant))
+    return np.asarray(velocities_at(t, variant) / peak_velocity(variant))
 
 
 def _noise(rows: Sequence[Residual], variant: Variant) -> Noise:

@@ -112,7 +112,7 @@ def a_theta_as_json(fit: AThetaFit | None) -> dict[str, Any] | None:
 def motion_as_json(m: Motion) -> dict[str, Any]:
     """Return what was estimated of a trial as plain objects, without its time histories."""
     return picked(m, "slip_ratio", "noise") | {
-        "variant": vars(m.variant) | {"source": m.variant_source},
+        "variant": picked(m.variant, "velocity", "acceleration", "distance") | {"source": m.variant_source},
         "distance_m": m.distance.as_json(),
         "distance_wheels_m": m.distance_wheels.as_json(),
         "steady_s": m.steady,

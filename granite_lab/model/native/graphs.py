@@ -15,9 +15,9 @@ import numpy.typing as npt
 from llvmlite import binding
 
 from granite_lab.model import interpreted, kept
-from granite_lab.model.command import corners
+from granite_lab.model.command import Kind, corners, kind_of
 from granite_lab.model.effect import Effect
-from granite_lab.model.graph import Graph, build_graph
+from granite_lab.model.graph import build_graph
 from granite_lab.model.instants import Accuracy, instants
 from granite_lab.model.limits import most_steps, not_converged
 from granite_lab.model.native import (
@@ -29,6 +29,7 @@ from granite_lab.model.native import (
     translate,
     writer,
 )
+from granite_lab.model.pieces import numbers_at, pieces
 from granite_lab.parameters import Variant
 
 Array = npt.NDArray[np.float64]
@@ -84,22 +85,28 @@ def _places(expression: Any) -> list[int]:
 
 
 def _coded(
-    graph: Graph, name: str, expression: Any, names: Sequence[str], text: Callable[[program.Program], str]
+    function: Callable[[Any], Any], of: Any, names: Sequence[str], text: Callable[[program.Program], str]
 ) -> machine.Library:
-    """Return machine code of an expression in t, x and p; its text is only made where none is kept."""
+    """Return machine code of an expression; its text is only made where none is kept.
+
+    Args:
+        function: makes a function of time, state and parameters of it.
+        of: the expression.
+        names: of the routines in the code.
+        text: of the code.
+    """
     _routines()
-
-    def function(of: Any) -> Any:
-        return ca.Function(name, [graph.t, graph.x, graph.p], [of])
-
-    key = machine.key(_version(), function(expression).serialize())
-    return _library(key, names, lambda: text(program.read(function(ca.cse(expression)))), 0)
+    key = machine.key(_version(), function(of).serialize())
+    return _library(key, names, lambda: text(program.read(function(ca.cse(of)))), 0)
 
 
 @lru_cache(maxsize=64)
-def _equations(effects: tuple[Effect, ...]) -> machine.Library:
-    """Return ``rates`` and ``slopes`` of a graph."""
-    graph = build_graph(effects)
+def _equations(effects: tuple[Effect, ...], kind: Kind = "trapezoid") -> machine.Library:
+    """Return ``rates`` and ``slopes`` of a graph; the numbers of a piece stand behind the parameters."""
+    graph = build_graph(effects, kind)
+
+    def function(of: Any) -> Any:
+        return ca.Function("rates", [graph.t, graph.x, ca.vertcat(graph.p, graph.u)], [of])
 
     def text(code: program.Program) -> str:
         rows = _places(graph.rates)
@@ -109,10 +116,10 @@ def _equations(effects: tuple[Effect, ...]) -> machine.Library:
             lowering.point("slopes", code, rows, graph.x.numel()),
         ])  # fmt: skip
 
-    return _coded(graph, "rates", graph.rates, ("rates", "slopes"), text)
+    return _coded(function, graph.rates, ("rates", "slopes"), text)
 
 
-def prepare(effects: tuple[Effect, ...]) -> None:
+def prepare(effects: tuple[Effect, ...], kind: Kind = "trapezoid") -> None:
     """Compile a graph, or load its code.
 
     Raises:
@@ -120,7 +127,7 @@ def prepare(effects: tuple[Effect, ...]) -> None:
         RuntimeError: LLVM does not accept it.
         OSError, AttributeError: the C library cannot be found.
     """
-    _equations(effects)
+    _equations(effects, kind)
 
 
 def forget() -> None:
@@ -134,18 +141,23 @@ def run(
     effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, start: Array, vector: Array
 ) -> Array:
     """Integrate, anew from each corner of the command on; see `engine.Engine`."""
-    equations = _equations(effects).address
+    equations, kind = _equations(effects, kind_of(variant)).address, kind_of(variant)
     grid, bends = instants(variant, accuracy), corners(variant)
     times = np.concatenate([grid, [np.inf], bends, grid[-1:]])
+    given = vector
+    if kind != "trapezoid":
+        _, table = pieces(variant)
+        vector = np.hstack([np.tile(vector, (len(table), 1)), table])
     record = rosenbrock.record(
-        start.size, grid.size, len(bends) + 1, accuracy.relative, accuracy.absolute, most_steps(grid.size)
-    )
+        (start.size, grid.size, len(bends) + 1), (accuracy.relative, accuracy.absolute),
+        most_steps(grid.size, len(bends)), 0 if kind == "trapezoid" else vector.shape[1],
+    )  # fmt: skip
     work, out = rosenbrock.work_space(start), np.empty((start.size, grid.size))
     arrays = (array.ctypes.data for array in (record, times, vector, work, out))
     status = _integrator()(equations["rates"], equations["slopes"], *arrays)
     if status == rosenbrock.TOO_MANY and not accuracy.lean:
         # a very stiff and all but rigid part, followed very closely, is easier for CVODES
-        return interpreted.run(effects, variant, accuracy, start, vector)
+        return interpreted.run(effects, variant, accuracy, start, given)
     if status < 0:
         raise not_converged(_TROUBLE[status])
     return out
@@ -165,27 +177,38 @@ def _integrator() -> Any:
 
 
 @lru_cache(maxsize=256)
-def _columns(effects: tuple[Effect, ...], names: tuple[str, ...]) -> Any:
-    """Return the machine code of some outputs."""
-    graph = build_graph(effects)
+def _columns(effects: tuple[Effect, ...], kind: Kind, names: tuple[str, ...]) -> Any:
+    """Return the machine code of some outputs; the numbers of the pieces stand behind the states."""
+    graph = build_graph(effects, kind)
     stacked = ca.densify(ca.vertcat(*(graph.outputs[name] for name in names)))
+
+    def function(of: Any) -> Any:
+        return ca.Function("columns", [graph.t, ca.vertcat(graph.x, graph.u), graph.p], [of])
 
     def text(code: program.Program) -> str:
         return lowering.declarations() + lowering.column("columns", code, _places(stacked))
 
-    library = _coded(graph, "columns", stacked, ("columns",), text)
+    library = _coded(function, stacked, ("columns",), text)
     return ctypes.CFUNCTYPE(None, _WHOLE, _WHOLE, *[_POINTER] * 4)(library.address["columns"])
 
 
 def outputs(
-    effects: tuple[Effect, ...], names: tuple[str, ...], t: Array, states: Array, vector: Array
+    effects: tuple[Effect, ...],
+    variant: Variant,
+    names: tuple[str, ...],
+    t: Array,
+    states: Array,
+    vector: Array,
 ) -> Array:
     """Return outputs; see `engine.Engine`."""
-    evaluate, samples = _columns(effects, names), t.size
+    evaluate, samples = _columns(effects, kind_of(variant), names), t.size
     blocks = -(-samples // program.LANES)
     stride = blocks * program.LANES
-    table, full = np.empty((len(names), stride)), np.empty((1 + states.shape[0], stride))
-    full[0, :samples], full[1:, :samples] = t, states
+    numbers = numbers_at(t, variant)
+    rows = 1 + states.shape[0] + numbers.shape[0]
+    table, full = np.empty((len(names), stride)), np.empty((rows, stride))
+    full[0, :samples], full[1 : rows - numbers.shape[0], :samples] = t, states
+    full[rows - numbers.shape[0] :, :samples] = numbers
     full[:, samples:] = full[:, samples - 1 : samples]  # the last lanes need some numbers
     evaluate(blocks, stride, full.ctypes.data, full[1:].ctypes.data, vector.ctypes.data, table.ctypes.data)
     return table[:, :samples]

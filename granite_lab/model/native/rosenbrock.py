@@ -68,23 +68,26 @@ FIRST = 1e-4
 """First step of a piece [s]."""
 
 
-N, SAMPLES, PIECES, RELATIVE, ABSOLUTE, MOST, NOW, END, SAMPLE, STEPS, COEFFICIENTS = range(11)
+N, SAMPLES, PIECES, RELATIVE, ABSOLUTE, MOST, NOW, END, SAMPLE, STEPS, STRIDE, COEFFICIENTS = range(12)
 """Places in the record of a run, which is an array because the machine code knows no other record: numbers of
 states, of instants and of pieces, tolerances, most steps; where the run is: t and end of the piece [s],
-instants written, steps taken; and behind them `TABLE`."""
+instants written, steps taken; how far apart the parameters of the pieces are, 0 where all have the same; and
+behind them `TABLE`."""
 
 
-def record(states: int, samples: int, pieces: int, relative: float, absolute: float, most: int) -> Floats:
+def record(
+    sizes: tuple[int, int, int], tolerances: tuple[float, float], most: int, stride: int = 0
+) -> Floats:
     """Return the record of a run that has not begun.
 
     Args:
-        states: how many.
-        samples: instants of the output.
-        pieces: of the interval, each between two corners of the equations.
-        relative, absolute: tolerances.
+        sizes: how many states, instants of the output, and pieces of the interval, each between two corners
+            of the equations.
+        tolerances: relative, absolute.
         most: steps, rejected ones included.
+        stride: from the parameters of one piece to those of the next; 0 where all have the same.
     """
-    head = (states, samples, pieces, relative, absolute, most, 0.0, 0.0, 0.0, 0.0)
+    head = (*sizes, *tolerances, most, 0.0, 0.0, 0.0, 0.0, stride)
     return np.concatenate([np.array(head, dtype=np.float64), TABLE])
 
 
@@ -307,7 +310,7 @@ def integrate(
         run: of `record`.
         t: instants of the output [s], the first of which is the start; infinity; corners of the equations
             within the interval, in order, and its end.
-        p: parameters.
+        p: parameters, piece by piece where they differ.
         work: of `work_space`; the last state is left in it.
         out: (n, samples) states.
 
@@ -325,7 +328,7 @@ def integrate(
         if k > 0:
             run[NOW] = run[NOW] + AFTER
         run[END] = ends[k]
-        status = piece(rates, slopes, run, t, p, work, out)
+        status = piece(rates, slopes, run, t, p[k * int(run[STRIDE]) :], work, out)
         if status < 0:
             return status
     return int(run[STEPS])

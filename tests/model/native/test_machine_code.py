@@ -303,7 +303,7 @@ def test_signals_are_those_of_cvodes_at_a_fine_tolerance(variant: Variant, ids: 
     start = rest_state(p, active)
     got = integrate(p, active, LEAN, tuple(WITHIN))
     states = interpreted.run(effects, variant, fine, start, vector)
-    truth = interpreted.outputs(effects, tuple(WITHIN), got["t_s"], states, vector)
+    truth = interpreted.outputs(effects, variant, tuple(WITHIN), got["t_s"], states, vector)
     for (name, limit), row in zip(WITHIN.items(), truth, strict=True):
         assert np.abs(got[name] - row).max() < limit, name
 
@@ -341,7 +341,7 @@ def run(
     tolerance: float = 1e-6,
 ) -> tuple[int, Floats]:
     out = np.full((len(start), t.size), np.nan)
-    record = rosenbrock.record(len(start), t.size, 1, tolerance, tolerance, 2000)
+    record = rosenbrock.record((len(start), t.size, 1), (tolerance, tolerance), 2000)
     times, work = np.concatenate([t, [np.inf], t[-1:]]), rosenbrock.work_space(np.array(start))
     status = rosenbrock.integrate(rates, slopes, record, times, np.array([k]), work, out.ravel())
     return status, out

@@ -1,0 +1,133 @@
+"""What drives the simulation of a trial: the motors, by the command, or the wheels, as they were measured."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from granite_lab.errors import EstimateError
+from granite_lab.estimate import Estimate
+from granite_lab.estimation.motion import Motion
+from granite_lab.logs.counters import mean_known
+from granite_lab.logs.trial import Array
+from granite_lab.model.command import duration, velocities_at
+from granite_lab.model.effect import Effect
+from granite_lab.model.turning import AHEAD, turned
+from granite_lab.parameters import Course, Robot, Variant, course_of, is_driven
+from granite_lab.parameters.course import DriveBy
+
+STATED = ("given", "recognised", "logged", "stated")
+"""Sources of a command that is more than what the wheels show."""
+
+FOLLOW = 0.06
+"""Wheels follow a command whose rms deviation from it is below this share of the command's own rms: twice
+what the paper's controller leaves over the variants of Table 2, 2 to 3 %, most of it on the ramps."""
+
+STILL = 0.02
+"""Slower wheels stand [m/s]: the model's floor of slip."""
+
+
+def driven(motion: Motion, robot: Robot, by: DriveBy) -> Motion:
+    """Return the motion with what its simulation is driven by, and a line on it.
+
+    Args:
+        motion: the estimate.
+        robot: with wheels; motors are simulated only where it has a [drive].
+        by: "wheels", "command", or "auto": the command where it is stated and the wheels follow it.
+
+    Raises:
+        EstimateError: the wheels are to drive, and their speeds are not known.
+    """
+    if by == "command" or is_driven(motion.variant):
+        return motion
+    reason = "as asked for" if by == "wheels" else _reason(motion, robot)
+    if not reason:
+        return motion
+    start, course = _turned(motion, robot)
+    commanded = motion.variant_source in STATED and math.isfinite(motion.t_start.value)
+    desired = "the command" if commanded else "the mean of r ω, for nothing is commanded"
+    line = f"driven by the measured wheel speeds, {reason}; v_d of (5) is {desired}"
+    return replace(
+        motion, variant=course, variant_source="wheels", t_start=start, warnings=(*motion.warnings, line)
+    )
+
+
+def _reason(motion: Motion, robot: Robot) -> str:
+    """Return why the wheels drive where it is left to the tool; empty where the command does."""
+    if robot.drive is None:
+        return f"for the file of '{robot.name}' has no [drive]"
+    if not np.isfinite(motion.v_wheel).any():
+        return ""
+    if motion.variant_source not in STATED:
+        return "for no command is stated"
+    if not math.isfinite(motion.t_start.value):
+        return "for the start of the command is unknown"
+    off = deviation(motion, motion.variant)
+    return f"for they deviate from the command by {100 * off:.0f} %" if off > FOLLOW else ""
+
+
+def deviation(motion: Motion, variant: Variant) -> float:
+    """Return the rms by which r ω, mean of the wheels, misses the command over the rms of the command."""
+    t, v = motion.t - motion.t_start.value, mean_known(motion.v_wheel)
+    use = (t >= 0) & (t <= duration(variant)) & np.isfinite(v)
+    if use.sum() < 2:
+        return math.inf
+    wanted = velocities_at(t[use], variant)
+    return float(np.sqrt(np.mean((v[use] - wanted) ** 2) / np.mean(wanted**2)))
+
+
+def _turned(motion: Motion, robot: Robot) -> tuple[Estimate, Course]:
+    """Return when the wheels set off [s, the log's time], and their motion from then on."""
+    axles = [motion.v_wheel[:, :2], motion.v_wheel[:, 2:]]
+    spread = [motion.v_wheel_std[:, :2], motion.v_wheel_std[:, 2:]]
+    v, std = [mean_known(a) for a in axles], [mean_known(s) for s in spread]
+    for k, other in ((0, 1), (1, 0)):  # an axle without encoders turns as the other
+        if not np.isfinite(v[k]).any():
+            v[k], std[k] = v[other], std[other]
+    known = np.isfinite(v[0] + v[1])
+    moving = np.flatnonzero(known & (np.maximum(np.abs(v[0]), np.abs(v[1])) > STILL))
+    if moving.size < 8:
+        raise EstimateError(
+            f"{motion.trial}: the speeds of its wheels are not known",
+            "a log without encoders has --drive command",
+        )
+    t = motion.t
+    first = float(t[moving[0]]) - AHEAD
+    commanded = motion.variant_source in STATED and math.isfinite(motion.t_start.value)
+    if commanded:
+        first = min(first, motion.t_start.value)
+    part = known & (t >= first) & (t <= t[moving[-1]] + AHEAD)
+    begin = float(t[part][0])
+    wanted = None
+    if commanded:
+        t_d = t[part] - motion.t_start.value
+        path = velocities_at(t_d, motion.variant)
+        path[[0, -1]] = 0.0
+        wanted = course_of(t[part] - begin, path)
+    stretch = motion.steady[0] - begin, motion.steady[1] - begin
+    course = turned(
+        t[part] - begin, (v[0][part], v[1][part]), (_std(std[0][part]), _std(std[1][part])),
+        robot.wheels.radius, stretch=stretch if np.isfinite(stretch[0]) else None, command=wanted,
+    )  # fmt: skip
+    return Estimate(begin, float(np.nan_to_num(motion.clock_offset.std))), course
+
+
+def _std(std: Array) -> Array:
+    """Return std of speeds without gaps; those of a log that tells none are those of its best sensor."""
+    known = std[np.isfinite(std) & (std > 0)]
+    return np.nan_to_num(std, nan=float(np.median(known)) if known.size else 1e-3)
+
+
+def goes_by_command(effect: Effect) -> bool:
+    """Say whether an effect changes how k_92 goes by the command, which is to be known for that."""
+    return type(effect).desired_velocity is not Effect.desired_velocity or effect.id == "contact_angle_lag"
+
+
+def drives(effect: Effect) -> bool:
+    """Say whether an effect acts on the drive or its encoders, which wheels that are turned replace."""
+    own, plain = type(effect), Effect
+    if any(getattr(own, hook) is not getattr(plain, hook) for hook in ("voltages", "shaft", "reading")):
+        return True
+    return effect.id == "wheel_radius_error"

@@ -1,0 +1,107 @@
+"""A course between its corners: the numbers of each piece, and what they give as expressions of time.
+
+The graph holds symbols for the numbers of one piece; a run gives them new values from each corner on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from granite_lab.model.command import Kind
+from granite_lab.parameters import Course, Turning, Variant
+
+Array = npt.NDArray[np.float64]
+
+_NAMES = ("begin", "velocity", "slope", "distance")
+_AXLE = ("angle", "rate", "linear", "square", "cube")
+NUMBERS: dict[Kind, tuple[str, ...]] = {
+    "trapezoid": (),
+    "path": _NAMES,
+    "wheels": (*_NAMES, *(f"{name}_{axle}" for axle in "fr" for name in _AXLE)),
+}
+"""Names of the numbers of a piece: its begin [s], v_d = velocity + slope τ [m/s] and s_d [m] there; of each
+axle θ [rad] there and ω = rate + linear τ + square τ² + cube τ³ [rad/s], τ the time since the begin."""
+
+
+@dataclass(frozen=True)
+class Spin:
+    """Angle [rad], rate [rad/s] and acceleration [rad/s^2] of a wheel that is turned; expressions."""
+
+    angle: Any
+    rate: Any
+    acceleration: Any
+
+
+def desired(t: Any, u: dict[str, Any]) -> tuple[Any, Any]:
+    """Return v_d [m/s] and s_d [m] of a piece at time t."""
+    τ = t - u["begin"]
+    return u["velocity"] + u["slope"] * τ, u["distance"] + τ * (u["velocity"] + u["slope"] * τ / 2)
+
+
+def spin(t: Any, u: dict[str, Any], axle: str) -> Spin:
+    """Return how a wheel of an axle, "f" or "r", turns in a piece at time t."""
+    τ = t - u["begin"]
+    angle, rate, a, b, c = (u[f"{name}_{axle}"] for name in _AXLE)
+    return Spin(
+        angle + τ * (rate + τ * (a / 2 + τ * (b / 3 + τ * c / 4))),
+        rate + τ * (a + τ * (b + τ * c)),
+        a + τ * (2 * b + τ * 3 * c),
+    )
+
+
+def symbols(kind: Kind) -> tuple[Any, dict[str, Any]]:
+    """Return the symbols of a piece as one column, and each by its name."""
+    u = ca.SX.sym("u", len(NUMBERS[kind]))
+    return u, dict(zip(NUMBERS[kind], ca.vertsplit(u) if NUMBERS[kind] else (), strict=True))
+
+
+@lru_cache(maxsize=64)
+def pieces(variant: Variant) -> tuple[Array, Array]:
+    """Return the (K,) corners of a course [s], and (K + 1, U) numbers of the pieces about them.
+
+    Before the first corner and after the last one the robot is to stand. Of a trapezoid there are none.
+    """
+    if not isinstance(variant, Course):
+        return np.zeros(0), np.zeros((1, 0))
+    corners = np.array([t for t, *_ in variant.wheels]) if variant.wheels else variant.corners[0]
+    v, s = np.interp(corners, *variant.corners), variant.distance_at(corners)
+    rows = [np.zeros(4)]
+    for k in range(corners.size - 1):
+        slope = (v[k + 1] - v[k]) / (corners[k + 1] - corners[k])
+        rows.append(np.array([corners[k], v[k], slope, s[k]]))
+    rows.append(np.array([corners[-1], 0.0, 0.0, s[-1]]))
+    if variant.wheels:
+        rows = [np.concatenate([row, turning]) for row, turning in zip(rows, _turnings(variant), strict=True)]
+    return corners, np.array(rows)
+
+
+def _turnings(course: Course) -> list[Array]:
+    """Return the numbers of the wheels, for each piece."""
+    first, last = course.wheels[0], course.wheels[-1]
+    rest = [
+        np.array([angle for axle in one[1:] for angle in (axle.angle, 0, 0, 0, 0)]) for one in (first, last)
+    ]
+    found = [rest[0]]
+    for (t0, *here), (t1, *there) in zip(course.wheels, course.wheels[1:], strict=False):
+        found.append(np.concatenate([_cubic(a, b, t1 - t0) for a, b in zip(here, there, strict=True)]))
+    return [*found, rest[1]]
+
+
+def _cubic(a: Turning, b: Turning, h: float) -> Array:
+    """Return angle, rate and the three coefficients of Hermite's cubic between two instants h [s] apart."""
+    rise = (b.rate - a.rate) / h
+    square = (3 * rise - 2 * a.acceleration - b.acceleration) / h
+    cube = (a.acceleration + b.acceleration - 2 * rise) / h**2
+    return np.array([a.angle, a.rate, a.acceleration, square, cube])
+
+
+def numbers_at(t: Array, variant: Variant) -> Array:
+    """Return the (U, N) numbers of the piece at each of (N,) instants [s]."""
+    corners, table = pieces(variant)
+    return np.ascontiguousarray(table[np.searchsorted(corners, t, side="right")].T)

@@ -1,0 +1,225 @@
+"""Trials of any command, or with a controller that nobody knows, from the log to k_92. All are virtual."""
+
+import dataclasses
+import math
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granite_lab import logs
+from granite_lab.comparison.compare import compare
+from granite_lab.discovery.discover import _not_asked
+from granite_lab.effects import library
+from granite_lab.errors import EstimateError, InputError
+from granite_lab.estimation import correct
+from granite_lab.estimation.motion import Motion
+from granite_lab.estimation.outcome import find_phases
+from granite_lab.fitting import driven, fit_k92
+from granite_lab.fitting.drive import FOLLOW, deviation
+from granite_lab.inference.setup import trial_models
+from granite_lab.logs import write_canonical
+from granite_lab.logs.trial import Trial, TrialInfo
+from granite_lab.model import Accuracy, simulate
+from granite_lab.model.virtual import virtual_trial
+from granite_lab.parameters import Course, course_of, is_driven, load_robot, load_soil, variant_of
+
+ROBOT, SOIL = load_robot(), load_soil()
+A_THETA = 4.5
+JOYSTICK = course_of(
+    np.array([0.0, 0.5, 2.5, 2.8, 4.5, 5.2, 7.0, 8.0]), np.array([0.0, 0.5, 0.5, 0.25, 0.3, 0.6, 0.6, 0.0])
+)
+HUMP = course_of(np.array([0.0, 2.0, 2.3, 5.0]), np.array([0.0, 0.5, 0.3, 0.0]))
+"""Never steady."""
+
+
+@cache
+def logged(course: Course, *, gains: float = 1.0, command: bool = True, seed: int = 1) -> tuple[Trial, float]:
+    """Return the log of a virtual run and when its command began; `gains` over those of the robot's file."""
+    assert ROBOT.drive is not None
+    drive = dataclasses.replace(
+        ROBOT.drive, gain_p=gains * ROBOT.drive.gain_p, gain_d=gains * ROBOT.drive.gain_d
+    )
+    of = dataclasses.replace(ROBOT, drive=drive)
+    run = simulate(course, of, SOIL, a_theta=A_THETA, accuracy=Accuracy(1e-6, 1e-8, 0.0025))
+    trial, truth = virtual_trial(dataclasses.replace(run, robot=ROBOT), seed, f"joystick {gains:g}")
+    return trial if command else dataclasses.replace(trial, command=None), float(truth.attrs["t_start_s"])
+
+
+@cache
+def seen(course: Course, *, gains: float = 1.0, command: bool = True) -> tuple[Trial, Motion]:
+    return correct(logged(course, gains=gains, command=command)[0], ROBOT)
+
+
+def exponent(motion: Motion, trial: Trial) -> tuple[float, float]:
+    """Return a_θ by the k_92 of the trial, and its std [s/m]."""
+    fit = fit_k92(motion, trial, ROBOT, SOIL, trajectory=False)
+    assert fit.status == "ok"
+    k92, v = fit.k92, motion.variant.velocity
+    return -math.log(k92.value) / v, k92.std / k92.value / v
+
+
+def test_a_logged_command_is_taken_as_it_is() -> None:
+    trial, motion = seen(JOYSTICK)
+    course = motion.variant
+    assert motion.variant_source == "logged"
+    assert isinstance(course, Course)
+    start = logged(JOYSTICK)[1]
+    assert abs(motion.t_start.value - start) < 2 * motion.t_start.std < 0.05
+    t = np.linspace(-0.5, 9.0, 500)
+    late = motion.t_start.value - start
+    assert course.velocity_at(t) == pytest.approx(JOYSTICK.velocity_at(t + late), abs=0.01)
+    assert driven(motion, ROBOT, "auto") is motion
+    a, std = exponent(motion, trial)
+    assert abs(a - A_THETA) < 2 * std < 0.6
+
+
+@pytest.mark.parametrize("gains", [1.0, 0.3])
+def test_wheels_drive_where_no_command_is_known(gains: float) -> None:
+    trial, motion = seen(JOYSTICK, gains=gains, command=False)
+    turned = driven(motion, ROBOT, "auto")
+    assert turned.variant_source == "wheels"
+    assert is_driven(turned.variant)
+    assert "no command is stated" in turned.warnings[-1]
+    assert "the mean of r ω" in turned.warnings[-1]
+    a, std = exponent(turned, trial)
+    assert abs(a - A_THETA) < 2 * std < 0.6
+
+
+def test_wheels_drive_where_they_do_not_follow_the_command() -> None:
+    _, motion = seen(JOYSTICK, gains=0.3)
+    assert deviation(motion, motion.variant) > FOLLOW > 1.5 * deviation(seen(JOYSTICK)[1], JOYSTICK)
+    turned = driven(motion, ROBOT, "auto")
+    assert "deviate from the command" in turned.warnings[-1]
+    assert "v_d of (5) is the command" in turned.warnings[-1]
+    assert driven(motion, ROBOT, "command") is motion
+    assert isinstance(turned.variant, Course)
+    assert turned.variant.commanded
+
+
+def test_a_robot_without_drive_is_driven_by_its_wheels() -> None:
+    trial, motion = seen(JOYSTICK)
+    bare = dataclasses.replace(ROBOT, drive=None)
+    turned = driven(motion, bare, "auto")
+    assert "has no [drive]" in turned.warnings[-1]
+    fit = fit_k92(turned, trial, bare, SOIL, trajectory=False)
+    a = -math.log(fit.k92.value) / turned.variant.velocity
+    assert abs(a - A_THETA) < 0.5
+    found = compare(turned, trial, fit, bare, SOIL)
+    assert "torque_f" not in found.measured
+    assert found.simulated["velocity"] == pytest.approx(found.measured["velocity"], abs=0.03)
+
+
+def test_a_drive_that_is_never_steady_has_a_k92() -> None:
+    trial, motion = seen(HUMP)
+    assert any("never steady" in line for line in motion.warnings)
+    a, std = exponent(motion, trial)
+    assert abs(a - A_THETA) < 2 * std
+    turned = driven(motion, ROBOT, "wheels")
+    a, std = exponent(turned, trial)
+    assert abs(a - A_THETA) < 2 * std
+
+
+def test_what_turns_the_wheels_is_no_measurement_to_compare_with() -> None:
+    trial, motion = seen(JOYSTICK)
+    turned = driven(motion, ROBOT, "wheels")
+    (plain,), _ = trial_models([trial], ROBOT, [motion])
+    (model,), _ = trial_models([trial], ROBOT, [turned])
+    assert set(plain.channels) - set(model.channels) == {"wheel", "wheel_split"}
+
+
+def test_repeated_commands_are_one_command() -> None:
+    pairs = [correct(logged(JOYSTICK, seed=seed)[0], ROBOT) for seed in (1, 2)]
+    trials, motions = [t for t, _ in pairs], [m for _, m in pairs]
+    assert motions[0].variant != motions[1].variant  # sampled at other instants
+    models, variants = trial_models(trials, ROBOT, motions)
+    assert len(variants) == 1
+    assert {m.variant for m in models} == {0}
+
+
+def test_effects_that_the_wheels_replace_are_no_candidates() -> None:
+    effects = dict(library(None))
+    motion = seen(JOYSTICK)[1]
+    free = driven(dataclasses.replace(motion, variant_source="measured"), ROBOT, "auto")
+    told = driven(motion, ROBOT, "wheels")
+    assert _not_asked([motion.variant], effects) == (set(), [])
+    out, said = _not_asked([motion.variant, told.variant], effects)
+    assert out == {"encoder_eccentricity", "gear_backlash", "supply_sag", "wheel_radius_error"}
+    assert "1 of 2 trials" in said[0]
+    out, said = _not_asked([free.variant], effects)
+    assert {"contact_angle_lag", "contact_angle_actual_speed"} < out
+    assert len(said) == 2
+
+
+def test_a_command_stated_as_a_list_goes_through_the_log(tmp_path: Path) -> None:
+    trial, start = logged(JOYSTICK, command=False)
+    text = ", ".join(f"{t:g}:{v:g}" for t, v in JOYSTICK.path)
+    stated = dataclasses.replace(trial, info=dataclasses.replace(trial.info, command=text))
+    write_canonical(tmp_path / "log.csv", stated)
+    back = logs.read_trial(tmp_path / "log.csv")
+    assert back.info.command == text
+    motion = correct(back, ROBOT)[1]
+    assert motion.variant_source == "stated"
+    assert isinstance(motion.variant, Course)
+    assert motion.variant.path == JOYSTICK.path
+    assert abs(motion.t_start.value - start) < 3 * motion.t_start.std
+
+
+def test_a_command_that_is_no_list_is_refused_with_its_line(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text('# command = "0:0, fast"\nt_s,enc_fl_rad\n0,0\n')
+    with pytest.raises(InputError, match=r"log.csv:1: command = '0:0, fast' is not valid"):
+        logs.read_trial(log)
+
+
+@pytest.mark.parametrize("period", [0.02, 0.1, 0.154, 0.3])
+def test_the_start_of_a_short_ramp_is_found_within_its_std(period: float) -> None:
+    """A robot that is at full speed within a sample or two, with rates as loud as of a Husky's log."""
+    rng, off = np.random.default_rng(3), []
+    for _ in range(60):
+        begin, ramp = 2.0 + rng.uniform(0, period), 0.15
+        t = np.arange(0, 12, period)
+        speed = np.interp(t, [begin, begin + ramp, 9, 9.5], [0, 0.6, 0.6, 0]) + rng.normal(0, 0.003, t.size)
+        found = find_phases(t, speed, [(0.0, begin - 0.3)])
+        off.append((found.onset.value - begin) / found.onset.std)
+        assert found.onset.std < 0.5 * period + 0.06
+    assert np.mean(np.abs(off) < 2) > 0.9
+
+
+def test_the_start_is_unknown_where_the_log_begins_in_motion() -> None:
+    t = np.arange(0, 6, 0.1)
+    speed = np.interp(t, [0, 4, 4.2], [0.6, 0.6, 0])
+    assert math.isnan(find_phases(t, speed, [(4.5, 6.0)]).onset.value)
+
+
+def test_a_log_without_wheels_cannot_be_driven_by_them() -> None:
+    _, motion = seen(JOYSTICK)
+    blind = dataclasses.replace(motion, v_wheel=np.full_like(motion.v_wheel, np.nan))
+    with pytest.raises(EstimateError, match="the speeds of its wheels are not known"):
+        driven(blind, ROBOT, "wheels")
+    assert driven(blind, ROBOT, "auto") is blind
+
+
+def test_a_stated_trapezoid_stays_unless_the_log_contradicts_it() -> None:
+    variant = variant_of(0.5)
+    run = simulate(variant, ROBOT, SOIL, a_theta=A_THETA)
+    trial = virtual_trial(run, 1, "plain")[0]
+    motion = correct(trial, ROBOT)[1]
+    assert (motion.variant, motion.variant_source) == (variant, "given")
+    assert driven(motion, ROBOT, "auto") is motion
+    other = logged(JOYSTICK)[0]
+    told = TrialInfo(robot="granite", v_desired=0.5, a_max=1.2, distance=2.5)
+    motion = correct(dataclasses.replace(other, info=told), ROBOT)[1]
+    assert motion.variant_source == "logged"
+    assert any("misses the stated trapezoid" in line for line in motion.warnings)
+
+
+def test_a_trapezoid_gives_one_exponent_by_both_ways() -> None:
+    """The same trial, driven by its command and by its wheels: a_θ differs by little of its std."""
+    run = simulate(variant_of(0.5), ROBOT, SOIL, a_theta=A_THETA)
+    trial, motion = correct(virtual_trial(run, 1, "plain")[0], ROBOT)
+    turned = driven(motion, ROBOT, "wheels")
+    (a, std), (other, _) = exponent(motion, trial), exponent(turned, trial)
+    assert abs(a - other) < 0.3 * std
+    assert turned.variant.velocity == pytest.approx(motion.variant.velocity, rel=0.01)
