@@ -102,9 +102,9 @@ share = { value = 1.0, std = 0.1 }
 """
 
 MODELS: Cases = {
-    "empty": ("", "schema = None is not that of a model file", "granite-lab/model/1"),
+    "empty": ("", "schema = None is not that of a model file", "granite-lab/model/3"),
     "a robot": (GRANITE, "unknown key", ""),
-    "a later schema": (MODEL.replace("model/1", "model/9"), "schema = 'granite-lab/model/9'", "granite-lab/model/1"),
+    "a later schema": (MODEL.replace("model/1", "model/9"), "schema = 'granite-lab/model/9'", "granite-lab/model/3"),
     "no robot": (MODEL.replace('robot = "granite"\n', ""), "'robot' is missing", "add robot"),
     "no soil": (MODEL.replace('soil = "dry_sand"\n', ""), "'soil' is missing", "add soil"),
     "an unknown robot": (MODEL.replace('"granite"\n', '"granit"\n'), "robot: unknown robot 'granit'", "granite"),

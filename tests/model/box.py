@@ -96,7 +96,8 @@ def _log(rng: np.random.Generator, low: float, high: float) -> float:
 def _changed(record: T, new: Any) -> T:
     changes = {}
     for field in dataclasses.fields(record):
-        if "unit" in field.metadata and not field.name.startswith("slip"):  # only estimation reads these
+        read = not field.name.startswith("slip") and not field.name.endswith("_std")  # by the simulator
+        if "unit" in field.metadata and read:
             low, high = field.metadata["low"], field.metadata["high"]
             value = float(new(low, high, getattr(record, field.name)))
             changes[field.name] = min(max(value, low), high)
