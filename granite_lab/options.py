@@ -41,6 +41,8 @@ def _info_of(given: Sequence[tuple[str, str]]) -> TrialInfo:
         field: tuple(tuple(map(float, value.split(":"))) for key, value in given if key == name)
         for name, field in RESTS
     }
+    pairs = (value.partition("=") for key, value in given if key == "set")
+    named["changes"] = tuple((key, float(value)) for key, _, value in pairs)
     numbers = {"distance_measured": tape, "distance_measured_std": std}
     numbers |= {field: said.get(field.replace("_", "-"), "") for field in ("ref_v_std", "ref_x_std")}
     named |= {field: float(text) for field, text in numbers.items() if text}
@@ -112,7 +114,9 @@ class Options:
         named |= _told(info)
         rests = ((name, f"{a:.9g}:{b:.9g}") for name, field in RESTS for a, b in getattr(info, field))
         topics = tuple(("topic", f"{role}={topic}") for role, topic in self.topics)
-        return (*((key, str(value)) for key, value in named.items() if value is not None), *rests, *topics)
+        changes = (("set", f"{key}={value!r}") for key, value in info.changes)
+        said = ((key, str(value)) for key, value in named.items() if value is not None)
+        return (*said, *rests, *changes, *topics)
 
     @classmethod
     def from_given(cls, given: Sequence[tuple[str, str]]) -> Options:

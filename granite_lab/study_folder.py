@@ -157,10 +157,10 @@ def save_model_of(finding: Finding, options: Options, trials: Sequence[Trial], f
     sand = finding.fitted_sand
     law = sand.pop("a_theta")
     robot, soil = names_of(trials, options)
-    lugs = finding.robot.wheels.lugs
+    lugs, changes = finding.robot.wheels.lugs, trials[0].info.changes
     model = ModelFile(
         robot, soil, "exponential", law, tuple(fitted), provenance, sand,
-        lugs if lugs != load_robot(robot).wheels.lugs else None,
+        lugs if lugs != load_robot(robot, changes=changes).wheels.lugs else None, changes,
     )  # fmt: skip
     with replacing(folder, "model") as new:
         save_model(model, new / MODEL)

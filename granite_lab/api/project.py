@@ -201,8 +201,9 @@ def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
             f"reason given: {excluded[0].reason}",
         )
     # All files that are named are read once, so that a wrong one is told before any work.
-    load_robot(options.robot or "granite")
-    load_soil(options.soil or "dry_sand")
+    changes = options.info.changes if options.info else ()
+    load_robot(options.robot or "granite", changes=changes)
+    load_soil(options.soil or "dry_sand", changes)
     if options.column_map:
         from granite_lab.logs.layouts import given_maps  # noqa: PLC0415, heavy
 

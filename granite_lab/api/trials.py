@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from granite_lab import fitting, reporting
 from granite_lab.api.arguments import (
+    Changes,
     File,
     Logs,
     Rests,
@@ -68,7 +69,7 @@ def fit_k92(
     logs: Logs,
     *,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
-    window: Window = None,
+    window: Window = None, changes: Changes = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     drive: str = "auto", model: File = None, effects: File = None,
@@ -79,7 +80,7 @@ def fit_k92(
 
     Args:
         logs: paths of logs, or of folders with logs.
-        robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
         drive: what drives the simulation: "wheels", as they were measured; "command"; or "auto", the command
@@ -100,7 +101,9 @@ def fit_k92(
         EstimateError: an estimate or fit cannot be had.
     """
     options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
-    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    options = knowing(
+        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
+    )
     execution = execution_of(jobs, scheduler, cache=cache)
     results, origin = _analysed("fit-k92", logs, options, execution, strict, done)
     return Records([result.comparison.fit for result in results], (), origin)
@@ -111,7 +114,7 @@ def fit_a_theta(
     *,
     published: bool = False,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
-    window: Window = None,
+    window: Window = None, changes: Changes = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     drive: str = "auto", model: File = None, effects: File = None,
@@ -123,7 +126,7 @@ def fit_a_theta(
     Args:
         logs: paths of logs or of folders, or the fits of `fit_k92`.
         published: use Table 3 of the paper instead of trials.
-        robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
         drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
@@ -143,7 +146,9 @@ def fit_a_theta(
     fits, origin = [item for item in given if isinstance(item, K92Fit)], NOWHERE
     if not fits:
         options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
-        options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+        options = knowing(
+            options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
+        )
         paths = [item for item in given if not isinstance(item, K92Fit)]
         execution = execution_of(jobs, scheduler, cache=cache)
         results, origin = _analysed("fit-atheta", paths, options, execution, strict, done)
@@ -159,7 +164,7 @@ def compare(
     *,
     out: File = None,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
-    window: Window = None,
+    window: Window = None, changes: Changes = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     drive: str = "auto", model: File = None, effects: File = None,
@@ -171,7 +176,7 @@ def compare(
     Args:
         logs: paths of logs, or of folders with logs.
         out: folder for tables and figures; without it nothing is written.
-        robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
         drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
@@ -184,7 +189,9 @@ def compare(
         LabError: a file cannot be written.
     """
     options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
-    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    options = knowing(
+        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
+    )
     execution = execution_of(jobs, scheduler, cache=cache)
     results, origin = _analysed("compare", logs, options, execution, strict, done)
     comparisons = [result.comparison for result in results]
@@ -199,7 +206,7 @@ def study(
     *,
     out: File = None, discover: bool = True, recordings: bool = True,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
-    window: Window = None,
+    window: Window = None, changes: Changes = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     drive: str = "auto", model: File = None, effects: File = None,
@@ -217,7 +224,7 @@ def study(
             same logs by the same code, is kept.
         discover: search for an effect that the model lacks.
         recordings: also write a Rerun recording of each trial into `out`.
-        robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
         drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
@@ -232,7 +239,9 @@ def study(
         LabError: no trial went through, or the folder cannot be written.
     """
     options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
-    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    options = knowing(
+        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
+    )
     options = replace(options, tolerance=tolerance, latency=latency)
     execution, folder = execution_of(jobs, scheduler, cache=cache), path(out)
     chosen = choose(logs, options)
@@ -313,7 +322,7 @@ def discover(
     *,
     out: File = None,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
-    window: Window = None,
+    window: Window = None, changes: Changes = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     drive: str = "auto", effects: File = None,
@@ -327,7 +336,7 @@ def discover(
         logs: paths of logs, or of folders with logs; all of one robot on one soil.
         out: folder for the report, finding.json, design.json (for `plan_next`) and model.toml; without it
             nothing is written.
-        robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
         tolerance: accepted discrepancy, as a share of a channel's rms in motion.
@@ -343,7 +352,9 @@ def discover(
         EstimateError: a trial has no sensor to compare with, or the simulation fails.
     """
     options = options_of(robot, soil, column_map, topics, window, effects=effects, drive=drive)
-    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    options = knowing(
+        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
+    )
     options = replace(options, tolerance=tolerance, latency=latency)
     execution, folder = execution_of(jobs, scheduler, cache=cache), path(out)
     chosen = choose(logs, options)

@@ -13,6 +13,7 @@ from granite_lab.columns import Column
 from granite_lab.columns import Table as Tabular
 from granite_lab.commands.options import (
     BodyRests,
+    Changes,
     ColumnMap,
     DriveBy,
     EffectFile,
@@ -62,7 +63,7 @@ MOST, PROPOSALS = 20, 8
 def fit_k92(
     logs: LogsAtHand = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
-    begin: From = None, end: To = None,
+    begin: From = None, end: To = None, changes: Changes = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     drive: DriveBy = "auto",
@@ -79,7 +80,7 @@ def fit_k92(
     """
     given = at_hand(
         about(logs, robot, soil, column_map, topics, begin, end)
-        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
     )
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
         fits = gl.fit_k92(
@@ -104,7 +105,7 @@ def fit_atheta(
     published: Annotated[bool, Option(
         "--published", help="Use Table 3 of the paper instead of trials.")] = False,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
-    begin: From = None, end: To = None,
+    begin: From = None, end: To = None, changes: Changes = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     drive: DriveBy = "auto",
@@ -119,7 +120,7 @@ def fit_atheta(
     A verdict needs three speeds.
     """
     given = about(logs, robot, soil, column_map, topics, begin, end)
-    given |= known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    given |= known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
     if not published:
         given = at_hand(given)
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
@@ -143,7 +144,7 @@ def compare(
     out: Annotated[Path | None, Option(
         help="Folder for tables and figures.", show_default="reports/compare")] = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
-    begin: From = None, end: To = None,
+    begin: From = None, end: To = None, changes: Changes = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     drive: DriveBy = "auto",
@@ -160,7 +161,7 @@ def compare(
 
     given = at_hand(
         about(logs, robot, soil, column_map, topics, begin, end)
-        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
     )
     out = out or results_folder(given["logs"], "compare")
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
@@ -182,7 +183,7 @@ def compare(
 def study(
     logs: LogsAtHand = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
-    begin: From = None, end: To = None,
+    begin: From = None, end: To = None, changes: Changes = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     drive: DriveBy = "auto",
@@ -218,7 +219,7 @@ def study(
         return
     given = at_hand(
         about(logs, robot, soil, column_map, topics, begin, end)
-        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
     )
     out = out or results_folder(given["logs"], "study")
     with progress("trials", quiet=quiet, total=count_of(given["logs"])) as watch:
@@ -295,7 +296,7 @@ def discover(
     out: Annotated[Path | None, Option(
         help="Folder of the report, finding.json and model.toml.", show_default="reports/discover")] = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
-    begin: From = None, end: To = None,
+    begin: From = None, end: To = None, changes: Changes = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     drive: DriveBy = "auto",
@@ -314,7 +315,7 @@ def discover(
 
     given = at_hand(
         about(logs, robot, soil, column_map, topics, begin, end)
-        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
     )
     out = out or results_folder(given["logs"], "discover")
     with progress("discovering", quiet=quiet) as watch:

@@ -71,13 +71,17 @@ def test_ingest_follows_the_file_and_lists_what_it_excludes(tmp_path: Path) -> N
     assert lab("check", folder / f"{B}.csv").code == 0
 
 
-def test_a_study_lists_excluded_trials_and_is_verified_without_them(tmp_path: Path) -> None:
+def test_a_study_lists_excluded_trials_and_set_numbers_and_is_verified_with_both(tmp_path: Path) -> None:
     folder = folder_with(tmp_path, EXCLUDE)
     out = tmp_path / "report"
-    options = ("--no-discover", "--no-recordings", "--jobs", 1)
+    options = ("--no-discover", "--no-recordings", "--jobs", 1, "--set", "robot.wheels.radius_m=0.1")
     succeeded("study", folder, "--out", out, *options)
     document = json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert document["failures"] == [{"trial": B, "message": "excluded: a wheel hit a stone", "hint": ""}]
+    said = document["provenance"]
+    assert "--set robot.wheels.radius_m=0.1" in said["command"]
+    (radius,) = (row for row in said["parameters"] if row["key"] == "robot.wheels.radius_m")
+    assert (radius["value"], radius["origin"]) == ("0.1", "--set")
     page = (out / "index.html").read_text(encoding="utf-8")
     assert "1 more trial excluded by the user." in page
     assert f"{B}: excluded: a wheel hit a stone" in page
