@@ -32,6 +32,9 @@ Topics = Mapping[str, str] | None
 Changes = Mapping[str, float] | None
 """Numbers in place of those of robot and soil, by the keys of their files, ``robot.wheels.radius_m``."""
 
+Exclude = Mapping[str, str] | None
+"""Trials that are left out, by the names of their logs without the ending, and why."""
+
 Rests = Sequence[tuple[float, float]]
 """Intervals of standstill (start, end) [s, the log's time]."""
 

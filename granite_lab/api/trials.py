@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from granite_lab import fitting, reporting
 from granite_lab.api.arguments import (
     Changes,
+    Exclude,
     File,
     Logs,
     Rests,
@@ -115,6 +116,7 @@ def fit_a_theta(
     published: bool = False,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None, changes: Changes = None,
+    exclude: Exclude = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     drive: str = "auto", model: File = None, effects: File = None,
@@ -127,6 +129,7 @@ def fit_a_theta(
         logs: paths of logs or of folders, or the fits of `fit_k92`.
         published: use Table 3 of the paper instead of trials.
         robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
+        exclude: as in `study`.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
         drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
@@ -149,6 +152,7 @@ def fit_a_theta(
         options = knowing(
             options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
         )
+        options = replace(options, exclude=tuple((exclude or {}).items()))
         paths = [item for item in given if not isinstance(item, K92Fit)]
         execution = execution_of(jobs, scheduler, cache=cache)
         results, origin = _analysed("fit-atheta", paths, options, execution, strict, done)
@@ -207,6 +211,7 @@ def study(
     out: File = None, discover: bool = True, recordings: bool = True,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None, changes: Changes = None,
+    exclude: Exclude = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     drive: str = "auto", model: File = None, effects: File = None,
@@ -225,6 +230,8 @@ def study(
         discover: search for an effect that the model lacks.
         recordings: also write a Rerun recording of each trial into `out`.
         robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
+        exclude: trials to leave out, by the names of their logs without the ending, and why, as
+            ``{"run04": "a wheel hit a stone"}``.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
         drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
@@ -242,7 +249,8 @@ def study(
     options = knowing(
         options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
     )
-    options = replace(options, tolerance=tolerance, latency=latency)
+    exclusions = tuple((exclude or {}).items())
+    options = replace(options, tolerance=tolerance, latency=latency, exclude=exclusions)
     execution, folder = execution_of(jobs, scheduler, cache=cache), path(out)
     chosen = choose(logs, options)
     with claimed(folder, PAGES) if folder else nullcontext():
@@ -323,6 +331,7 @@ def discover(
     out: File = None,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None, changes: Changes = None,
+    exclude: Exclude = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     drive: str = "auto", effects: File = None,
@@ -337,6 +346,7 @@ def discover(
         out: folder for the report, finding.json, design.json (for `plan_next`) and model.toml; without it
             nothing is written.
         robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
+        exclude: as in `study`.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
         tolerance: accepted discrepancy, as a share of a channel's rms in motion.
@@ -355,7 +365,8 @@ def discover(
     options = knowing(
         options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
     )
-    options = replace(options, tolerance=tolerance, latency=latency)
+    exclusions = tuple((exclude or {}).items())
+    options = replace(options, tolerance=tolerance, latency=latency, exclude=exclusions)
     execution, folder = execution_of(jobs, scheduler, cache=cache), path(out)
     chosen = choose(logs, options)
     options = chosen.options

@@ -43,6 +43,9 @@ Topics = Annotated[list[str] | None, Option(
 Changes = Annotated[list[str] | None, Option(
     "--set", help="A number in place of the file's, as robot.wheels.radius_m=0.106; may be repeated.",
 )]  # fmt: skip
+Exclude = Annotated[list[str] | None, Option(
+    "--exclude", help="A trial to leave out and why, as run04='a wheel hit a stone'; may be repeated.",
+)]  # fmt: skip
 From = Annotated[float | None, Option("--from", help="Start of the part to use [s, the log's time].")]
 To = Annotated[float | None, Option("--to", help="End of the part to use [s, the log's time].")]
 RestTexts = Annotated[list[str] | None, Option(
@@ -199,6 +202,16 @@ def number_of(text: str) -> tuple[str, float]:
 def changes_of(texts: Sequence[str] | None) -> dict[str, float]:
     """Return numbers of robot and soil by their keys, from texts as ``robot.wheels.radius_m=0.106``."""
     return read_pairs("--set", texts, number_of, "write key=number, each key once, as soil.cohesion_Pa=500")
+
+
+def excluded_of(texts: Sequence[str] | None) -> dict[str, str]:
+    """Return trials and why they are left out, from texts as ``run04=a wheel hit a stone``."""
+
+    def read(text: str) -> tuple[str, str]:
+        trial, reason = (part.strip() for part in text.split("=", 1))
+        return trial, reason
+
+    return read_pairs("--exclude", texts, read, "write trial='reason', each trial once")
 
 
 def topics_of(texts: Sequence[str]) -> dict[str, str]:

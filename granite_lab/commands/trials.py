@@ -17,6 +17,7 @@ from granite_lab.commands.options import (
     ColumnMap,
     DriveBy,
     EffectFile,
+    Exclude,
     From,
     Jobs,
     Json,
@@ -41,6 +42,7 @@ from granite_lab.commands.options import (
     about,
     at_hand,
     count_of,
+    excluded_of,
     known,
 )
 from granite_lab.commands.printer import Printer, progress, provenance, warn, warn_of
@@ -106,6 +108,7 @@ def fit_atheta(
         "--published", help="Use Table 3 of the paper instead of trials.")] = False,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
     begin: From = None, end: To = None, changes: Changes = None,
+    exclude: Exclude = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     drive: DriveBy = "auto",
@@ -125,7 +128,8 @@ def fit_atheta(
         given = at_hand(given)
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
         fit = gl.fit_a_theta(
-            **given, published=published, drive=drive, model=model, effects=effects, strict=strict, jobs=jobs,
+            **given, exclude=excluded_of(exclude),
+            published=published, drive=drive, model=model, effects=effects, strict=strict, jobs=jobs,
             scheduler=scheduler, cache=cache, done=watch.done,
         )  # fmt: skip
     if out is not None:
@@ -184,6 +188,7 @@ def study(
     logs: LogsAtHand = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
     begin: From = None, end: To = None, changes: Changes = None,
+    exclude: Exclude = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     drive: DriveBy = "auto",
@@ -224,7 +229,8 @@ def study(
     out = out or results_folder(given["logs"], "study")
     with progress("trials", quiet=quiet, total=count_of(given["logs"])) as watch:
         result = gl.study(
-            **given, out=out, discover=discover, recordings=recordings, drive=drive, model=model,
+            **given, exclude=excluded_of(exclude),
+            out=out, discover=discover, recordings=recordings, drive=drive, model=model,
             effects=effects, tolerance=tolerance, latency=latency / 1e3, strict=strict, jobs=jobs,
             scheduler=scheduler, cache=cache, done=watch.done, progress=watch.stage,
         )  # fmt: skip
@@ -297,6 +303,7 @@ def discover(
         help="Folder of the report, finding.json and model.toml.", show_default="reports/discover")] = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
     begin: From = None, end: To = None, changes: Changes = None,
+    exclude: Exclude = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     drive: DriveBy = "auto",
@@ -320,7 +327,8 @@ def discover(
     out = out or results_folder(given["logs"], "discover")
     with progress("discovering", quiet=quiet) as watch:
         finding = gl.discover(
-            **given, out=out, drive=drive, effects=effects, tolerance=tolerance, latency=latency / 1e3,
+            **given, exclude=excluded_of(exclude),
+            out=out, drive=drive, effects=effects, tolerance=tolerance, latency=latency / 1e3,
             strict=strict, jobs=jobs, scheduler=scheduler, cache=cache, progress=watch.stage,
         )  # fmt: skip
     printer, written = Printer(as_json), finding.origin.written
