@@ -27,6 +27,7 @@ from granite_lab.origin import Source
 from granite_lab.parameters import Robot, Soil, load_robot, load_soil, load_variants
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.parameters.changes import changed
+from granite_lab.processes import Progress
 from granite_lab.results import StudyResult, TrialResult, command_of
 from granite_lab.running import Execution, each_trial, sifted
 from granite_lab.running.cache import code, digest_of, fingerprint
@@ -157,7 +158,7 @@ def over_trials(
     discover: bool = False,
     strict: bool = False,
     done: Callable[[Path], None] = lambda _: None,
-    progress: Callable[[str, int], None] = lambda *_: None,
+    progress: Progress = lambda *_: None,
 ) -> StudyResult:
     """Run the chain over trials; the order in which they are given does not matter.
 
@@ -201,7 +202,7 @@ def find_effect(
     motions: Sequence[Motion],
     law: AThetaFit | None = None,
     execution: Execution = HERE,
-    progress: Callable[[str, int], None] = lambda *_: None,
+    progress: Progress = lambda *_: None,
 ) -> Finding:
     """Find the effect that the model lacks, or remember what was found before in the same trials.
 

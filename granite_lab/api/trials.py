@@ -38,6 +38,7 @@ from granite_lab.folders import files_of
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.options import Options
 from granite_lab.origin import NOWHERE, Origin, Written
+from granite_lab.processes import Progress
 from granite_lab.results import RECORDINGS, StudyResult, TrialResult, of_search
 from granite_lab.running import Execution, each_trial, sifted
 from granite_lab.running.cache import code, digest_of, fingerprint
@@ -51,7 +52,6 @@ PAGES = ("index.html", "report.md")
 """Files of every report: where others stand in their place, it is told before the work."""
 
 Done = Callable[[Path], None]
-Progress = Callable[[str, int], None]
 
 
 def _analysed(
@@ -236,7 +236,8 @@ def study(
             trials, as in `ingest`.
         drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
         tolerance, latency: as in `discover`.
-        progress: told what is being done and how many steps of it are done.
+        progress: told what is being done, how many steps of it are done, and of how many at most; 0 where
+            that is not known.
 
     Returns:
         the results; the table has a row for each trial. `written` says which files there are, and what could
@@ -288,7 +289,7 @@ def _write(
     if recordings:
         place = folder / RECORDINGS
         guard.run("recordings", lambda: record_trials(result, place, jobs=jobs, progress=progress))
-    progress("report", 0)
+    progress("report", 0, 0)
     result = write(result, options, folder, failures=guard.lines, jobs=jobs)
     if cache is not None and not result.written.failures:
         known = {file.relative_to(folder).as_posix(): fingerprint(file) for file in files_of(folder)}
@@ -352,7 +353,8 @@ def discover(
         tolerance: accepted discrepancy, as a share of a channel's rms in motion.
         latency: largest delay between the stamps of two sensors that counts as latency [s].
         drive, effects, strict, jobs, scheduler, cache: as in `fit_k92`.
-        progress: told what is being done and how many steps of it are done.
+        progress: told what is being done, how many steps of it are done, and of how many at most; 0 where
+            that is not known.
 
     Returns:
         the finding; its table has a row for each candidate. Its `failures` say what could not be written.
@@ -386,7 +388,7 @@ def discover(
     origin = Origin(source_of("discover", chosen.files, trials, options), left_out, lines)
     finding = replace(finding, notes=notes, origin=origin)
     if folder is not None:
-        progress("writing the report", 0)
+        progress("writing the report", 0, 0)
         with claimed(folder, PAGES):
             searched = list(zip(trials, motions, strict=True))
             result = write(of_search(finding, folder), options, folder, searched, jobs=execution.jobs)
