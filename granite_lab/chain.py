@@ -26,6 +26,8 @@ from granite_lab.options import Options
 from granite_lab.origin import Source
 from granite_lab.parameters import Robot, Soil, load_robot, load_soil, load_variants
 from granite_lab.parameters.catalogue import in_force
+from granite_lab.parameters.changes import changed
+from granite_lab.processes import Progress
 from granite_lab.results import StudyResult, TrialResult, command_of
 from granite_lab.running import Execution, each_trial, sifted
 from granite_lab.running.cache import code, digest_of, fingerprint
@@ -40,7 +42,7 @@ def read(path: Path, options: Options) -> tuple[Trial, Robot]:
         path, beside, map=options.column_map, robot=options.robot, info=options.known(path),
         topics=dict(options.topics), excerpt=logs.Excerpt(options.rows, options.window),
     )  # fmt: skip
-    robot = load_robot(options.robot or trial.info.robot or "granite")
+    robot = load_robot(options.robot or trial.info.robot or "granite", changes=trial.info.changes)
     if (doubt := soil_doubt(trial, robot, options)) is not None:
         trial = replace(trial, doubts=(*trial.doubts, Doubt(doubt)))
     return trial, robot
@@ -69,8 +71,8 @@ def soil_of(trial: Trial, named: str | None) -> Soil:
     """
     if named is None and trial.info.soil is not None:
         with suppress(UsageError):
-            return load_soil(trial.info.soil)
-    return load_soil(named or "dry_sand")
+            return load_soil(trial.info.soil, trial.info.changes)
+    return load_soil(named or "dry_sand", trial.info.changes)
 
 
 def corrected(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
@@ -113,7 +115,7 @@ def analyse(path: Path, options: Options) -> TrialResult:
     motion = fitting.driven(motion, robot, options.drive)
     soil, effects = ground(trial, options)
     if options.model and (lugs := load_model(options.model, options.effects).lugs) is not None:
-        robot = replace(robot, wheels=replace(robot.wheels, lugs=lugs))
+        robot = changed(replace(robot, wheels=replace(robot.wheels, lugs=lugs)), "robot", trial.info.changes)
     effects = (*effects, *sloped(trial))
     fit = fitting.fit_k92(motion, trial, robot, soil, effects=effects)
     return TrialResult(trial, compare(motion, trial, fit, robot, soil, effects=effects))
@@ -132,7 +134,7 @@ def ground(trial: Trial, options: Options) -> tuple[Soil, tuple[Active, ...]]:
     model = load_model(options.model, options.effects) if options.model else None
     fitted = model is not None and options.soil is None
     soil = model.ground if model and fitted else load_soil(soil_name(trial, options))
-    return soil, model.effects if model else ()
+    return changed(soil, "soil", trial.info.changes), model.effects if model else ()
 
 
 def soil_name(trial: Trial, options: Options) -> str:
@@ -156,7 +158,7 @@ def over_trials(
     discover: bool = False,
     strict: bool = False,
     done: Callable[[Path], None] = lambda _: None,
-    progress: Callable[[str, int], None] = lambda *_: None,
+    progress: Progress = lambda *_: None,
 ) -> StudyResult:
     """Run the chain over trials; the order in which they are given does not matter.
 
@@ -200,7 +202,7 @@ def find_effect(
     motions: Sequence[Motion],
     law: AThetaFit | None = None,
     execution: Execution = HERE,
-    progress: Callable[[str, int], None] = lambda *_: None,
+    progress: Progress = lambda *_: None,
 ) -> Finding:
     """Find the effect that the model lacks, or remember what was found before in the same trials.
 
@@ -229,8 +231,8 @@ def find_effect(
             f"tolerance {options.tolerance:g} or latency {1e3 * options.latency:g} ms cannot be used",
             "the tolerance is a share between 0 and 1, the latency 0 or more",
         )
-    robot_name, soil_name = names_of(trials, options)
-    robot, soil = load_robot(robot_name), load_soil(soil_name)
+    (robot_name, soil_name), changes = names_of(trials, options), trials[0].info.changes
+    robot, soil = load_robot(robot_name, changes=changes), load_soil(soil_name, changes)
     order = sorted(range(len(trials)), key=lambda i: trials[i].name)
     trials, motions = [trials[i] for i in order], [motions[i] for i in order]
     effects, cache = effects_of_search(options.effects), execution.cache
@@ -330,7 +332,9 @@ def source_of(
         options: that were in force.
         discover: whether a search for a missing effect was asked for; None where that is no question.
     """
-    rows = in_force(options.robot or trials[0].info.robot or "granite", soil_name(trials[0], options))
+    info = trials[0].info
+    names = options.robot or info.robot or "granite", soil_name(trials[0], options)
+    rows = in_force(*names, changes=info.changes)
     given = options.given() + ((("discover", "no"),) if discover is False else ())
     used = [file for trial in trials for file in trial.inputs]
     known = {file.path for file in used}
