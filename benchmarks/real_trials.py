@@ -14,7 +14,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 
 import granite_lab as gl
-from benchmarks.real_logs import SNOW_STD, by_hand, standstills
+from benchmarks.real_logs import BY_HAND, SNOW_STD, by_hand, standstills
 from benchmarks.real_trials_drive import steps_of
 from benchmarks.real_trials_page import page
 from granite_lab.errors import LabError
@@ -34,7 +34,7 @@ from granite_lab.logs.counters import mean_known
 from granite_lab.logs.trial import Trial, trial_files
 from granite_lab.reporting.answers import of_study
 
-HUSKY = str(Path(__file__).parent / "robots" / "husky.toml")
+HUSKY = str(BY_HAND / "husky.toml")
 """The robot of the catalogue with a chassis, by hand."""
 
 BOREAL = ("SANDY_LOAM_{}_01", "SANDY_LOAM_{}_06", "SNOW_{}_01")
@@ -49,8 +49,8 @@ class Prepared:
         logs: folder of the logs with their sidecars.
         robot, column_map: files or names; None where the log says it or is recognised.
         written: what was written by hand, one line each.
-        reference: std of the reference, as a keyword of the verbs; empty where there is none.
-        reference_is: what it is.
+        soil: file or name; None where nobody states it.
+        reference_is: what the reference is, whose std the sidecars state; empty where there is none.
     """
 
     title: str
@@ -60,13 +60,18 @@ class Prepared:
     robot: str | None = None
     column_map: str | None = None
     written: tuple[str, ...] = ()
-    reference: dict[str, Any] = field(default_factory=dict)
-    reference_is: str = "none"
+    soil: str | None = None
+    reference_is: str = ""
+
+    @property
+    def known(self) -> dict[str, Any]:
+        """Keywords of the verbs that take the reference as a measurement."""
+        return {"use_reference": True} if self.reference_is else {}
 
     @property
     def about(self) -> dict[str, Any]:
         """Keywords of the verbs."""
-        said = {"robot": self.robot, "column_map": self.column_map}
+        said = {"robot": self.robot, "column_map": self.column_map, "soil": self.soil}
         return {name: value for name, value in said.items() if value is not None}
 
 
@@ -97,18 +102,21 @@ def snow(data: Path, work: Path) -> Prepared:
     robot, columns = by_hand("snow_rover")
     for path in sorted((data / "snow").glob("event_1_*.mat")):
         shutil.copy(path, work)
+        sidecar, named = work / f"{path.stem}.toml", f"ref_v_std_mps = {SNOW_STD}\n"
+        sidecar.write_text(named, encoding="utf-8")
         try:
             rests = standstills(read_trial(path, robot=robot, map=columns))
         except LabError:
             continue
-        named = ", ".join(f"[{a:.3f}, {b:.3f}]" for a, b in rests)
-        (work / f"{path.stem}.toml").write_text(f"body_rests = [{named}]\n", encoding="utf-8")
+        rested = ", ".join(f"[{a:.3f}, {b:.3f}]" for a, b in rests)
+        sidecar.write_text(f"{named}body_rests = [{rested}]\n", encoding="utf-8")
     return Prepared(
         "Rover on snow", "austinlines/PhD, Thesis - Code/ImmobilizationDetection", "none: not committed",
         work, robot, columns,
-        ("robot: 10 lines; column map: 14 lines, with two axes of the gyro exchanged",
-         "sidecar of each run: the standstills of the body"),
-        {"ref_v_std": SNOW_STD}, "inertial navigation with GPS, ± 30 mm/s at rest",
+        ("robot and snow: of the author's own model of it",
+         "column map: 14 lines, with two axes of the gyro exchanged",
+         "sidecar of each run: the standstills of the body, std of the reference"),
+        str(BY_HAND / "snow.toml"), "inertial navigation with GPS, ± 30 mm/s at rest",
     )  # fmt: skip
 
 
@@ -144,15 +152,20 @@ def drive(robot: str, radius: float) -> Callable[[Path, Path], Prepared]:
     """Return what prepares the straight steps of DRIVE of a robot with wheels of a radius [m]."""
 
     def prepared(data: Path, work: Path) -> Prepared:
-        for name, table in steps_of(data / "drive" / f"test_{robot}_torch_ready_dataframe.pkl", radius):
+        stds = []
+        for name, table, std in steps_of(data / "drive" / f"test_{robot}_torch_ready_dataframe.pkl", radius):
             table.to_csv(work / f"{name}.csv", index=False)
-        file = str(Path(__file__).parent / "robots" / f"{robot}.toml")
+            (work / f"{name}.toml").write_text(f"ref_x_std_m = {std:.3f}\n", encoding="utf-8")
+            stds.append(1000 * std)
+        file = str(BY_HAND / f"{robot}.toml")
         return Prepared(
             f"DRIVE, {robot.capitalize()} on grass, straight steps", "norlab-ulaval/DRIVE, calib_data",
             "BSD-3", work, file,
             written=("the table of windows of 2 s cut into steps with columns of the canonical log",
-                     "robot: wheels, chassis where its description states one"),
-            reference={"ref_x_std": 0.02}, reference_is="lidar ICP, ± 20 mm",
+                     "robot: wheels and chassis of the maker's description",
+                     "sidecar of each step: std of the reference, by its scatter about a constant velocity"),
+            soil=str(BY_HAND / "sandy_loam.toml"),
+            reference_is=f"lidar ICP, ± {min(stds):.0f} to {max(stds):.0f} mm, its way along the heading",
         )  # fmt: skip
 
     return prepared
@@ -169,13 +182,18 @@ SETS: dict[str, Callable[[Path, Path], Prepared]] = {
 
 
 def truth_of(motion: Motion, trial: Trial) -> Estimate:
-    """Return λ_R over the steady part by the reference and the wheels, without any estimate."""
+    """Return λ_R over the steady part by the reference and the wheels, without any estimate.
+
+    The way by places is that between the first and the last known there: none is made up at the ends.
+    """
     begin, end = motion.steady
     way, std = math.nan, math.nan
     if trial.reference_x is not None and trial.reference_x.places == 1:
-        known = np.isfinite(trial.reference_x.value)
-        t, x = trial.reference_x.t[known], trial.reference_x.value[known]
-        way = float(np.diff(np.interp([begin, end], t, x))[0])
+        t, x = trial.reference_x.t, trial.reference_x.value
+        known = np.isfinite(x) & (t >= begin) & (t <= end)
+        if not known.any():
+            return Estimate(math.nan)
+        (begin, end), way = t[known][[0, -1]], float(np.diff(x[known][[0, -1]])[0])
         std = math.sqrt(2.0) * (trial.info.ref_x_std or 0.0)
     elif trial.reference_v is not None:
         keep = (trial.reference_v.t >= begin) & (trial.reference_v.t <= end)
@@ -196,12 +214,12 @@ def rows_of(prepared: Prepared) -> Iterator[Row]:
     for log in trial_files(prepared.logs):
         nothing = Estimate(math.nan)
         try:
-            (plain,) = gl.ingest(log, jobs=1, **prepared.about, **prepared.reference)
+            (plain,) = gl.ingest(log, jobs=1, **prepared.about)
         except LabError as error:
             yield Row(log.stem, "refused", nothing, nothing, nothing, _short(error, log))
             continue
         referred, truth = nothing, nothing
-        known = {**prepared.reference, "use_reference": True} if prepared.reference else {}
+        known = prepared.known
         if known:
             truth = truth_of(plain.motion, plain.trial)
             try:
@@ -233,9 +251,8 @@ def _short(error: LabError, log: Path) -> str:
 
 def said_by_report(prepared: Prepared) -> tuple[str, ...]:
     """Return the first screen of a study of a set, or the line with which it ends."""
-    known = {**prepared.reference, "use_reference": True} if prepared.reference else {}
     try:
-        result = gl.study(prepared.logs, discover=False, cache=False, **prepared.about, **known)
+        result = gl.study(prepared.logs, discover=False, cache=False, **prepared.about, **prepared.known)
     except LabError as error:
         return (f"ends with: {error.message.replace(str(prepared.logs), 'logs')}",)
     answers = of_study(result)

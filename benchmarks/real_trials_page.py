@@ -48,7 +48,7 @@ def _summary(outcomes: Sequence[Outcome]) -> str:
         far = sum(z_of(r) > 3 for r in o.rows)
         compared = sum(math.isfinite(z_of(r)) for r in o.rows)
         refused, k92 = sum(r.grade == "refused" for r in o.rows), sum("±" in r.k92[:9] for r in o.rows)
-        with_it = referred if o.prepared.reference else "–"
+        with_it = referred if o.prepared.known else "–"
         beyond = f"{far} of {compared}" if compared else "–"
         lines.append(
             f"| {o.prepared.title} | {len(o.rows)} | {refused} | {known} | {with_it} | {beyond} | {k92} |"
@@ -58,7 +58,7 @@ def _summary(outcomes: Sequence[Outcome]) -> str:
 
 def _section(o: Outcome) -> str:
     p = o.prepared
-    about = f"Source: {p.source}. Licence: {p.licence}. Reference: {p.reference_is}."
+    about = f"Source: {p.source}. Licence: {p.licence}. Reference: {p.reference_is or 'none'}."
     hand = f"Written by hand: {'; '.join(p.written) or 'nothing'}. Time for all: {o.seconds:.0f} s."
     lines = [
         f"## {p.title}",
