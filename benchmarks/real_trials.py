@@ -148,7 +148,7 @@ def pairs(folder: Path, work: Path, names: Sequence[str]) -> None:
         shutil.copy(folder / f"{name.replace('imu', 'pro')}.csv", own / "motors.csv")
 
 
-def drive(robot: str, radius: float) -> Callable[[Path, Path], Prepared]:
+def drive(robot: str, radius: float, file: str) -> Callable[[Path, Path], Prepared]:
     """Return what prepares the straight steps of DRIVE of a robot with wheels of a radius [m]."""
 
     def prepared(data: Path, work: Path) -> Prepared:
@@ -157,11 +157,11 @@ def drive(robot: str, radius: float) -> Callable[[Path, Path], Prepared]:
             table.to_csv(work / f"{name}.csv", index=False)
             (work / f"{name}.toml").write_text(f"ref_x_std_m = {std:.3f}\n", encoding="utf-8")
             stds.append(1000 * std)
-        file = str(BY_HAND / f"{robot}.toml")
         return Prepared(
             f"DRIVE, {robot.capitalize()} on grass, straight steps", "norlab-ulaval/DRIVE, calib_data",
-            "BSD-3", work, file,
+            "BSD-3", work, str(BY_HAND / file),
             written=("the table of windows of 2 s cut into steps with columns of the canonical log",
+                     "steps that drive back turned round; begin of a step when both sides turn as commanded",
                      "robot: wheels and chassis of the maker's description",
                      "sidecar of each step: std of the reference, by its scatter about a constant velocity"),
             soil=str(BY_HAND / "sandy_loam.toml"),
@@ -172,8 +172,8 @@ def drive(robot: str, radius: float) -> Callable[[Path, Path], Prepared]:
 
 
 SETS: dict[str, Callable[[Path, Path], Prepared]] = {
-    "drive/test_warthog_torch_ready_dataframe.pkl": drive("warthog", 0.3),
-    "drive/test_husky_torch_ready_dataframe.pkl": drive("husky", 0.165),
+    "drive/test_warthog_torch_ready_dataframe.pkl": drive("warthog", 0.3, "warthog.toml"),
+    "drive/test_husky_torch_ready_dataframe.pkl": drive("husky", 0.165, "husky_drive.toml"),
     "snow": snow,
     "vulpi": vulpi,
     "borealtc_husky": boreal,

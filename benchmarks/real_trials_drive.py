@@ -35,6 +35,15 @@ class _Tables(pickle.Unpickler):
         raise pickle.UnpicklingError(f"{module}.{name} is no part of a table")
 
 
+OTHER_WAY = 0.1
+"""A side that turns against its command faster than this share of it is still in the step before."""
+
+TURNED_ROUND = (
+    "imu_ax_mps2", "imu_ay_mps2", "enc_fl_radps", "enc_fr_radps", "enc_rl_radps", "enc_rr_radps",
+    "v_cmd_mps", "ref_x_m",
+)  # fmt: skip
+"""What changes its sign if a robot that drives back is seen from behind: it then drives ahead."""
+
 LEAST = 0.02
 """Least std of a place by ICP [m]: what a lidar of this kind measures a distance to."""
 
@@ -61,7 +70,8 @@ def _log(windows: pd.DataFrame, radius: float) -> tuple[pd.DataFrame, float]:
     """Return the log of a step, with the way by ICP where a new place came, and the std of that way [m].
 
     The places of a window count from its beginning, and its `gt_icp` is that of the next one. Between scans
-    the last place is repeated. The way is that along the heading: a path through noisy places is too long,
+    the last place is repeated. A step that drives back is seen from behind, and begins when both sides turn
+    as commanded. The way is that along the heading: a path through noisy places is too long,
     and has no sign where a step begins while the robot drives the other way.
     """
     left, right = (_column(windows, f"{side}_wheel_vel").ravel() for side in ("left", "right"))
@@ -77,7 +87,13 @@ def _log(windows: pd.DataFrame, radius: float) -> tuple[pd.DataFrame, float]:
         "enc_fl_radps": left, "enc_fr_radps": right, "enc_rl_radps": left, "enc_rr_radps": right,
         "v_cmd_mps": radius * command, "ref_x_m": np.where(came, way, np.nan),
     })  # fmt: skip
-    return log, _wander(log)
+    std = _wander(log)
+    if command.mean() < 0:
+        log[list(TURNED_ROUND)] *= -1.0
+    slower = log[["enc_fl_radps", "enc_fr_radps"]].min(axis=1) * radius
+    against = slower < -OTHER_WAY * float(log["v_cmd_mps"].mean())
+    first = int(np.argmin(against))  # of the samples at which both sides turn as commanded
+    return log[first:], std
 
 
 def _wander(log: pd.DataFrame) -> float:
