@@ -24,18 +24,24 @@ import pandas as pd
 import granite_lab as gl
 from benchmarks.real_logs import BY_HAND, SNOW_STD, by_hand, standstills
 from benchmarks.real_trials_drive import steps_of
-from benchmarks.real_trials_page import page
+from benchmarks.real_trials_page import page, picture
+from benchmarks.real_trials_plot import slips
 from granite_lab.errors import LabError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.files import write_text
+from granite_lab.fitting.fit import K92_BOUNDS, K92Fit
 from granite_lab.logs import read_trial
 from granite_lab.logs.counters import mean_known
 from granite_lab.logs.trial import Trial, trial_files
 from granite_lab.reporting.answers import of_study
+from granite_lab.reporting.canvas import saved
 
 HUSKY = str(BY_HAND / "husky.toml")
 """The robot of the catalogue with a chassis, by hand."""
+
+TWO_SIDED = 1.96
+"""Half of a 95 % interval in std."""
 
 BOREAL = ("SANDY_LOAM_{}_01", "SANDY_LOAM_{}_06", "SNOW_{}_01")
 
@@ -77,7 +83,10 @@ class Prepared:
 
 @dataclass(frozen=True)
 class Row:
-    """One trial: λ_R without and with the reference, by that alone, and k_92 or why there is none."""
+    """One trial: λ_R without and with the reference, by that alone, and k_92 or why there is none.
+
+    `width` is that of the 95 % interval of k_92, NaN where there is none.
+    """
 
     name: str
     grade: str
@@ -85,6 +94,7 @@ class Row:
     referred: Estimate
     truth: Estimate
     k92: str
+    width: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -227,20 +237,30 @@ def rows_of(prepared: Prepared) -> Iterator[Row]:
             except LabError:
                 referred = nothing
         grade, slip = plain.motion.health.grade, plain.motion.slip_ratio
-        yield Row(plain.name, grade, slip, referred, truth, _k92(log, prepared, known))
+        yield Row(plain.name, grade, slip, referred, truth, *_k92(log, prepared, known))
 
 
-def _k92(log: Path, prepared: Prepared, known: dict[str, Any]) -> str:
+def interval_of(fit: K92Fit) -> tuple[float, float]:
+    """Return the 95 % interval of k_92, with what soil and wheel radius may do to it, within its bounds."""
+    below = math.hypot(fit.k92.std, *(min(s.up, s.down, 0.0) for s in fit.shared))
+    above = math.hypot(fit.k92.std, *(max(s.up, s.down, 0.0) for s in fit.shared))
+    low, high = K92_BOUNDS
+    return max(fit.k92.value - TWO_SIDED * below, low), min(fit.k92.value + TWO_SIDED * above, high)
+
+
+def _k92(log: Path, prepared: Prepared, known: dict[str, Any]) -> tuple[str, float]:
+    """Return k_92 with its interval and the interval's width, or the reason why there is none and NaN."""
     try:
         (fit,) = gl.fit_k92(log, jobs=1, cache=False, **prepared.about, **known)
     except LabError as error:
-        return _short(error, log)
-    low, high = (100 * x for x in fit.reach)
+        return _short(error, log), math.nan
     if fit.tells:
-        return f"{fit.k92.value:.2f} ± {fit.k92.std:.2f}"
+        low, high = interval_of(fit)
+        return f"{fit.k92.value:.2f}, 95 % {low:.2f} to {high:.2f}", high - low
     if not fit.slip_known:
-        return f"none: λ_R known to ± {100 * fit.slip_measured.std:.0f} points"
-    return f"none: λ_R outside the {low:.1f} to {high:.1f} % of the model"
+        return f"none: λ_R known to ± {100 * fit.slip_measured.std:.1f} points", math.nan
+    low, high = (100 * x for x in fit.reach)
+    return f"none: λ_R outside the {low:.1f} to {high:.1f} % of the model", math.nan
 
 
 def _short(error: LabError, log: Path) -> str:
@@ -287,13 +307,17 @@ def main() -> None:
             "set": o.prepared.title, "trial": r.name, "grade": r.grade, "slip": r.slip.value,
             "slip_std": r.slip.std, "slip_with_reference": r.referred.value,
             "slip_with_reference_std": r.referred.std, "slip_by_reference": r.truth.value,
-            "slip_by_reference_std": r.truth.std, "k92": r.k92,
+            "slip_by_reference_std": r.truth.std, "k92": r.k92, "k92_interval": r.width,
         }
         for o in outcomes for r in o.rows
     ])  # fmt: skip
     write_text(
         given.out.parent / "tables" / "real-trials.csv", table.to_csv(index=False, float_format="%.5g")
     )
+    for outcome in outcomes:
+        drawn = given.out.parent / picture(outcome)
+        drawn.parent.mkdir(parents=True, exist_ok=True)
+        drawn.write_bytes(saved(slips(outcome), "png"))
     write_text(given.out, page(outcomes, absent))
     print(given.out)
 

@@ -62,5 +62,6 @@ def test_the_page_says_how_each_trial_ends(tmp_path: Path, monkeypatch: pytest.M
     assert rows["virtual_v0.3_r1"].k92[:3] == "0.2"
     text = page([outcome], ["another"])
     assert "| A set | 2 | 1 | 1 | – | – | 1 |" in text
+    assert "![slip ratios](figures/real-trials/a-set.png)" in text
     assert "> A report." in text
     assert "Not in the data of this run: another." in text
