@@ -153,7 +153,8 @@ def snow(data: Path, work: Path) -> Prepared:
          "sidecar of each run: the standstills of the body, std of the reference"),
         str(BY_HAND / "snow.toml"), "inertial navigation with GPS, ± 30 mm/s at rest",
         "The rover works itself into the snow until it is immobile. The author's snow lets the model reach a "
-        "slip of some 7 % at these speeds, with k_92 = 0; slip beyond it has no k_92.",
+        "slip of some 7 % at these speeds, with k_92 = 0; slip beyond it has no k_92. Where λ_R is known to "
+        "5 to 7 points only, it is for the wheels: encoders that give no counts for seconds.",
     )  # fmt: skip
 
 
