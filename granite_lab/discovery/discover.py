@@ -135,7 +135,9 @@ def discover(
             parts=parts,
         )
         notes = [*finding.notes, *said]
-        if count != robot.wheels.lugs:
+        if not any(active.effect.by_lugs for active in finding.active):
+            finding = replace(finding, robot=robot)  # the number of lugs is in nothing that was found
+        elif count != robot.wheels.lugs:
             told = f"What the model leaves repeats {count:g} times a turn of the wheels. The robot's file"
             notes += [f"{told} says {robot.wheels.lugs:g} lugs; the search took {count:g}."]
         finding = replace(finding, notes=tuple(notes))

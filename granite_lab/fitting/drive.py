@@ -89,10 +89,14 @@ def _turned(motion: Motion, robot: Robot) -> tuple[Estimate, Course]:
             v[k], std[k] = v[other], std[other]
     known = np.isfinite(v[0] + v[1])
     moving = np.flatnonzero(known & (np.maximum(np.abs(v[0]), np.abs(v[1])) > STILL))
-    if moving.size < 8:
+    if not known.any():
         raise EstimateError(
             f"{motion.trial}: the speeds of its wheels are not known",
             "a log without encoders has --drive command",
+        )
+    if moving.size < 8:
+        raise EstimateError(
+            f"{motion.trial}: its wheels do not turn", "give a trial in which the robot drives"
         )
     t = motion.t
     first = float(t[moving[0]]) - AHEAD
