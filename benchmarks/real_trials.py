@@ -307,7 +307,9 @@ def said_by_report(prepared: Prepared) -> tuple[str, ...]:
     except LabError as error:
         return (f"ends with: {error.message.replace(str(prepared.logs), 'logs')}",)
     answers = of_study(result)
-    return (answers.lead, *(f"{q.question} {q.verdict}. {q.text}" for q in answers.questions))
+    verdicts = [f" {q.verdict}." if q.verdict else "" for q in answers.questions]
+    said = zip(answers.questions, verdicts, strict=True)
+    return (answers.lead, *(f"{q.question}{verdict} {q.text}" for q, verdict in said))
 
 
 def analysed(prepared: Prepared) -> Outcome:
