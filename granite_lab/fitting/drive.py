@@ -14,6 +14,7 @@ from granite_lab.logs.counters import mean_known
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration, velocities_at
 from granite_lab.model.effect import Effect
+from granite_lab.model.limits import FASTEST_BACKWARDS
 from granite_lab.model.turning import AHEAD, turned
 from granite_lab.parameters import Course, Robot, Variant, course_of, is_driven
 from granite_lab.parameters.course import DriveBy
@@ -38,7 +39,7 @@ def driven(motion: Motion, robot: Robot, by: DriveBy) -> Motion:
         by: "wheels", "command", or "auto": the command where it is stated and the wheels follow it.
 
     Raises:
-        EstimateError: the wheels are to drive, and their speeds are not known.
+        EstimateError: the wheels are to drive, and their speeds are not known or they turn backwards.
     """
     if by == "command" or is_driven(motion.variant):
         return motion
@@ -104,6 +105,7 @@ def _turned(motion: Motion, robot: Robot) -> tuple[Estimate, Course]:
         first = min(first, motion.t_start.value)
     part = known & (t >= first) & (t <= t[moving[-1]] + AHEAD)
     begin = float(t[part][0])
+    _refuse_reversed(motion.trial, t[part], 0.5 * (v[0][part] + v[1][part]))
     wanted = None
     if commanded:
         t_d = t[part] - motion.t_start.value
@@ -116,6 +118,18 @@ def _turned(motion: Motion, robot: Robot) -> tuple[Estimate, Course]:
         robot.wheels.radius, stretch=stretch if np.isfinite(stretch[0]) else None, command=wanted,
     )  # fmt: skip
     return Estimate(begin, float(np.nan_to_num(motion.clock_offset.std))), course
+
+
+def _refuse_reversed(trial: str, t: Array, v: Array) -> None:
+    """Refuse wheels whose mean velocity v (M,) [m/s] goes backwards at t [s]: the model holds ahead only."""
+    back = v < -max(FASTEST_BACKWARDS, 0.05 * float(np.abs(v).max()))
+    if back.any():
+        raise EstimateError(
+            f"{trial}: the wheels turn backwards at {t[back][0]:.1f} to {t[back][-1]:.1f} s: the model holds "
+            "for forward motion",
+            "take a stretch that drives ahead (--from, --to); where a robot drives back all the time, turn "
+            "IMU and wheels round in the files of robot and columns",
+        )
 
 
 def _std(std: Array) -> Array:
