@@ -54,7 +54,7 @@ def test_a_number_that_is_set_acts_as_in_a_file_of_ones_own(tmp_path: Path) -> N
 
 def test_a_model_file_keeps_what_was_set(tmp_path: Path) -> None:
     changes = checked({RADIUS: 0.106, COHESION: 500})
-    model = ModelFile("granite", "dry_sand", "exponential", Estimate(4.9), changes=changes)
+    model = ModelFile("granite", "dry_sand", "exponential", Estimate(4.9, 0.1), changes=changes)
     save_model(model, tmp_path / "model.toml")
     read = load_model(tmp_path / "model.toml")
     assert read == model
