@@ -75,14 +75,17 @@ class ModelFile:
     @property
     def machine(self) -> Robot:
         """The robot with the number of lugs that was found; raises as `load_robot` does."""
-        robot = load_robot(self.robot, changes=self.changes)
-        return robot if self.lugs is None else replace(robot, wheels=replace(robot.wheels, lugs=self.lugs))
+        return self.with_lugs(load_robot(self.robot, changes=self.changes))
 
     @property
     def ground(self) -> Soil:
         """The soil with the fitted numbers; raises as `load_soil` does."""
         fitted: dict[str, Any] = {name: e.value for name, e in self.sand.items()}
         return replace(load_soil(self.soil, self.changes), **fitted)
+
+    def with_lugs(self, robot: Robot) -> Robot:
+        """Return a robot with the number of lugs that was found."""
+        return robot if self.lugs is None else replace(robot, wheels=replace(robot.wheels, lugs=self.lugs))
 
     @property
     def effects(self) -> tuple[Active, ...]:

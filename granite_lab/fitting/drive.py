@@ -47,8 +47,7 @@ def driven(motion: Motion, robot: Robot, by: DriveBy) -> Motion:
     if not reason:
         return motion
     start, course = _turned(motion, robot)
-    commanded = motion.variant_source in STATED and math.isfinite(motion.t_start.value)
-    desired = "the command" if commanded else "the mean of r ω, for nothing is commanded"
+    desired = "the command" if course.commanded else "the mean of r ω, for nothing is commanded"
     line = f"driven by the measured wheel speeds, {reason}; v_d of (5) is {desired}"
     return replace(
         motion, variant=course, variant_source="wheels", t_start=start, warnings=(*motion.warnings, line)
@@ -140,12 +139,11 @@ def _std(std: Array) -> Array:
 
 def goes_by_command(effect: Effect) -> bool:
     """Say whether an effect changes how k_92 goes by the command, which is to be known for that."""
-    return type(effect).desired_velocity is not Effect.desired_velocity or effect.id == "contact_angle_lag"
+    return effect.by_command or type(effect).desired_velocity is not Effect.desired_velocity
 
 
 def drives(effect: Effect) -> bool:
     """Say whether an effect acts on the drive or its encoders, which wheels that are turned replace."""
     own, plain = type(effect), Effect
-    if any(getattr(own, hook) is not getattr(plain, hook) for hook in ("voltages", "shaft", "reading")):
-        return True
-    return effect.id == "wheel_radius_error"
+    hooks = ("voltages", "shaft", "reading")
+    return effect.of_encoders or any(getattr(own, hook) is not getattr(plain, hook) for hook in hooks)

@@ -132,6 +132,8 @@ class Effect:
         fault: True for an error of the measurement, which no model lacks.
         law: True for another law of the soil in place of the paper's.
         by_lugs: True where the number of lugs of the tread is in its formula.
+        by_command: True where k_92 goes by the history of the command.
+        of_encoders: True for an error of the wheel angles that no hook shows.
         equation: the formula, as text.
         source: where the formula comes from.
         signature: what an observer sees, in words.
@@ -150,6 +152,8 @@ class Effect:
     fault: ClassVar[bool] = False
     law: ClassVar[bool] = False
     by_lugs: ClassVar[bool] = False
+    by_command: ClassVar[bool] = False
+    of_encoders: ClassVar[bool] = False
     states: ClassVar[tuple[str, ...]] = ()
     circles: ClassVar[tuple[tuple[str, str], ...]] = ()
 
