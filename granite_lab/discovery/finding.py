@@ -130,6 +130,46 @@ class Disagreement:
 
 
 @dataclass(frozen=True)
+class Push:
+    """An interval in which a force is certain that the model lacks.
+
+    Attributes:
+        quantity, unit: force, lift, moment or torque of a wheel, see `model.latent.PUSHES`.
+        phase: commanded phase in the interval's middle.
+        variant: desired velocity of the command [m/s].
+        start, end: since the start of the command [s].
+        size: rms of the force in the interval, with its sign [unit].
+    """
+
+    quantity: str
+    unit: str
+    phase: str
+    variant: float
+    start: float
+    end: float
+    size: float
+
+
+@dataclass(frozen=True)
+class Ceiling:
+    """What any force could close of what the likeliest model leaves, all trials in the fit.
+
+    Attributes:
+        value: share of the gap that forces, free in time, could close beside the model.
+        left: share of the gap that the model leaves.
+        parts: quantity to the share that it could close alone.
+        channels: channel to how far the forces move it, over its rms in motion.
+        where: intervals in which a force is certain, the largest first.
+    """
+
+    value: float
+    left: float
+    parts: Mapping[str, float]
+    channels: Mapping[str, float]
+    where: tuple[Push, ...]
+
+
+@dataclass(frozen=True)
 class Detectable:
     """The smallest size of an effect that these trials can show.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 from scipy.special import ndtri
 
 from granite_lab.discovery.finding import Disagreement
@@ -30,7 +31,7 @@ def disagreements(
         phase = o.phase
         certain = -ndtri((1 - CREDIBLE) / 2 / d.value.size)  # no instant by chance in nine of ten intervals
         hit = (np.abs(d.value) > certain * d.std) & (np.abs(d.value) > tolerance * d.size) & (d.std > 0)
-        for a, b in _runs(hit, phase, round(SMOOTH[0] / o.width)):
+        for a, b in intervals(hit, phase, round(SMOOTH[0] / o.width)):
             value, std = d.value[a:b], d.std[a:b]
             rows.append(
                 Disagreement(
@@ -47,8 +48,8 @@ def disagreements(
     return tuple(sorted(rows, key=lambda r: -r.share * np.sqrt(r.end - r.start)))
 
 
-def _runs(
-    hit: np.ndarray[tuple[int, ...], np.dtype[np.bool_]], phase: Sequence[str], gap: int
+def intervals(
+    hit: npt.NDArray[np.bool_], phase: Sequence[str], gap: int
 ) -> list[tuple[int, int]]:
     """Return the runs of hits, joined over gaps of some bins, cut where the phase changes."""
     runs: list[tuple[int, int]] = []

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from granite_lab.inference.bench import SAND
 from granite_lab.inference.nuisances import SENSORS
@@ -76,10 +77,24 @@ class Further:
     Attributes:
         changes: per command (8, M, k); first those that all trials share.
         each: number of the last ones, which each trial has of its own.
+        by_command: the others are no columns that all commands share: each command has its own.
     """
 
     changes: tuple[Array, ...]
     each: int = 0
+    by_command: bool = False
+
+    def places(self, command: int) -> npt.NDArray[np.int64]:
+        """Return the places of a command's columns among all that are not of single trials."""
+        counts = [c.shape[-1] - self.each for c in self.changes]
+        first = sum(counts[:command]) if self.by_command else 0
+        return first + np.arange(counts[command])
+
+    @property
+    def count(self) -> int:
+        """The number of columns that are not of single trials."""
+        counts = [c.shape[-1] - self.each for c in self.changes]
+        return sum(counts) if self.by_command else counts[0]
 
 
 def stacked(changes: Sequence[Array], like: Array) -> Array:

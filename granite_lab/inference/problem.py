@@ -345,13 +345,15 @@ class Problem:
         local = int(first[-1])
         p = local + len(SHARED) + point.common.size
         each = further.each if further else 0
-        end = p + (further.changes[0].shape[-1] - each if further else 0)
+        end = p + (further.count if further else 0)
         size = end + each * len(self.trials) + 1
-        shared = np.arange(local, end)
 
         parts = []
         for command, everyone in enumerate(self.commands):
             rows: dict[int, tuple[Places, Array]] = {}
+            shared = np.arange(local, p)
+            if further:
+                shared = np.append(shared, p + further.places(command))
             for i in everyone:
                 own, candidates = np.arange(first[i], first[i + 1]), end + i * each + np.arange(each)
                 columns = known[i] if i in known else self.columns(i, point, slopes, further)

@@ -1,0 +1,104 @@
+"""How the sensors would show any force: responses to short pushes all along each command."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from granite_lab.inference.bench import Task
+from granite_lab.inference.fit import Fit
+from granite_lab.inference.point import Further, stacked
+from granite_lab.inference.problem import Problem
+from granite_lab.logs.trial import Array
+from granite_lab.model.command import duration
+from granite_lab.model.latent import PERIOD, PUSHES, SPACING, WIDTH, LatentForce
+from granite_lab.parameters import GRAVITY, Robot
+
+SIZE = 0.03
+"""Size of the pushes that are simulated, as a share of the robot's weight: the model is linear there."""
+
+BEFORE = 3 * WIDTH
+"""Time from which on a push is felt before its centre [s]."""
+
+Places = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Pushes:
+    """Responses to pushes about one fit.
+
+    Attributes:
+        fit: about which they are linear.
+        changes: per command (8, M, K) of the response, by pushes of unit size.
+        kind: per command (K,) place of the pushed quantity among `PUSHES`.
+        centres: per command (K,) times of the pushes [s].
+        sizes: (5,) unit sizes of the quantities: the robot's weight, or weight times wheel radius [N, N m].
+    """
+
+    fit: Fit
+    changes: tuple[Array, ...]
+    kind: tuple[Places, ...]
+    centres: tuple[Array, ...]
+    sizes: Array
+
+    @property
+    def further(self) -> Further:
+        """The columns, each command's own."""
+        return Further(self.changes, by_command=True)
+
+
+def sizes_of(robot: Robot) -> Array:
+    """Return the (5,) unit sizes of `PUSHES`: weight or weight times wheel radius; a wheel has a quarter."""
+    assert robot.chassis is not None
+    weight = robot.chassis.total_mass * GRAVITY
+    arm = weight * robot.wheels.radius
+    return np.array([weight, weight, arm, arm / 4, arm / 4])
+
+
+def pushed(problem: Problem, fit: Fit) -> Pushes | None:
+    """Simulate pushes about a fit; None where the model has no solution with them.
+
+    A run carries pushes of one quantity a `PERIOD` apart; what the sensors show from one on until the next
+    is the response to it.
+    """
+    sizes = sizes_of(problem.bench.world.robot)
+    phases = SPACING * np.arange(round(PERIOD / SPACING))
+    tasks: list[Task] = []
+    for command, _ in enumerate(problem.variants):
+        centre = problem.centre(fit.point, command)
+        tasks.append(centre)
+        for q in range(len(PUSHES)):
+            for phase in phases:
+                values = [0.0] * len(PUSHES) + [float(phase)]
+                values[q] = SIZE * float(sizes[q])
+                setting = (*centre.setting, (LatentForce.id, tuple(values)))
+                tasks.append(Task(centre.variant, centre.sand, setting))
+    runs = problem.bench.run(tasks, keep=False)
+    found = [r for r in runs if r is not None]
+    if len(found) < len(runs):
+        return None
+    each = 1 + len(PUSHES) * phases.size
+    parts = [_apart(problem, c, found[c * each : (c + 1) * each], phases) for c in range(len(problem.variants))]
+    changes, kind, centres = zip(*parts, strict=True)
+    return Pushes(fit, changes, kind, centres, sizes)
+
+
+def _apart(
+    problem: Problem, command: int, runs: list[Array], phases: Array
+) -> tuple[Array, Places, Array]:
+    """Return the responses of one command to single pushes, what each pushes, and when."""
+    trial = problem.trials[problem.commands[command][0]]
+    t, end = trial.t, duration(trial.observation.variant)
+    base, *others = runs
+    changes, kind, centres = [], [], []
+    for q in range(len(PUSHES)):
+        for phase, run in zip(phases, others[q * phases.size : (q + 1) * phases.size], strict=True):
+            whole = (run - base) / SIZE
+            for at in np.arange(phase, end + BEFORE, PERIOD):
+                felt = (t >= at - BEFORE) & (t < at - BEFORE + PERIOD)
+                changes.append(whole * felt)
+                kind.append(q)
+                centres.append(float(at))
+    return stacked(changes, base), np.array(kind), np.array(centres)
