@@ -10,7 +10,7 @@ import numpy as np
 from granite_lab.estimate import Estimate
 from granite_lab.inference.fit import SHARES, Fit
 from granite_lab.inference.gap import held, tolerated
-from granite_lab.inference.normal import Normal, posterior
+from granite_lab.inference.normal import posterior
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 
@@ -37,71 +37,100 @@ class Predicted:
         return self.left_out if np.isfinite(self.left_out).any() else self.own
 
 
-def predict(problem: Problem, fit: Fit, tolerance: float) -> Predicted:
+class Equations:
+    """The normal equations of a fit, trial by trial, each with a discrepancy of its own.
+
+    Args:
+        problem: the trials.
+        fit: of all of them.
+        pinned: places among the shared numbers of effects that stay at their neutral values.
+    """
+
+    def __init__(self, problem: Problem, fit: Fit, pinned: Sequence[int] = ()) -> None:
+        self.fit = fit
+        self.normal = problem.normal(fit.point, fit.slopes, fit.residuals, apart=True)
+        std, mean = problem.prior(fit.point, fit.scales)
+        first = std.size - fit.point.common.size
+        neutral = [p.neutral for _, p in problem.parameters(fit.point.effects, per_trial=False)]
+        for k in pinned:
+            std[first + k], mean[first + k] = PINNED * std[first + k], neutral[k]
+        self.precision, self.pull = std**-2.0, mean - fit.point.vector
+
+    def marginal(self, share: float, only: Sequence[int]) -> tuple[Array, float]:
+        """Return the matrix of some trials under a discrepancy of some share, and its log determinant."""
+        return self.normal.marginal(tolerated(self.fit.scales, share), only)
+
+    def held(self, part: int, share: float) -> float:
+        """Return the number of directions along which the discrepancy of a trial is held by its prior."""
+        scales = tolerated(self.fit.scales, share)
+        return sum(held(c, scales) for c in self.normal.parts[part].channels)
+
+
+PINNED = 1e-4
+"""Std of a number that is not to move, over that of its prior."""
+
+
+def predict(
+    problem: Problem, fit: Fit, tolerance: float, equations: Equations | None = None
+) -> Predicted:
     """Leave out one trial after the other, then one command after the other.
 
     Args:
         problem: the trials.
         fit: of all of them.
         tolerance: discrepancy that is taken for granted, as a share of a channel's rms.
+        equations: of the fit, where they are not the usual ones.
     """
     try:
-        return _predict(problem, fit, tolerance)
+        return _predict(problem, equations or Equations(problem, fit), tolerance)
     except np.linalg.LinAlgError:  # a trial that leaves its numbers open
         nothing = np.full(len(problem.trials), np.nan)
         return Predicted(nothing, nothing, nothing, nothing)
 
 
-def _predict(problem: Problem, fit: Fit, tolerance: float) -> Predicted:
-    normal = problem.normal(fit.point, fit.slopes, fit.residuals, apart=True)
+def _predict(problem: Problem, equations: Equations, tolerance: float) -> Predicted:
     order = [i for own in problem.commands for i in own]
     n = len(order)
     parts = {i: k for k, i in enumerate(order)}
     command = np.array([next(c for c, own in enumerate(problem.commands) if i in own) for i in range(n)])
     own, left, speed, expected = (np.full(n, np.nan) for _ in range(4))
-    everyone = _shared(problem, fit, normal, tolerance, list(range(n)))
-    flexible = _shared(problem, fit, normal, SHARES[-1], list(range(n)))
+    everyone = _shared(equations, tolerance, list(range(n)))
+    flexible = _shared(equations, SHARES[-1], list(range(n)))
     across = [
-        _shared(problem, fit, normal, tolerance, [parts[i] for i in range(n) if command[i] != c])
+        _shared(equations, tolerance, [parts[i] for i in range(n) if command[i] != c])
         if len(problem.commands) > 1
         else None
         for c in range(len(problem.commands))
     ]
     for i in range(n):
         k = parts[i]
-        own[i] = _misfit(problem, fit, normal, k, i, tolerance, everyone)
-        expected[i] = _misfit(problem, fit, normal, k, i, SHARES[-1], flexible)
-        for share, sign in ((tolerance, 1), (SHARES[-1], -1)):
-            scales = tolerated(fit.scales, share)
-            expected[i] += sign * sum(held(c, scales) for c in normal.parts[k].channels)
+        own[i] = _misfit(equations, k, i, tolerance, everyone)
+        expected[i] = _misfit(equations, k, i, SHARES[-1], flexible)
+        expected[i] += equations.held(k, tolerance) - equations.held(k, SHARES[-1])
         if n > 1:
-            others = _shared(problem, fit, normal, tolerance, [j for j in range(n) if j != k])
-            left[i] = _misfit(problem, fit, normal, k, i, tolerance, others)
+            others = _shared(equations, tolerance, [j for j in range(n) if j != k])
+            left[i] = _misfit(equations, k, i, tolerance, others)
         step = across[command[i]]
         if step is not None:
-            speed[i] = _misfit(problem, fit, normal, k, i, tolerance, step)
+            speed[i] = _misfit(equations, k, i, tolerance, step)
     return Predicted(own, left, speed, expected)
 
 
-def _shared(problem: Problem, fit: Fit, normal: Normal, share: float, only: Sequence[int]) -> Array:
+def _shared(equations: Equations, share: float, only: Sequence[int]) -> Array:
     """Return the step of the shared numbers that some trials ask for."""
-    M, logdet = normal.marginal(tolerated(fit.scales, share), only)
-    std, mean = problem.prior(fit.point, fit.scales)
-    first = sum(x.size for x in fit.point.trials)
-    return posterior(M, logdet, std**-2.0, mean - fit.point.vector).step[first:]
+    M, logdet = equations.marginal(share, only)
+    first = sum(x.size for x in equations.fit.point.trials)
+    return posterior(M, logdet, equations.precision, equations.pull).step[first:]
 
 
-def _misfit(
-    problem: Problem, fit: Fit, normal: Normal, part: int, trial: int, share: float, step: Array
-) -> float:
+def _misfit(equations: Equations, part: int, trial: int, share: float, step: Array) -> float:
     """Return the misfit of one trial once its own numbers are refitted, the shared ones given."""
-    M, _ = normal.marginal(tolerated(fit.scales, share), [part])
-    sizes = [x.size for x in fit.point.trials]
+    M, _ = equations.marginal(share, [part])
+    sizes = [x.size for x in equations.fit.point.trials]
     begin, total = sum(sizes[:trial]), sum(sizes)
     own = np.arange(begin, begin + sizes[trial])
-    shared = np.arange(total, normal.parameters)
-    std, mean = problem.prior(fit.point, fit.scales)
-    precision, pull = std[own] ** -2.0, (mean - fit.point.vector)[own]
+    shared = np.arange(total, equations.precision.size)
+    precision, pull = equations.precision[own], equations.pull[own]
     right = M[own, -1] - M[np.ix_(own, shared)] @ step + precision * pull
     squares = M[-1, -1] - 2 * step @ M[shared, -1] + step @ M[np.ix_(shared, shared)] @ step
     N = M[np.ix_(own, own)] + np.diag(precision)

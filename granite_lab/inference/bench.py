@@ -16,7 +16,7 @@ from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active, Effect, activate
 from granite_lab.model.instants import Accuracy
 from granite_lab.model.simulator import integrate
-from granite_lab.model.symbols import model_parameters
+from granite_lab.model.symbols import ModelParameters, model_parameters
 from granite_lab.parameters import Robot, Soil, Variant, load_paper
 from granite_lab.processes import forked, shared_out, spread
 
@@ -72,22 +72,34 @@ class World:
     effects: Mapping[str, Effect]
     fixed: tuple[Active, ...] = ()
 
-    def respond(self, task: Task) -> Array | None:
-        """Return the (8, M) signals of a run; None where it has no solution."""
+    def parameters(self, task: Task) -> ModelParameters:
+        """Return the numbers of a run without those of effects."""
         ratio = dict(zip(SAND, np.exp(task.sand).tolist(), strict=True))
         a_theta = load_paper().a_theta * ratio.pop("a_theta")
         soil = dataclasses.replace(
             self.soil, **{name: getattr(self.soil, name) * value for name, value in ratio.items()}
         )
-        p = model_parameters(self.robot, soil, self.variants[task.variant], a_theta=a_theta)
+        return model_parameters(self.robot, soil, self.variants[task.variant], a_theta=a_theta)
+
+    def active(self, task: Task) -> tuple[Active, ...]:
+        """Return the effects of a run.
+
+        Raises:
+            InputError: a number is out of bounds.
+        """
+        found = list(self.fixed)
+        for id_, values in task.setting:
+            effect = self.effects[id_]
+            found.append(
+                activate(effect, {q.name: v for q, v in zip(effect.parameters, values, strict=True)})
+            )
+        return tuple(found)
+
+    def respond(self, task: Task) -> Array | None:
+        """Return the (8, M) signals of a run; None where it has no solution."""
+        p = self.parameters(task)
         try:
-            active = list(self.fixed)
-            for id_, values in task.setting:
-                effect = self.effects[id_]
-                active.append(
-                    activate(effect, {q.name: v for q, v in zip(effect.parameters, values, strict=True)})
-                )
-            signals = integrate(p, active, self.accuracy, SIGNALS)
+            signals = integrate(p, self.active(task), self.accuracy, SIGNALS)
         except (EstimateError, InputError):
             return None
         return np.stack([signals[name] for name in SIGNALS])

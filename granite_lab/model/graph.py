@@ -71,7 +71,8 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
     disk, which gives it back six times faster than it is built; one with a user's own effects is not, for
     nobody knows what these depend on.
     """
-    if any(vars(e) or not type(e).__module__.startswith("granite_lab.effects.") for e in effects):
+    own = ("granite_lab.effects.", "granite_lab.model.")
+    if any(vars(e) or not type(e).__module__.startswith(own) for e in effects):
         return _built(effects, kind)
     names = " ".join([kind, *(type(e).__qualname__ for e in effects)])
     name = f"{hashlib.sha256(_sources() + names.encode()).hexdigest()}.graph"

@@ -138,6 +138,36 @@ def integrate(
     return {"t_s": t} | _delayed(t, signals, chosen, vector)
 
 
+def along(
+    p: ModelParameters,
+    effects: Sequence[Active],
+    others: Sequence[Sequence[Active]],
+    names: tuple[str, ...],
+    accuracy: Accuracy = USUAL,
+) -> tuple[Array, ...]:
+    """Return what outputs would be at the states of one run if further effects acted at that instant only.
+
+    Args:
+        p, effects, accuracy: of the run, as `integrate` has them.
+        others: values of the same further effects, which have no states.
+        names: of the outputs.
+
+    Returns:
+        per entry of `others` the (outputs, N) table.
+
+    Raises:
+        EstimateError: of `integrate`.
+    """
+    t, history = instants(p.variant, accuracy), _history(p, tuple(effects), accuracy)
+    kind, found = kind_of(p.variant), []
+    for more in others:
+        every = (*effects, *more)
+        chosen = tuple(e.effect for e in every)
+        vector = parameter_vector(p, every)
+        found.append(engine_of(chosen, kind).outputs(chosen, p.variant, names, t, history, vector))
+    return tuple(found)
+
+
 @lru_cache(maxsize=64)
 def _lags(effects: tuple[Effect, ...]) -> Any:
     graph = build_graph(effects)

@@ -1,0 +1,257 @@
+"""What describes a missing cause that no effect of the library is: corrections a · φ of physical quantities.
+
+Each term is an effect with one number a and a closed formula. φ is made of dimensionless groups.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import combinations_with_replacement
+from typing import Any, ClassVar, NamedTuple
+
+import casadi as ca
+
+from granite_lab.model.body import BodyLoad, BodyState, to_ground
+from granite_lab.model.command import V_FLOOR, smoothstep
+from granite_lab.model.contact import ContactAngles, WheelState
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.symbols import ModelParameters
+from granite_lab.parameters import GRAVITY, Soil
+
+PREFIX = "term"
+"""The ids of all terms begin with it and a dot."""
+
+SIZES = (0.3, 0.1)
+"""Expected sizes of a correction: of a factor, as formulas of terramechanics are off by 10 to 30 % (Wong 2008);
+of a force over the weight, a third of the resistance of 10 to 30 % of the weight on loose sand."""
+
+FURTHEST = 10
+"""Bound of a correction over its expected size."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What the groups are made of, expressions or arrays.
+
+    Attributes:
+        slip: λ [-].
+        sinkage: z_0 [m].
+        velocity: v [m/s].
+        travel: x [m].
+        angle: θ [rad].
+        torque: T of the motor on one wheel [N m]; None where a formula cannot know it.
+    """
+
+    slip: Any
+    sinkage: Any
+    velocity: Any
+    travel: Any
+    angle: Any
+    torque: Any = None
+
+
+class Group(NamedTuple):
+    """A dimensionless group: its formula, its typical size in motion, and in words."""
+
+    formula: str
+    size: float
+    words: str
+    of: Callable[[Motion, ModelParameters], Any]
+
+
+GROUPS = {
+    "slip": Group("λ", 0.2, "slip", lambda m, _: m.slip),
+    "slip_size": Group("|λ|", 0.2, "slip without sign", lambda m, _: ca.fabs(m.slip)),
+    "sinkage": Group("z/r", 0.1, "sinkage", lambda m, p: m.sinkage / p.wheels.radius),
+    "speed": Group(
+        "v/√(g r)", 0.5, "speed", lambda m, p: m.velocity / ca.sqrt(GRAVITY * p.wheels.radius)
+    ),
+    "torque": Group(
+        "T/(W r)", 0.2, "driving torque",
+        lambda m, p: m.torque / (p.chassis.total_mass * GRAVITY / 4 * p.wheels.radius),
+    ),
+    "distance": Group("x/L", 3.0, "distance", lambda m, p: m.travel / p.chassis.wheel_base),
+    "sin_angle": Group("sin θ", 1.0, "sine of the wheel's angle", lambda m, _: ca.sin(m.angle)),
+    "cos_angle": Group("cos θ", 1.0, "cosine of the wheel's angle", lambda m, _: ca.cos(m.angle)),
+}  # fmt: skip
+"""L is the wheel base, W the load of a wheel."""
+
+
+class Quantity(NamedTuple):
+    """What is corrected.
+
+    Attributes:
+        formula: with {} in place of a · φ.
+        words: what it is.
+        factor: it is multiplied by exp(a φ); a force is added otherwise.
+    """
+
+    formula: str
+    words: str
+    factor: bool
+
+
+QUANTITIES = {
+    "modulus": Quantity("k · exp({})", "soil's modulus k", True),
+    "exponent": Quantity("n · exp({})", "sinkage exponent n", True),
+    "shear_modulus": Quantity("K · exp({})", "shear modulus K", True),
+    "strength": Quantity("τ_max · exp({})", "shear strength", True),
+    "ratio": Quantity("k_92 · exp({})", "contact angle ratio k_92", True),
+    "drive": Quantity("T · exp({})", "torque of the motors at the rims", True),
+    "force": Quantity("F_x + 4 W · {}", "force along the robot", False),
+    "lift": Quantity("F_z + 4 W · {}", "lift", False),
+    "moment": Quantity("M_y + 4 W r · {}", "moment on the body, nose down", False),
+    "torque_f": Quantity("M_front − W r · {}", "torque against each front wheel", False),
+    "torque_r": Quantity("M_rear − W r · {}", "torque against each rear wheel", False),
+}
+"""Those of the soil cannot depend on T, which follows from them where wheels are turned."""
+
+
+class Term(Effect):
+    """One correction; `term` makes the class of each.
+
+    Class attributes:
+        quantity: key of `QUANTITIES`.
+        groups: keys of `GROUPS` whose product is φ; none: φ = 1.
+    """
+
+    quantity: ClassVar[str]
+    groups: ClassVar[tuple[str, ...]]
+
+    def __reduce__(self) -> tuple[Callable[[str], Effect], tuple[str]]:
+        """Give back the one object of its id: graphs are kept by it."""
+        return term, (self.id,)
+
+    def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
+        """Correct k, n, K or τ_max."""
+        if self.quantity not in ("modulus", "exponent", "shear_modulus", "strength"):
+            return soil
+        changes: dict[str, Any]
+        factor = self._factor(state, own)
+        if self.quantity == "modulus":
+            changes = {
+                "cohesive_modulus": soil.cohesive_modulus * factor,
+                "frictional_modulus": soil.frictional_modulus * factor,
+            }
+        elif self.quantity == "strength":
+            degree = ca.pi / 180
+            changes = {
+                "cohesion": soil.cohesion * factor,
+                "tyre_friction": soil.tyre_friction * factor,
+                "friction_angle": ca.atan(factor * ca.tan(soil.friction_angle * degree)) / degree,
+            }
+        else:
+            changes = {self.quantity: getattr(soil, self.quantity) * factor}
+        return replace(soil, **changes)
+
+    def contact_angles(self, angles: ContactAngles, state: WheelState, own: Own) -> ContactAngles:
+        """Correct k_92."""
+        if self.quantity != "ratio":
+            return angles
+        return replace(angles, rear=angles.rear * self._factor(state, own))
+
+    def drive_torque(self, torque: Any, state: WheelState, own: Own) -> Any:
+        """Correct what arrives of the motors' torque."""
+        return torque * self._factor(state, own) if self.quantity == "drive" else torque
+
+    def rim_acceleration(self, acceleration: Any, axle: Axle, p: ModelParameters, own: Own) -> Any:
+        """Add a torque against a wheel."""
+        if self.quantity != ("torque_f" if axle.state.front else "torque_r"):
+            return acceleration
+        arm = p.chassis.total_mass * GRAVITY / 4 * p.wheels.radius
+        return acceleration - arm * own.p["a"] * self._phi(axle, p) / p.chassis.wheel_inertia
+
+    def body_load(
+        self, load: BodyLoad, body: BodyState, axles: tuple[Axle, Axle], p: ModelParameters, own: Own
+    ) -> BodyLoad:
+        """Add a force or a moment; φ is the mean of both axles."""
+        if self.quantity not in ("force", "lift", "moment"):
+            return load
+        weight = p.chassis.total_mass * GRAVITY
+        size = weight * own.p["a"] * (self._phi(axles[0], p) + self._phi(axles[1], p)) / 2
+        if self.quantity == "moment":
+            return replace(load, moment=load.moment + p.wheels.radius * size)
+        x, z = to_ground(body.pitch, size, 0) if self.quantity == "force" else to_ground(body.pitch, 0, size)
+        return replace(load, x=load.x + x, z=load.z + z)
+
+    def _factor(self, state: WheelState, own: Own) -> Any:
+        motion = Motion(state.slip, state.sinkage, state.velocity, state.travel, state.angle)
+        return ca.exp(own.p["a"] * _moving(state) * phi(self.groups, motion, own.model))
+
+    def _phi(self, axle: Axle, p: ModelParameters) -> Any:
+        s = axle.state
+        motion = Motion(s.slip, s.sinkage, s.velocity, s.travel, s.angle, axle.drive_torque)
+        return _moving(s) * phi(self.groups, motion, p)
+
+
+def _moving(state: WheelState) -> Any:
+    """Fade a term out at standstill, where the model's laws are not defined."""
+    return smoothstep(ca.fabs(state.circumferential_velocity) / (2 * V_FLOOR))
+
+
+def phi(groups: tuple[str, ...], motion: Motion, p: ModelParameters) -> Any:
+    """Return the product of some groups, expressions or arrays as the motion has them."""
+    value: Any = 1.0
+    for name in groups:
+        value = value * GROUPS[name].of(motion, p)
+    return value
+
+
+def products() -> list[tuple[str, ...]]:
+    """Return the groups of each φ: none, one, and the products of two."""
+    names = list(GROUPS)
+    same = (("slip_size", "slip_size"), ("sin_angle", "sin_angle"))  # λ² is |λ|², sin² is 1 − cos²
+    dropped = {*same, ("torque", "torque")}  # the current must enter in no higher power
+    pairs = [pair for pair in combinations_with_replacement(names, 2) if pair not in dropped]
+    return [(), *((n,) for n in names), *pairs]
+
+
+@cache
+def dictionary() -> Mapping[str, Term]:
+    """Return every term by its id."""
+    found = {}
+    for quantity, of in QUANTITIES.items():
+        for groups in products():
+            if of.factor and "torque" in groups:
+                continue
+            made = _term(quantity, groups)
+            found[made.id] = made
+    return found
+
+
+def term(id_: str) -> Term:
+    """Return one term."""
+    return dictionary()[id_]
+
+
+def is_term(id_: str) -> bool:
+    """Tell a term of the dictionary from an effect."""
+    return id_.startswith(f"{PREFIX}_")
+
+
+def _term(quantity: str, groups: tuple[str, ...]) -> Term:
+    of = QUANTITIES[quantity]
+    size = SIZES[0 if of.factor else 1]
+    for name in groups:
+        size /= GROUPS[name].size
+    formula = " · ".join(["a", *(GROUPS[name].formula for name in groups)])
+    words = " times ".join(GROUPS[name].words for name in groups)
+    fields = {
+        "__module__": __name__,
+        "id": "_by_".join([f"{PREFIX}_{quantity}", *(["_and_".join(groups)] if groups else [])]),
+        "title": f"{of.words}, {f'by {words}' if groups else 'constant while moving'}",
+        "equation": of.formula.format(formula),
+        "source": "fitted to the trials; sparse regression as in Brunton, Proctor, Kutz, PNAS 113, 2016, 3932",
+        "signature": "no cause: it describes what the candidates do not explain",
+        "quantity": quantity,
+        "groups": groups,
+        "parameters": (
+            EffectParameter(
+                "a", "", "coefficient", -FURTHEST * size, FURTHEST * size, 0.0, -size, size, linear=True
+            ),
+        ),
+    }
+    made: Term = type(f"Term_{quantity}_{'_'.join(groups)}", (Term,), fields)()
+    return made
