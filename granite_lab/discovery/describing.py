@@ -1,0 +1,209 @@
+"""Screening of the dictionary: what each term would show, from the responses to pushes alone.
+
+To first order a term acts as the force that it is along the motion of the fit. The responses to pushes give
+the response to any force, so that hundreds of terms need no simulation of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import casadi as ca
+import numpy as np
+
+from granite_lab.discovery.heldout import Equations
+from granite_lab.discovery.pushes import Pushes
+from granite_lab.inference.constants import EFFECT_ODDS
+from granite_lab.inference.gap import tolerated
+from granite_lab.inference.normal import Normal, posterior
+from granite_lab.inference.problem import Problem
+from granite_lab.inference.strengths import width_of
+from granite_lab.logs.trial import Array
+from granite_lab.model.command import V_FLOOR, smoothstep
+from granite_lab.model.dictionary import GROUPS, QUANTITIES, Motion, Term, dictionary, phi
+from granite_lab.model.effect import activate
+from granite_lab.model.latent import PUSHES, SPACING, WIDTH
+from granite_lab.model.simulator import along
+from granite_lab.model.symbols import ModelParameters
+from granite_lab.parameters import GRAVITY
+
+SMALL = 1e-4
+"""Size of a correction whose force is computed; forces are smooth in it."""
+
+OF_AXLE = (
+    "slip_{}", "sinkage_{}_m", "v_mps", "x_m", "theta_{}_rad", "torque_{}_Nm", "omega_{}_radps",
+    "force_x_{}_N", "force_z_{}_N", "moment_{}_Nm",
+)  # fmt: skip
+"""Outputs of a run that tell of an axle."""
+
+
+def forces(problem: Problem, pushes: Pushes, command: int, terms: Sequence[Term]) -> Array:
+    """Return the (terms, K) amplitudes of the pushes of a command that act as each term of unit size does.
+
+    Raises:
+        EstimateError: the run has no solution.
+    """
+    world = problem.bench.world
+    task = problem.centre(pushes.fit.point, command)
+    p, effects = world.parameters(task), world.active(task)
+    factors = [t for t in dictionary().values() if QUANTITIES[t.quantity].factor and not t.groups]
+    sizes = [np.zeros(len(factors)), *(SMALL * np.eye(len(factors)))]
+    others = [[activate(t, {"a": float(a)}) for t, a in zip(factors, row, strict=True)] for row in sizes]
+    names = tuple(dict.fromkeys(name.format(axle) for axle in "fr" for name in OF_AXLE))
+    plain, *changed = along(p, effects, others, names, world.accuracy)
+    row = {name: k for k, name in enumerate(names)}
+    moved = {t.quantity: (after - plain) / SMALL for t, after in zip(factors, changed, strict=True)}
+    trial = problem.trials[problem.commands[command][0]]
+    of = {axle: [plain[row[name.format(axle)]] for name in OF_AXLE] for axle in "fr"}
+    φ = {axle: {t.groups: _phi(t.groups, of[axle], p) for t in terms} for axle in "fr"}
+    found = np.zeros((len(terms), pushes.kind[command].size))
+    for n, term in enumerate(terms):
+        own = {axle: φ[axle][term.groups] for axle in "fr"}
+        change = {name: moved[term.quantity][k] for name, k in row.items()} if term.quantity in moved else {}
+        acting = _acting(term, own, change, of, p) / pushes.sizes[:, None]
+        for q in range(len(PUSHES)):
+            at = pushes.kind[command] == q
+            found[n, at] = np.interp(pushes.centres[command][at], trial.t, acting[q])
+    return found * SPACING / (WIDTH * np.sqrt(2 * np.pi))  # neighbouring pushes overlap
+
+
+def _phi(groups: tuple[str, ...], of: Sequence[Array], p: ModelParameters) -> Array:
+    """Return (N,) φ along a run, without the part near standstill."""
+    λ, z, v, x, θ, T, ω = (ca.DM(values) for values in of[:7])
+    moving = smoothstep(ca.fabs(ω * p.wheels.radius) / (2 * V_FLOOR))
+    return np.asarray(moving * phi(groups, Motion(λ, z, v, x, θ, T), p)).ravel()
+
+
+def _acting(
+    term: Term, φ: Mapping[str, Array], change: Mapping[str, Array], of: Mapping[str, Sequence[Array]],
+    p: ModelParameters,
+) -> Array:
+    """Return the (5, N) force, lift, moment and torques against the wheels that a term of unit size is.
+
+    Args:
+        term: the term.
+        φ: per axle (N,).
+        change: output to its (N,) change by the factor, for a term that is a factor of the soil.
+        of: per axle the outputs `OF_AXLE`.
+        p: of the run.
+    """
+    size = φ["f"].size
+    acting = dict.fromkeys(PUSHES, np.zeros(size))
+    mean, weight = (φ["f"] + φ["r"]) / 2, p.chassis.total_mass * GRAVITY
+    arm = weight * p.wheels.radius
+    if term.quantity in ("force", "lift"):
+        acting[term.quantity] = weight * mean
+    elif term.quantity == "moment":
+        acting["moment"] = arm * mean
+    elif term.quantity in ("torque_f", "torque_r"):
+        acting[term.quantity] = arm / 4 * φ[term.quantity[-1]]
+    elif term.quantity == "drive":
+        for axle in "fr":
+            acting[f"torque_{axle}"] = -of[axle][OF_AXLE.index("torque_{}_Nm")] * φ[axle]
+    else:
+        for axle, side in (("f", 1), ("r", -1)):
+            x, z, M = (change[f"{n}_{axle}_{u}"] * φ[axle] for n, u in
+                       (("force_x", "N"), ("force_z", "N"), ("moment", "Nm")))  # fmt: skip
+            lever = side * p.chassis.wheel_base / 2 - p.chassis.com_x
+            acting["force"] = acting["force"] + 2 * x
+            acting["lift"] = acting["lift"] + 2 * z
+            acting["moment"] = acting["moment"] - 2 * x * p.chassis.com_z - 2 * z * lever  # (22)
+            acting[f"torque_{axle}"] = -M
+    return np.stack([acting[name] for name in PUSHES])
+
+
+class Screened:
+    """All terms about one fit, as columns of the normal equations of each trial.
+
+    Args:
+        problem: the trials.
+        pushes: about the fit.
+        terms: of the dictionary.
+    """
+
+    def __init__(self, problem: Problem, pushes: Pushes, terms: Sequence[Term]) -> None:
+        self.problem, self.fit, self.terms = problem, pushes.fit, tuple(terms)
+        fit = self.fit
+        self.normal = problem.normal(
+            fit.point, fit.slopes, fit.residuals, apart=True, further=pushes.further
+        )
+        acting = [forces(problem, pushes, c, terms) for c in range(len(problem.commands))]
+        self._acting = [acting[c] for c, own in enumerate(problem.commands) for _ in own]
+        self._known: dict[tuple[int, float], tuple[Array, float]] = {}
+
+    def part(self, number: int, share: float) -> tuple[Array, float]:
+        """Return the matrix of one trial: its parameters, the terms, the residual; and a log determinant."""
+        key = number, share
+        if key not in self._known:
+            place = self.normal.parts[number].place
+            M, logdet = self.normal.marginal(tolerated(self.fit.scales, share), [number])
+            M = M[np.ix_(place, place)]
+            n, K = len(self.terms), self._acting[number].shape[1]
+            first = place.size - 1 - K
+            X = np.zeros((place.size, first + n + 1))
+            X[:first, :first] = np.eye(first)
+            X[first:-1, first:-1] = self._acting[number].T
+            X[-1, -1] = 1.0
+            self._known[key] = X.T @ M @ X, logdet
+        return self._known[key]
+
+    def beside(self, chosen: Sequence[int]) -> Chosen:
+        """Return the equations with some terms in the model."""
+        return Chosen(self, chosen)
+
+    def gains(self, chosen: Sequence[int], share: float) -> Array:
+        """Return the (terms,) log Bayes factors of one more term, the odds of each included.
+
+        Args:
+            chosen: places of the terms that are in the model; they gain nothing.
+            share: discrepancy that is taken for granted.
+        """
+        own = self.beside(range(len(self.terms)))
+        M, logdet = own.marginal(share, range(len(self.normal.parts)))
+        n = len(self.terms)
+        widths = np.array([width_of(t.parameters[0]) for t in self.terms])
+        p = own.precision.size - n
+        rest = posterior(M, logdet, own.precision[:p], own.pull[:p]).rest
+        scaled = rest * np.outer(np.append(widths, 1.0), np.append(widths, 1.0))
+        if chosen:
+            at = list(chosen)
+            inner = np.eye(len(at)) + scaled[np.ix_(at, at)]
+            scaled = scaled - scaled[:, at] @ np.linalg.solve(inner, scaled[at, :])
+        power, pull = np.fmax(np.diag(scaled)[:n], 0.0), scaled[:n, -1]
+        found = 0.5 * (pull**2 / (1 + power) - np.log1p(power)) + np.log(EFFECT_ODDS / n)
+        found[list(chosen)] = -np.inf
+        return np.asarray(found)
+
+    def sizes(self, chosen: Sequence[int], share: float) -> Array:
+        """Return the likeliest coefficients of some terms."""
+        own = self.beside(chosen)
+        M, logdet = own.marginal(share, range(len(self.normal.parts)))
+        found = posterior(M, logdet, own.precision, own.pull).step
+        return found[found.size - len(chosen) :]
+
+
+class Chosen(Equations):
+    """The normal equations with some terms in the model; see `Equations`."""
+
+    def __init__(self, screened: Screened, chosen: Sequence[int]) -> None:
+        self.fit, self.normal, self.screened = screened.fit, screened.normal, screened
+        self.chosen = np.array(chosen, dtype=int)
+        std, mean = screened.problem.prior(self.fit.point, self.fit.scales)
+        widths = [width_of(screened.terms[k].parameters[0]) for k in chosen]
+        self.precision = np.append(std, widths) ** -2.0
+        self.pull = np.append(mean - self.fit.point.vector, np.zeros(len(widths)))
+
+    def marginal(self, share: float, only: Sequence[int]) -> tuple[Array, float]:
+        """Return the matrix of some trials under a discrepancy of some share, and its log determinant."""
+        size = self.precision.size + 1
+        M, total = np.zeros((size, size)), 0.0
+        p = self.normal.parameters
+        for number in only:
+            own, logdet = self.screened.part(number, share)
+            place = self.normal.parts[number].place
+            place = place[place < p]
+            here = np.concatenate([np.arange(place.size), place.size + self.chosen, [own.shape[0] - 1]])
+            there = np.concatenate([place, np.arange(p, size)])
+            M[np.ix_(there, there)] += own[np.ix_(here, here)]
+            total += logdet
+        return M, total
