@@ -168,5 +168,5 @@ def save_model_of(finding: Finding, options: Options, trials: Sequence[Trial], f
 
 
 def _std_of(effect: str, name: str, known: Mapping[tuple[str, str], float]) -> float:
-    """Return the std of a number of an effect; a term of the empirical law stands for itself."""
-    return known.get((effect, name), known.get((f"{effect}.{name}", name), math.nan))
+    """Return the std of a number of an effect."""
+    return known.get((effect, name), math.nan)

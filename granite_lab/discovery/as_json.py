@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from granite_lab.discovery.finding import Confusion, Finding, FoundEffect, Gap
+from granite_lab.discovery.finding import Ceiling, Confusion, Finding, FoundEffect, Gap
 from granite_lab.fitting.fit import View
 from granite_lab.shown import jsonable, picked
 
@@ -17,7 +17,7 @@ SCHEMA = "granite-lab/discovery/3"
 def finding_as_json(finding: Finding, model: Path | str | None = None) -> dict[str, Any]:
     """Return the finding as the document of ``discover --json``; NaN becomes None.
 
-    What is not computed is None: the ``ceiling`` of what any force could close.
+    The ``ceiling`` of what any force could close is None where nothing remains to be closed.
 
     Args:
         finding: the record.
@@ -31,7 +31,7 @@ def finding_as_json(finding: Finding, model: Path | str | None = None) -> dict[s
         "description": {"terms": [_effect(e) for e in finding.description]},
         "small": [_effect(e) for e in finding.small],
         **picked(finding, "closed"),
-        "ceiling": None,
+        "ceiling": None if finding.ceiling is None else _ceiling(finding.ceiling, places),
         **picked(finding, "remainder", "strained"),
         "a_theta": {v.by: _view(v) for v in finding.a_theta} or None,
         **picked(finding, "tolerance"),
@@ -53,6 +53,13 @@ def finding_as_json(finding: Finding, model: Path | str | None = None) -> dict[s
     }
     found: dict[str, Any] = jsonable(document)
     return found
+
+
+def _ceiling(ceiling: Ceiling, names: dict[str, str]) -> dict[str, Any]:
+    """Return what any force could close, of the whole gap, and where forces are certain."""
+    return picked(ceiling, "value", "left", "parts", "channels") | {
+        "where": [_renamed(push, names) for push in ceiling.where]
+    }
 
 
 def _view(view: View) -> dict[str, Any]:

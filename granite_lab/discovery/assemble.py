@@ -9,6 +9,7 @@ import numpy as np
 from granite_lab.discovery.attempts import Attempts
 from granite_lab.discovery.finding import (
     Candidate,
+    Ceiling,
     Confusion,
     Detectable,
     Finding,
@@ -19,7 +20,7 @@ from granite_lab.discovery.finding import (
     Residual,
     Status,
 )
-from granite_lab.discovery.search import Model, Search, is_empirical
+from granite_lab.discovery.search import Model, Search
 from granite_lab.discovery.verdict import AT_BOUND, OPEN, Judgement, Named, holding
 from granite_lab.discovery.where import disagreements
 from granite_lab.discovery.words import notes, provisional, sentence
@@ -32,8 +33,8 @@ from granite_lab.inference.observation import CHANNELS, UNITS
 from granite_lab.inference.point import SHARED
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
+from granite_lab.model.dictionary import is_term
 from granite_lab.model.effect import Active, Effect
-from granite_lab.model.empirical import TARGETS, TERMS
 from granite_lab.parameters import load_paper
 
 
@@ -42,6 +43,7 @@ def assemble(
     problem: Problem,
     search: Search,
     judgement: Judgement,
+    limit: Ceiling | None,
     power: tuple[tuple[Detectable, ...], Confusion] | None,
     effects: Mapping[str, Effect],
     tolerance: float,
@@ -56,6 +58,7 @@ def assemble(
     Args:
         problem: the trials.
         search, judgement: of them.
+        limit: what any force could close; None where nothing remains.
         power: what these trials could show; None where that failed.
         effects: all effects by id.
         tolerance: as a share of a channel's rms.
@@ -97,6 +100,7 @@ def assemble(
         description=described,
         small=tuple(_small(problem, search, n, effects) for n in judgement.small),
         closed={"trials": judgement.closed, "speeds": judgement.speeds},
+        ceiling=limit,
         strained=_strained(problem, judgement),
         remainder=judgement.remainder,
         tolerance=tolerance,
@@ -166,28 +170,17 @@ def _clock_detectable(late: Estimate, limit: float, effects: Mapping[str, Effect
 
 
 def _effect(problem: Problem, model: Model, named: Named, effects: Mapping[str, Effect]) -> FoundEffect:
-    own = effects.get(named.id)
-    title, formula = (own.title, own.equation) if own else _term(named.id)
+    own = problem.bench.world.effects.get(named.id) or effects[named.id]
     numbers = _numbers(problem, model.fit, named.id) if named.id in model.effects else ()
     return FoundEffect(
-        named.id, title, formula, numbers, named.twins, named.probability, named.closes, named.speeds,
-        is_empirical(named.id),
+        named.id, own.title, own.equation, numbers, named.twins, named.probability, named.closes,
+        named.speeds, is_term(named.id),
     )  # fmt: skip
 
 
 def _small(problem: Problem, search: Search, named: Named, effects: Mapping[str, Effect]) -> FoundEffect:
     model = next(m for m in search.models if named.id in m.effects)
     return _effect(problem, model, named, effects)
-
-
-def _term(id_: str) -> tuple[str, str]:
-    """Return words and formula of a term of the empirical law."""
-    name = id_.partition(".")[2]
-    target, of = next((t, o) for t, o in TARGETS.items() if name.startswith(f"{t}_"))
-    term = name.removeprefix(f"{target}_")
-    product = " · ".join(part for part in (name, TERMS[term].formula) if part)
-    title = f"empirical law: {target.replace('_', '-')} by {term.replace('_', ' ')}"
-    return title, f"{of.words} [{of.unit}] = {product}"
 
 
 def _strained(problem: Problem, judgement: Judgement) -> tuple[str, ...]:
@@ -245,7 +238,7 @@ def _typical(problem: Problem, fit: Fit) -> Array:
     square = np.asarray(np.mean(np.square(rows), axis=0))
     place = {(id_, p.name): k for k, (id_, p) in enumerate(private)}
     for id_ in fit.point.effects:
-        for pair in problem.bench.world.effects[id_.partition(".")[0]].circles:
+        for pair in problem.bench.world.effects[id_].circles:
             c, s = (place[id_, name] for name in pair)
             typical[c], typical[s] = min(float(np.sqrt(square[c] + square[s])), private[c][1].high), 0.0
     return typical

@@ -83,9 +83,7 @@ class _Solver:
         kind: (K,) quantity of each push.
     """
 
-    def __init__(
-        self, problem: Problem, fit: Fit, normal: Normal, tolerance: float, kind: Places
-    ) -> None:
+    def __init__(self, problem: Problem, fit: Fit, normal: Normal, tolerance: float, kind: Places) -> None:
         self.kind = kind
         scales = tolerated(fit.scales, tolerance)
         self.M, self.logdet = normal.marginal(scales)

@@ -15,12 +15,12 @@ from granite_lab.discovery.heldout import Equations
 from granite_lab.discovery.pushes import Pushes
 from granite_lab.inference.constants import EFFECT_ODDS
 from granite_lab.inference.gap import tolerated
-from granite_lab.inference.normal import Normal, posterior
+from granite_lab.inference.normal import posterior
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import V_FLOOR, smoothstep
-from granite_lab.model.dictionary import GROUPS, QUANTITIES, Motion, Term, dictionary, phi
+from granite_lab.model.dictionary import QUANTITIES, Motion, Term, phi
 from granite_lab.model.effect import activate
 from granite_lab.model.latent import PUSHES, SPACING, WIDTH
 from granite_lab.model.simulator import along
@@ -40,13 +40,19 @@ OF_AXLE = (
 def forces(problem: Problem, pushes: Pushes, command: int, terms: Sequence[Term]) -> Array:
     """Return the (terms, K) amplitudes of the pushes of a command that act as each term of unit size does.
 
+    Args:
+        problem: the trials.
+        pushes: about a fit.
+        command: its number.
+        terms: of the dictionary, those without a group among them.
+
     Raises:
         EstimateError: the run has no solution.
     """
     world = problem.bench.world
     task = problem.centre(pushes.fit.point, command)
     p, effects = world.parameters(task), world.active(task)
-    factors = [t for t in dictionary().values() if QUANTITIES[t.quantity].factor and not t.groups]
+    factors = [t for t in terms if QUANTITIES[t.quantity].factor and not t.groups]
     sizes = [np.zeros(len(factors)), *(SMALL * np.eye(len(factors)))]
     others = [[activate(t, {"a": float(a)}) for t, a in zip(factors, row, strict=True)] for row in sizes]
     names = tuple(dict.fromkeys(name.format(axle) for axle in "fr" for name in OF_AXLE))
@@ -55,7 +61,8 @@ def forces(problem: Problem, pushes: Pushes, command: int, terms: Sequence[Term]
     moved = {t.quantity: (after - plain) / SMALL for t, after in zip(factors, changed, strict=True)}
     trial = problem.trials[problem.commands[command][0]]
     of = {axle: [plain[row[name.format(axle)]] for name in OF_AXLE] for axle in "fr"}
-    φ = {axle: {t.groups: _phi(t.groups, of[axle], p) for t in terms} for axle in "fr"}
+    groups = {t.groups for t in terms}
+    φ = {axle: {g: _phi(g, of[axle], p) for g in groups} for axle in "fr"}
     found = np.zeros((len(terms), pushes.kind[command].size))
     for n, term in enumerate(terms):
         own = {axle: φ[axle][term.groups] for axle in "fr"}
@@ -64,7 +71,8 @@ def forces(problem: Problem, pushes: Pushes, command: int, terms: Sequence[Term]
         for q in range(len(PUSHES)):
             at = pushes.kind[command] == q
             found[n, at] = np.interp(pushes.centres[command][at], trial.t, acting[q])
-    return found * SPACING / (WIDTH * np.sqrt(2 * np.pi))  # neighbouring pushes overlap
+    overlap = WIDTH * np.sqrt(2 * np.pi) / SPACING
+    return np.asarray(found / overlap)  # neighbouring pushes overlap
 
 
 def _phi(groups: tuple[str, ...], of: Sequence[Array], p: ModelParameters) -> Array:
@@ -75,7 +83,10 @@ def _phi(groups: tuple[str, ...], of: Sequence[Array], p: ModelParameters) -> Ar
 
 
 def _acting(
-    term: Term, φ: Mapping[str, Array], change: Mapping[str, Array], of: Mapping[str, Sequence[Array]],
+    term: Term,
+    φ: Mapping[str, Array],
+    change: Mapping[str, Array],
+    of: Mapping[str, Sequence[Array]],
     p: ModelParameters,
 ) -> Array:
     """Return the (5, N) force, lift, moment and torques against the wheels that a term of unit size is.
@@ -124,9 +135,7 @@ class Screened:
     def __init__(self, problem: Problem, pushes: Pushes, terms: Sequence[Term]) -> None:
         self.problem, self.fit, self.terms = problem, pushes.fit, tuple(terms)
         fit = self.fit
-        self.normal = problem.normal(
-            fit.point, fit.slopes, fit.residuals, apart=True, further=pushes.further
-        )
+        self.normal = problem.normal(fit.point, fit.slopes, fit.residuals, apart=True, further=pushes.further)
         acting = [forces(problem, pushes, c, terms) for c in range(len(problem.commands))]
         self._acting = [acting[c] for c, own in enumerate(problem.commands) for _ in own]
         self._known: dict[tuple[int, float], tuple[Array, float]] = {}

@@ -3,38 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 
 from granite_lab.discovery.describing import Screened
-from granite_lab.discovery.heldout import Equations, Predicted, closed, predict, predicts_better, transferred
+from granite_lab.discovery.heldout import Equations, Predicted, predict, predicts_better, transferred
 from granite_lab.discovery.pushes import Pushes
 from granite_lab.errors import EstimateError
-from granite_lab.estimate import Estimate
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.problem import Problem
-from granite_lab.model.dictionary import dictionary, is_term
+from granite_lab.model.dictionary import Term, dictionary, is_term
 
 MOST = 8
 """Effects and terms in a model at most: with more a sum follows any curve at the speeds that were driven."""
 
 TRIED = 3
 """Terms of a screen whose prediction of speeds left out is compared: their gains are first-order."""
-
-
-@dataclass(frozen=True)
-class Described:
-    """One term of a description.
-
-    Attributes:
-        id: of the term.
-        closes, speeds: share of the whole gap that it closes on trials and on speeds left out.
-    """
-
-    id: str
-    closes: Estimate
-    speeds: Estimate
 
 
 def described(problem: Problem, pushes: Pushes, tolerance: float) -> Fit | None:
@@ -51,7 +35,7 @@ def described(problem: Problem, pushes: Pushes, tolerance: float) -> Fit | None:
     """
     before = pushes.fit
     try:
-        screened = Screened(problem, pushes, list(dictionary().values()))
+        screened = Screened(problem, pushes, [t for t in dictionary().values() if isinstance(t, Term)])
         chosen = _chosen(problem, screened, tolerance, MOST - len(before.point.effects))
     except (EstimateError, np.linalg.LinAlgError):
         return None
@@ -64,24 +48,37 @@ def described(problem: Problem, pushes: Pushes, tolerance: float) -> Fit | None:
             found = fit(problem, point, before.scales)
         except EstimateError:
             return None
-        with_all = predict(problem, found, tolerance)
-        lost = [
-            id_
-            for id_ in filter(is_term, found.point.effects)
-            if not predicts_better(problem, lacking(problem, found, id_, tolerance), with_all)
-        ]
+        stay = _staying(problem, found, tolerance)
+        lost = [id_ for id_ in found.point.effects if is_term(id_) and id_ not in stay]
         if not lost:
-            return found if predicts_better(problem, predict(problem, before, tolerance), with_all) else None
+            after = predict(problem, found, tolerance)
+            return found if predicts_better(problem, predict(problem, before, tolerance), after) else None
         point = found.point
         for id_ in lost:
             point = problem.without_effect(point, id_)
     return None
 
 
-def lacking(problem: Problem, found: Fit, id_: str, tolerance: float) -> Predicted:
-    """Return the prediction without one effect, everything else refitted; linear about the fit."""
+def _staying(problem: Problem, found: Fit, tolerance: float) -> list[str]:
+    """Return the terms that predict what was left out beside the others; the least useful goes first."""
+    stay = list(filter(is_term, found.point.effects))
+    gone: list[str] = []
+    while stay:
+        now = lacking(problem, found, gone, tolerance)
+        without = {id_: lacking(problem, found, [*gone, id_], tolerance) for id_ in stay}
+        lost = [id_ for id_ in stay if not predicts_better(problem, without[id_], now)]
+        if not lost:
+            break
+        least = min(lost, key=lambda id_: float(np.nansum(transferred(problem, without[id_]))))
+        stay.remove(least)
+        gone.append(least)
+    return stay
+
+
+def lacking(problem: Problem, found: Fit, ids: Sequence[str], tolerance: float) -> Predicted:
+    """Return the prediction without some effects, everything else refitted; linear about the fit."""
     names = problem.parameters(found.point.effects, per_trial=False)
-    pinned = [k for k, (e, _) in enumerate(names) if e == id_]
+    pinned = [k for k, (e, _) in enumerate(names) if e in ids]
     return predict(problem, found, tolerance, Equations(problem, found, pinned))
 
 
@@ -92,9 +89,7 @@ def _chosen(problem: Problem, screened: Screened, tolerance: float, most: int) -
     while len(chosen) < most:
         gains = screened.gains(chosen, tolerance)
         order = [int(k) for k in np.argsort(-gains)[:TRIED] if gains[k] > 0]
-        after = {
-            k: predict(problem, screened.fit, tolerance, screened.beside([*chosen, k])) for k in order
-        }
+        after = {k: predict(problem, screened.fit, tolerance, screened.beside([*chosen, k])) for k in order}
         better = [k for k in order if predicts_better(problem, now, after[k])]
         if not better:
             break

@@ -11,9 +11,10 @@ import numpy as np
 from granite_lab.discovery.assemble import assemble
 from granite_lab.discovery.attempts import Attempts
 from granite_lab.discovery.candidates import screen
-from granite_lab.discovery.finding import Confusion, Detectable, Finding
+from granite_lab.discovery.finding import Ceiling, Confusion, Detectable, Finding
 from granite_lab.discovery.orders import lugs
 from granite_lab.discovery.power import detectable
+from granite_lab.discovery.remainder import remainder
 from granite_lab.discovery.search import MOST, Search, search
 from granite_lab.discovery.verdict import Judgement, by_posterior, judge
 from granite_lab.errors import EstimateError
@@ -28,8 +29,9 @@ from granite_lab.inference.problem import Problem
 from granite_lab.inference.setup import at_first, baseline, nominal, trial_models
 from granite_lab.inference.stated import sand_std
 from granite_lab.logs.trial import Trial
+from granite_lab.model.dictionary import dictionary
 from granite_lab.model.effect import Effect
-from granite_lab.model.empirical import EmpiricalLaw
+from granite_lab.model.latent import LatentForce
 from granite_lab.parameters import Course, Robot, Soil, Variant, is_driven
 from granite_lab.processes import Progress, one_thread
 
@@ -76,9 +78,8 @@ def discover(
     candidates = dict(sorted((id_, e) for id_, e in effects.items() if id_ != LATENCY_EFFECT))
     left_out, said = _not_asked([m.variant for m in motions], candidates)
     candidates = {id_: e for id_, e in candidates.items() if id_ not in left_out}
-    law = EmpiricalLaw()
     library = tuple(candidates)
-    terms = tuple(f"{law.id}.{p.name}" for p in law.parameters)
+    simulated = candidates | dictionary() | {LatentForce.id: LatentForce()}
 
     stage = ("", 0)
 
@@ -92,7 +93,7 @@ def discover(
         progress(f"{text} ({bench.runs} simulations)", step, STEPS)
 
     every = [trial_models(own, robot, seen) for own, seen in readings]
-    plain = World(robot, soil, every[0][1], {**candidates, law.id: law})
+    plain = World(robot, soil, every[0][1], simulated)
     worlds = [under_conditions(plain, own, m) for (own, _), (m, _) in zip(readings, every, strict=True)]
     with one_thread(), ExitStack() as stack:
         bench = stack.enter_context(Bench(worlds[0], jobs, tick, respond))
@@ -116,26 +117,31 @@ def discover(
             runs = bench.runs
             bench = stack.enter_context(Bench(world, jobs, tick, respond))
             bench.runs, problem.bench = runs, bench
-        found = search(
-            problem, base, (*library, *terms), tolerance, lambda text, named: tell(text, 1 + named)
-        )
+        found = search(problem, base, library, tolerance, lambda text, named: tell(text, 1 + named))
         parts = Attempts()
         tell("predicting trials that are left out", STEPS - 2)
-        judgement = parts.of(
+        judged = parts.of(
             "predictions of trials that are left out",
             lambda: judge(problem, found, tolerance),
             by_posterior(problem, found),
         )
+        nothing: tuple[Judgement, Ceiling | None] = (judged, None)
+        judgement, limit = parts.of(
+            "what the library leaves",
+            lambda: remainder(problem, found, judged, tolerance, lambda text: tell(text, STEPS - 2)),
+            nothing,
+        )
         tell("checking what these trials could show", STEPS - 1)
         power = parts.of(
             "what these trials could show",
-            lambda: _power(problem, found, judgement, library, tolerance),
+            lambda: _power(problem, found, judged, library, tolerance),
             None,
         )
         finding = assemble(
             problem=problem,
             search=found,
             judgement=judgement,
+            limit=limit,
             power=power,
             effects=effects,
             tolerance=tolerance,

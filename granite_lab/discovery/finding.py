@@ -54,7 +54,7 @@ class FoundEffect:
         probability: posterior probability that it, or one of its twins, is in the model.
         closes, speeds: share of the gap that it closes on trials and on speeds that were left out, with its
             standard error.
-        empirical: not a physical effect but a term of an empirical law.
+        empirical: no physical effect but a term of the dictionary, which only describes.
     """
 
     id: str
@@ -274,9 +274,10 @@ class Finding(Shown):
         provisional: why the verdict is provisional; empty where it is not.
         effects: what was named.
         description: what the likeliest model holds besides, effects that are not sure and terms of the
-            empirical law: no cause, but trials left out are predicted better.
+            dictionary: no cause, but what was left out is predicted better.
         small: effects that the trials may show and that do not matter, likeliest first.
         closed: share of the gap that is closed on "trials" and on "speeds" that were left out.
+        ceiling: what any force could close beside the likeliest model; None where nothing remains.
         strained: numbers that ended at a bound, or two standard deviations off their file or range.
         remainder: share of the gap that is left on trials that were left out; NaN without a gap.
         tolerance: discrepancy that does not matter, as a share of a channel's rms.
@@ -316,6 +317,7 @@ class Finding(Shown):
     description: tuple[FoundEffect, ...]
     small: tuple[FoundEffect, ...]
     closed: Mapping[str, Estimate]
+    ceiling: Ceiling | None
     strained: tuple[str, ...]
     remainder: float
     tolerance: float
@@ -349,12 +351,6 @@ class Finding(Shown):
     simulates: tuple[float, ...] = ()
 
     @property
-    def tried(self) -> tuple[Candidate, ...]:
-        """The candidates, likeliest first, without terms of the empirical law that were never fitted."""
-        law = "empirical."
-        return tuple(c for c in self.candidates if not c.id.startswith(law) or c.status != "screened")
-
-    @property
     def terms(self) -> tuple[FoundEffect, ...]:
         """All that the likeliest model holds and that matters, named or not."""
         return (*self.effects, *self.description)
@@ -380,7 +376,7 @@ class Finding(Shown):
         found = ", ".join(effect.id for effect in self.effects)
         return (
             f"Finding('{self.verdict}'{', virtual' if self.virtual else ''}: {found or 'no effect'}, "
-            f"probability {self.probability:.3g}, {len(self.tried)} candidates)"
+            f"probability {self.probability:.3g}, {len(self.candidates)} candidates)"
         )
 
     def to_frame(self) -> pd.DataFrame:

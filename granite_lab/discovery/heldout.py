@@ -70,9 +70,7 @@ PINNED = 1e-4
 """Std of a number that is not to move, over that of its prior."""
 
 
-def predict(
-    problem: Problem, fit: Fit, tolerance: float, equations: Equations | None = None
-) -> Predicted:
+def predict(problem: Problem, fit: Fit, tolerance: float, equations: Equations | None = None) -> Predicted:
     """Leave out one trial after the other, then one command after the other.
 
     Args:

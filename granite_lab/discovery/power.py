@@ -9,7 +9,6 @@ import numpy as np
 
 from granite_lab.discovery.candidates import Probe, Screen, others_of
 from granite_lab.discovery.finding import Confusion, Detectable
-from granite_lab.discovery.search import is_empirical
 from granite_lab.inference.constants import CREDIBLE, SAME, WORTH
 from granite_lab.inference.fit import Fit, learnt_priors
 from granite_lab.inference.normal import posterior
@@ -52,7 +51,6 @@ def detectable(
             tolerance / shares[k] if shares[k] > 0 else np.inf,
         )
         for k, p in enumerate(screened.probes)
-        if not is_empirical(p.candidate)
     }
     probes = _nearest(screened.probes, limits)
     for k, probe in probes:

@@ -64,7 +64,7 @@ def pushed(problem: Problem, fit: Fit) -> Pushes | None:
     is the response to it.
     """
     sizes = sizes_of(problem.bench.world.robot)
-    phases = SPACING * np.arange(round(PERIOD / SPACING))
+    phases: Array = SPACING * np.arange(round(PERIOD / SPACING), dtype=float)
     tasks: list[Task] = []
     for command, _ in enumerate(problem.variants):
         centre = problem.centre(fit.point, command)
@@ -80,14 +80,14 @@ def pushed(problem: Problem, fit: Fit) -> Pushes | None:
     if len(found) < len(runs):
         return None
     each = 1 + len(PUSHES) * phases.size
-    parts = [_apart(problem, c, found[c * each : (c + 1) * each], phases) for c in range(len(problem.variants))]
+    parts = [
+        _apart(problem, c, found[c * each : (c + 1) * each], phases) for c in range(len(problem.variants))
+    ]
     changes, kind, centres = zip(*parts, strict=True)
     return Pushes(fit, changes, kind, centres, sizes)
 
 
-def _apart(
-    problem: Problem, command: int, runs: list[Array], phases: Array
-) -> tuple[Array, Places, Array]:
+def _apart(problem: Problem, command: int, runs: list[Array], phases: Array) -> tuple[Array, Places, Array]:
     """Return the responses of one command to single pushes, what each pushes, and when."""
     trial = problem.trials[problem.commands[command][0]]
     t, end = trial.t, duration(trial.observation.variant)

@@ -17,13 +17,9 @@ from granite_lab.inference.gap import moved, shares, tolerated
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
-from granite_lab.model.empirical import EmpiricalLaw
 
 MOST = 6
 """Effects in a set at most."""
-
-MOST_TERMS = 2
-"""Terms of the empirical law among them: with more it follows any curve at the speeds that were driven."""
 
 TRIED, TRIED_HELD = 3, 2
 """Candidates of a screen that are fitted in full: with the discrepancy as learnt, and as tolerated."""
@@ -37,7 +33,7 @@ class Model:
     """A set of effects with its fit.
 
     Attributes:
-        effects: ids, sorted; terms of the empirical law are ``empirical.term``.
+        effects: ids, sorted.
         fit: the best that was found.
         log_posterior: evidence and the prior of the set.
     """
@@ -45,11 +41,6 @@ class Model:
     effects: tuple[str, ...]
     fit: Fit
     log_posterior: float
-
-    @property
-    def empirical(self) -> bool:
-        """Whether a term of the empirical law is in it."""
-        return any(is_empirical(e) for e in self.effects)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,11 +97,6 @@ class Search:
         return float(weights[[wanted(m) for m in self.models]].sum() / weights.sum())
 
 
-def is_empirical(id_: str) -> bool:
-    """Tell a term of the empirical law from an effect."""
-    return id_.partition(".")[0] == EmpiricalLaw.id
-
-
 def search(
     problem: Problem,
     base: Fit,
@@ -120,17 +106,16 @@ def search(
 ) -> Search:
     """Extend the model effect by effect, then exchange each effect of the best set for its rivals.
 
-    Candidates are screened under the discrepancy as learnt and under one of the tolerated size. Beside
-    effects that leave no discrepancy the empirical law is not looked for.
+    Candidates are screened under the discrepancy as learnt and under one of the tolerated size.
 
     Args:
         problem: the trials, with the noise.
         base: the fit without effects.
-        candidates: ids, terms of the empirical law among them.
+        candidates: ids.
         tolerance: discrepancy that does not matter, as a share of a channel's rms.
         tell: told what is being done, and beside how many effects; `MOST` where they are exchanged.
     """
-    steps = _Steps(problem, candidates, tolerance, tell, {(): _model((), base, candidates)})
+    steps = _Steps(problem, candidates, tolerance, tell, {(): _model((), base)})
     current = steps.models[()]
     path: list[tuple[Model, Model, list[Score]]] = []
     while len(current.effects) < MOST:
@@ -173,7 +158,7 @@ class _Steps:
         """
         self.named = len(model.effects)
         fine = self.settled(model)
-        leaders = self.leaders(model, fine)
+        leaders = self.leaders(model)
         if len(leaders) > 1 and not self.is_open(model):
             return model, []
         tried: list[_Promise] = []
@@ -188,14 +173,11 @@ class _Steps:
                 return best, [p.score for p in tried]
         return model, [p.score for p in tried]
 
-    def leaders(self, model: Model, fine: bool) -> list[_Promise]:
+    def leaders(self, model: Model) -> list[_Promise]:
         """Return the candidates to be fitted beside a model, those of the scales as learnt first."""
         if model.effects not in self.looks:
             self.tell(f"screening candidates beside {_words(model.effects)}", self.named)
-            closed = bool(model.effects) and fine
             others = [c for c in self.candidates if c not in model.effects]
-            closed |= sum(map(is_empirical, model.effects)) >= MOST_TERMS
-            others = [c for c in others if not (closed and is_empirical(c))]
             sizes = FEW if model.effects else ALL
             origins = [model.fit] if model.effects else _origins(self.problem, model.fit)
             blind = model.fit.scales.largest > self.tolerance or model.fit.scales.loud
@@ -209,7 +191,7 @@ class _Steps:
         looks = self.looks[model.effects]
         found = _leaders([k for k in looks if not k.tolerated], TRIED)
         if held := [k for k in looks if k.tolerated]:
-            found += [p for p in _leaders(held, TRIED_HELD) if not is_empirical(p.score.candidate)]
+            found += _leaders(held, TRIED_HELD)
         return list({p.score.candidate: p for p in reversed(found)}.values())[::-1]
 
     def fit(self, model: Model, group: Sequence[_Promise]) -> None:
@@ -224,7 +206,7 @@ class _Steps:
             sets = dict.fromkeys(_words(_set(start)) for start, _ in new)
             self.tell(f"fitting {', '.join(sets)}", self.named)
         fits = fit_sets(self.problem, new, {k: m.fit for k, m in self.models.items()})
-        self.models.update({k: _model(k, f, self.candidates) for k, f in fits.items()})
+        self.models.update({k: _model(k, f) for k, f in fits.items()})
 
     def best_of(self, model: Model, tried: Sequence[_Promise]) -> Model:
         """Return the likeliest set with one of the tried whose new effect stays; the set itself if none."""
@@ -274,7 +256,6 @@ class _Steps:
         """
         self.named = MOST
         points: list[Point] = []
-        closed = len(path) > 1 and self.settled(best)
         for before, after, tried in path[:-1]:  # those of the last stood beside the same effects
             (id_,) = set(after.effects) - set(before.effects)
             without = self.problem.without_effect(best.fit.point, id_)
@@ -282,7 +263,7 @@ class _Steps:
             least = before.log_posterior + LEFT * (after.log_posterior - before.log_posterior)
             for score in (s for s in tried if s.candidate not in best.effects):
                 own = self.models.get(tuple(sorted((*before.effects, score.candidate))))
-                if own and own.log_posterior > least and not (closed and is_empirical(score.candidate)):
+                if own and own.log_posterior > least:
                     points.append(_with(self.problem, without, score))
         self.fitted([(point, best.fit) for point in points])
         for key in map(_set, points):
@@ -414,8 +395,7 @@ class _Promise:
     """What a candidate would bring at most over some screens: its gain, its score there, and where to start.
 
     A gain is linear about its screen's origin and does not tell from where a fit ends best: from sand that
-    stands in for what is missing it may end a thousand units of log evidence lower. A term of the empirical
-    law starts where it promises most: it only shows that no effect of the library will do.
+    stands in for what is missing it may end a thousand units of log evidence lower.
     """
 
     gain: float
@@ -434,45 +414,37 @@ def _promises(looks: Sequence[Look]) -> dict[str, _Promise]:
     for id_, own in every.items():
         gains = [origin.posterior.evidence + score.gain - first for origin, score in own]
         best = int(np.argmax(gains))
-        starts = own[best : best + 1] if is_empirical(id_) else own
-        found[id_] = _Promise(gains[best], own[best][1], tuple(starts))
+        found[id_] = _Promise(gains[best], own[best][1], tuple(own))
     return found
 
 
 def _promising(promises: Mapping[str, _Promise], most: int) -> list[_Promise]:
     """Return what is promised by the candidates to be fitted.
 
-    They are the `most` best effects of the library, and the best term of the empirical law if it promises
-    more than these. A rival must promise `LEFT` of what the best one does: the screen is linear, and full
-    fits have changed the order of candidates by factors of up to two.
+    They are the `most` best. A rival must promise `LEFT` of what the best one does: the screen is linear,
+    and full fits have changed the order of candidates by factors of up to two.
     """
     least = max(WORTH, LEFT * max((p.gain for p in promises.values()), default=0.0))
     ranked = sorted((p for p in promises.values() if p.gain > least), key=lambda p: -p.gain)
-    library = [p for p in ranked if not is_empirical(p.score.candidate)][:most]
-    law = [] if ranked[:1] == library[:1] else ranked[:1]
-    return law + library  # a fit of the law takes longest
+    return ranked[:most]
 
 
 def _leaders(looks: Sequence[Look], most: int) -> list[_Promise]:
-    """Return what is promised by the best candidate and its rivals, and by the best empirical term.
+    """Return what is promised by the best candidate and its rivals.
 
     What adds to the best candidate in place of being its rival has its turn beside it.
     """
     ranked = _promising(_promises(looks), most)
-    library = [p for p in ranked if not is_empirical(p.score.candidate)]
-    if not library or library[0].score.own is not None:
+    if not ranked or ranked[0].score.own is not None:
         return ranked
-    first = library[0].score.candidate
+    first = ranked[0].score.candidate
     close = {first, *(c for look in looks for c in rivals(look.screened, first))}
-    return [p for p in ranked if is_empirical(p.score.candidate) or p.score.candidate in close]
+    return [p for p in ranked if p.score.candidate in close]
 
 
-def _model(effects: tuple[str, ...], result: Fit, candidates: Sequence[str]) -> Model:
-    """Give a fit the prior of its set: equal odds for each effect, shared by the empirical terms."""
-    terms = max(1, sum(is_empirical(c) for c in candidates))
-    library = max(1, len(candidates) - terms)
-    odds = [np.log(EFFECT_ODDS * (library / terms if is_empirical(e) else 1.0)) for e in effects]
-    return Model(effects, result, result.evidence + float(np.sum(odds)))
+def _model(effects: tuple[str, ...], result: Fit) -> Model:
+    """Give a fit the prior of its set: equal odds for each effect."""
+    return Model(effects, result, result.evidence + len(effects) * float(np.log(EFFECT_ODDS)))
 
 
 def _words(effects: Sequence[str]) -> str:

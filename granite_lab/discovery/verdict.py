@@ -9,7 +9,7 @@ import numpy as np
 
 from granite_lab.discovery.finding import Verdict
 from granite_lab.discovery.heldout import Predicted, closed, predict
-from granite_lab.discovery.search import Model, Search, good, is_empirical, matters
+from granite_lab.discovery.search import Model, Search, good, matters
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import CREDIBLE, LEAST_SHARE, LEFT
 from granite_lab.inference.fit import FORMULAS, Fit, under
@@ -82,7 +82,7 @@ class Named:
 
     def is_sure(self) -> bool:
         """Tell whether it, alone or with its twins, may be named where little else is missing."""
-        return not is_empirical(self.id) and self.probability >= CREDIBLE and len(self.twins) < LARGEST_SET
+        return self.probability >= CREDIBLE and len(self.twins) < LARGEST_SET
 
     def is_sure_beside(self, unexplained: float, scales: Scales) -> bool:
         """Tell whether it may be named though more is missing, for which it could stand in.
@@ -178,20 +178,18 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
         small = (*beside, *_held(search, best.effects))
         gap = np.zeros_like(before.own)
         return Judgement("none", 1.0, alone, (), (), small, before, before, gap)
-    whole = _whole(before, after)
+    whole = whole_of(before, after)
     parts = together(lambda k: _named(problem, search, best.effects[k], whole, tolerance), len(best.effects))
     scales, remainder = best.fit.scales, 1 - whole.closed.value
     relevant = [n for n in parts if n.matters(remainder, scales)]
-    library = [n for n in relevant if not is_empirical(n.id)]
-    by_law = sum(n.closes.value for n in relevant if is_empirical(n.id))
     beyond = remainder - 2 * whole.closed.std > LEFT**2  # not so where the standard error is not known
-    explained = len(library) == len(relevant) and not beyond and good(problem, best.fit, tolerance)
-    enough = remainder + by_law < LEFT**2 or explained
-    stand_out = [n for n in library if not differ or n.stands_out(differ, tolerance)]
+    explained = not beyond and good(problem, best.fit, tolerance)
+    enough = remainder < LEFT**2 or explained
+    stand_out = [n for n in relevant if not differ or n.stands_out(differ, tolerance)]
     named = [n for n in stand_out if n.is_sure()]
     verdict: Verdict = "named"
-    if not (enough and named and len(named) == len(library)):
-        named = [n for n in named if n.is_sure_beside(remainder + by_law, scales)]
+    if not (enough and named and len(named) == len(relevant)):
+        named = [n for n in named if n.is_sure_beside(remainder, scales)]
         verdict = "partly named" if named else "unknown"
     rest = [n for n in parts if n not in named]
     described = tuple(n for n in rest if verdict != "named" and n.is_shown())
@@ -214,7 +212,7 @@ def by_posterior(problem: Problem, search: Search) -> Judgement:
     nothing = np.full(len(problem.trials), np.nan)
     unseen = Predicted(nothing, nothing, nothing, nothing)
     named = _held(search, best.effects)
-    sure = all(n.probability >= CREDIBLE and not is_empirical(n.id) for n in named)
+    sure = all(n.probability >= CREDIBLE for n in named)
     verdict: Verdict = "none" if not named else "named" if sure else "unknown"
     probability = min((n.probability for n in named), default=1.0)
     names, terms = (named, ()) if sure else ((), named)
@@ -222,7 +220,7 @@ def by_posterior(problem: Problem, search: Search) -> Judgement:
 
 
 @dataclass(frozen=True, eq=False)
-class _Whole:
+class Whole:
     """How the best set does on trials left out.
 
     Attributes:
@@ -240,13 +238,14 @@ class _Whole:
     speeds: Estimate
 
 
-def _whole(before: Predicted, after: Predicted) -> _Whole:
+def whole_of(before: Predicted, after: Predicted) -> Whole:
+    """Return how a set does on trials left out, given the predictions without and with it."""
     floor = np.fmin(after.expected, before.expected)
     base, left = before.unseen, after.unseen
     pairs = ((base, left), (before.speed_left_out, after.speed_left_out))
     gap, other = (b - (floor if floor.sum() < np.nansum(a) else a) for b, a in pairs)
     speeds = closed(before.speed_left_out, after.speed_left_out, other)
-    return _Whole(base, gap, other, after, closed(base, left, gap), speeds)
+    return Whole(base, gap, other, after, closed(base, left, gap), speeds)
 
 
 def holding(id_: str, without: str = "") -> Callable[[Model], bool]:
@@ -258,7 +257,7 @@ def holding(id_: str, without: str = "") -> Callable[[Model], bool]:
     return holds
 
 
-def _named(problem: Problem, search: Search, id_: str, whole: _Whole, tolerance: float) -> Named:
+def _named(problem: Problem, search: Search, id_: str, whole: Whole, tolerance: float) -> Named:
     """Return what speaks for one effect of the best set: its rivals, and what it closes.
 
     Rivals in its place are twins where the posterior does not exclude them. The likeliest come first, until
@@ -288,7 +287,7 @@ def _named(problem: Problem, search: Search, id_: str, whole: _Whole, tolerance:
     doubt = 1 - CREDIBLE
     for share, rival, model in sorted(rivals, key=lambda r: r[:2], reverse=True):
         likely = 1 - probability > doubt / 2 and share >= LEAST_SHARE * doubt
-        if not likely and not is_empirical(rival) and remainder > 0:
+        if not likely and remainder > 0:
             left = 1 - closed(whole.base, predicted(model).unseen, whole.gap).value
             likely = left < 4 * remainder and left - remainder < LEFT * closes.value
         if likely:

@@ -48,9 +48,7 @@ def disagreements(
     return tuple(sorted(rows, key=lambda r: -r.share * np.sqrt(r.end - r.start)))
 
 
-def intervals(
-    hit: npt.NDArray[np.bool_], phase: Sequence[str], gap: int
-) -> list[tuple[int, int]]:
+def intervals(hit: npt.NDArray[np.bool_], phase: Sequence[str], gap: int) -> list[tuple[int, int]]:
     """Return the runs of hits, joined over gaps of some bins, cut where the phase changes."""
     runs: list[tuple[int, int]] = []
     for k in np.flatnonzero(hit).tolist():

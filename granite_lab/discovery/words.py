@@ -46,9 +46,9 @@ def sentence(
     elif description:
         text = "something is missing from the model. No candidate explains it for certain."
     else:
-        text = "something is missing from the model. Neither a candidate nor an empirical law explains it."
+        text = "something is missing from the model. No candidate explains it, no term describes it."
     if description and verdict != "none":
-        terms = ", ".join(e.title.partition(": ")[2] or e.id for e in description)
+        terms = ", ".join(e.title if e.empirical else e.id for e in description)
         text += f" A description without a cause: {terms}."
     if verdict != "none" and (effects or description) and (shrinks := _shrinks(judgement)):
         text += f" {shrinks}"

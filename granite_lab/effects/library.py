@@ -20,6 +20,7 @@ import numpy as np
 
 from granite_lab.errors import InputError, UsageError, at
 from granite_lab.files import readable, refuse_special
+from granite_lab.model.dictionary import dictionary
 from granite_lab.model.effect import Effect, EffectParameter
 from granite_lab.model.graph import STATES, Graph, build_graph
 from granite_lab.model.symbols import model_parameters, vector_of
@@ -52,7 +53,7 @@ _met: dict[str, Effect] = {}
 
 def met(effect_id: str) -> Effect | None:
     """Return an effect of the package or of a user's file that this process has read, for the words in it."""
-    return _library().get(effect_id) or _met.get(effect_id)
+    return _library().get(effect_id) or _met.get(effect_id) or dictionary().get(effect_id)
 
 
 def get(effect_id: str, known: Mapping[str, Effect] | None = None) -> Effect:

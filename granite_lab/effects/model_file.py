@@ -12,8 +12,8 @@ from granite_lab.effects.library import get, library, load_effects
 from granite_lab.errors import InputError, LabError
 from granite_lab.estimate import Estimate
 from granite_lab.files import write_text
+from granite_lab.model.dictionary import dictionary
 from granite_lab.model.effect import Active, Effect, activate
-from granite_lab.model.empirical import EmpiricalLaw
 from granite_lab.parameters import Robot, Soil, load_robot, load_soil
 from granite_lab.parameters.changes import Changes, checked
 from granite_lab.parameters.quantity import check_number, key_of, read_toml, toml_line, unknown_key
@@ -123,7 +123,7 @@ def load_model(path: Path | str, code: Path | str | None = None) -> ModelFile:
         raise InputError(
             f"{where}: schema = {table.get('schema')!r} is not that of a model file", f'expected "{SCHEMA}"'
         )
-    known = library() | {EmpiricalLaw.id: EmpiricalLaw()} | (load_effects(code) if code else {})
+    known = library() | dictionary() | (load_effects(code) if code else {})
     rows = table.get("effect", [])
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise InputError(f"{where}: 'effect' must be a list of tables", "write [[effect]] above each")

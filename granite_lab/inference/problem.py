@@ -52,9 +52,8 @@ class Problem:
     # --- parameters
 
     def parameters_of(self, id_: str) -> tuple[EffectParameter, ...]:
-        """Return the parameters of a candidate; ``id.name`` stands for one parameter of an effect alone."""
-        id_, _, name = id_.partition(".")
-        return tuple(p for p in self.bench.world.effects[id_].parameters if name in ("", p.name))
+        """Return the parameters of a candidate."""
+        return self.bench.world.effects[id_].parameters
 
     def parameters(self, ids: Sequence[str], *, per_trial: bool) -> list[tuple[str, EffectParameter]]:
         """Return the shared or the per-trial parameters of effects, each with its effect's id, in order."""
@@ -133,13 +132,9 @@ class Problem:
     def setting(self, ids: Sequence[str], common: Array, own: Array) -> Setting:
         """Return the effects with their values, for the simulator."""
         shared, private = iter(common.tolist()), iter(own.tolist())
-        values: dict[str, dict[str, float]] = {}
-        for id_ in ids:
-            given = {p.name: next(private if p.per_trial else shared) for p in self.parameters_of(id_)}
-            values.setdefault(id_.partition(".")[0], {}).update(given)
         return tuple(
-            (id_, tuple(given.get(p.name, p.neutral) for p in self.parameters_of(id_)))
-            for id_, given in values.items()
+            (id_, tuple(next(private if p.per_trial else shared) for p in self.parameters_of(id_)))
+            for id_ in ids
         )
 
     def task(self, point: Point, trial: int) -> Task:

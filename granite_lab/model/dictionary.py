@@ -5,7 +5,7 @@ Each term is an effect with one number a and a closed formula. φ is made of dim
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import combinations_with_replacement
@@ -24,8 +24,8 @@ PREFIX = "term"
 """The ids of all terms begin with it and a dot."""
 
 SIZES = (0.3, 0.1)
-"""Expected sizes of a correction: of a factor, as formulas of terramechanics are off by 10 to 30 % (Wong 2008);
-of a force over the weight, a third of the resistance of 10 to 30 % of the weight on loose sand."""
+"""Expected sizes of a correction: of a factor, as formulas of terramechanics are off by 10 to 30 % (Wong
+2008); of a force over the weight, a third of the resistance of 10 to 30 % of the weight on loose sand."""
 
 FURTHEST = 10
 """Bound of a correction over its expected size."""
@@ -209,9 +209,9 @@ def products() -> list[tuple[str, ...]]:
 
 
 @cache
-def dictionary() -> Mapping[str, Term]:
+def dictionary() -> dict[str, Effect]:
     """Return every term by its id."""
-    found = {}
+    found: dict[str, Effect] = {}
     for quantity, of in QUANTITIES.items():
         for groups in products():
             if of.factor and "torque" in groups:
@@ -221,7 +221,7 @@ def dictionary() -> Mapping[str, Term]:
     return found
 
 
-def term(id_: str) -> Term:
+def term(id_: str) -> Effect:
     """Return one term."""
     return dictionary()[id_]
 
@@ -243,7 +243,8 @@ def _term(quantity: str, groups: tuple[str, ...]) -> Term:
         "id": "_by_".join([f"{PREFIX}_{quantity}", *(["_and_".join(groups)] if groups else [])]),
         "title": f"{of.words}, {f'by {words}' if groups else 'constant while moving'}",
         "equation": of.formula.format(formula),
-        "source": "fitted to the trials; sparse regression as in Brunton, Proctor, Kutz, PNAS 113, 2016, 3932",
+        "source": "fitted to the trials; sparse regression as in Brunton, Proctor, Kutz, PNAS 113, 2016",
+        "name": f"{of.words}, {f'by {words}' if groups else 'constant'}",
         "signature": "no cause: it describes what the candidates do not explain",
         "quantity": quantity,
         "groups": groups,

@@ -16,8 +16,7 @@ from granite_lab.discovery.finding import Finding, FoundEffect, FoundParameter, 
 from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import EffectParameter
-from granite_lab.model.empirical import TARGETS, TERMS
-from granite_lab.rounding import decided, plus_minus, tidy_unit, with_unit
+from granite_lab.rounding import decided, plus_minus, tidy_unit
 
 SENSORS = {
     "accel_x": "forward acceleration",
@@ -65,18 +64,8 @@ def channels_of(finding: Finding) -> list[str]:
     return [c for c in SENSORS if c in found] + sorted(found - set(SENSORS))
 
 
-def term_of(effect_id: str) -> tuple[str, str] | None:
-    """Return target and term of "empirical.torque_f_slip"; None for a physical effect."""
-    _, _, name = effect_id.partition(".")
-    target = next((t for t in TARGETS if name.startswith(f"{t}_")), None)
-    return (target, name.removeprefix(f"{target}_")) if target else None
-
-
 def plain(effect_id: str) -> str:
     """Return an effect's id as words."""
-    term = term_of(effect_id)
-    if term is not None:
-        return f"{TARGETS[term[0]].words.split(',')[0]}, {TERMS[term[1]].words}"
     effect = met(effect_id)
     return (effect.name if effect else "") or effect_id.replace("_", " ")
 
@@ -224,19 +213,13 @@ def meaning(effect_id: str, name: str) -> str:
 
 
 def law_formulas(finding: Finding) -> tuple[str, ...]:
-    """Return the empirical law of a finding as one formula per quantity, with its numbers."""
-    sums: dict[str, str] = {}
-    for e in finding.terms:
-        found = term_of(e.id) if e.empirical else None
-        if found is None or not e.parameters:
-            continue
-        (target, term), p = found, e.parameters[0]
-        number = with_unit(decided(abs(p.estimate.value), p.estimate.std).text, p.unit)
-        sign = "−" if p.estimate.value < 0 else "+"
-        formula = TERMS[term].formula
-        part = f"{number} · {formula}" if formula else number
-        sums[target] = f"{sums[target]} {sign} {part}" if target in sums else f"{sign.strip('+')}{part}"
-    return tuple(f"{target.words} = {sums[name]}" for name, target in TARGETS.items() if name in sums)
+    """Return the formula of each term of the dictionary in a finding, with its number."""
+    found = []
+    for e in (e for e in finding.terms if e.empirical and e.parameters):
+        value = e.parameters[0].estimate
+        number = decided(abs(value.value), value.std).text
+        found.append(re.sub(r"\ba\b", f"{'−' * (value.value < 0)}{number}", e.formula, count=1))
+    return tuple(found)
 
 
 def next_steps(finding: Finding, model: Path | str | None, folder: str, effects: str = "") -> tuple[str, ...]:

@@ -93,7 +93,7 @@ MARKERS = {
 
 def candidates_figure(finding: Finding) -> Figure | None:
     """Draw probability and closed share of all candidates; None without any."""
-    every = finding.tried
+    every = finding.candidates
     if not every:
         return None
     named = [plain(e.id) for e in finding.effects]

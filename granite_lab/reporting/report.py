@@ -45,11 +45,11 @@ MODEL = (
     "taken. Bands: ±2σ of the measurement. Triangles: a spike leaves the panel."
 )
 LAW = (
-    "The empirical law describes the disagreement; it is no physics and holds for trials like these only. v: "
-    "speed of the robot; s: slip ratio of the wheel; x and t: distance and time since the start; θ: angle of "
-    "the wheel; z: its sinkage."
+    "These terms describe the disagreement; they are no cause and hold for trials like these only. W: load "
+    "of a wheel at rest; λ: slip ratio of the wheel; z: its sinkage; θ: its angle; r: its radius; T: torque "
+    "that drives it; v: speed of the robot; x: distance; L: wheel base; M: torque of the ground."
 )
-"""How to read the time histories, and the formulas of an empirical law."""
+"""How to read the time histories, and the formulas of a description."""
 
 LIBRARIES = ("numpy", "scipy", "casadi", "matplotlib")
 
@@ -276,6 +276,8 @@ def _missing(finding: Finding) -> Iterator[Maybe]:
     formulas = law_formulas(finding)
     yield LAW if formulas else None
     yield list(formulas)
+    yield search_tables.ceiling_in_words(finding) or None
+    yield search_tables.ceiling_table(finding)
     latency = latency_in_words(finding.latency)
     yield [
         *(in_plain_words(note, finding) for note in (*finding.provisional, *finding.notes)),

@@ -32,7 +32,7 @@ from granite_lab.reporting.names import (
     plain,
     scale_of,
 )
-from granite_lab.rounding import NONE, interval, percent, percent_of
+from granite_lab.rounding import NONE, interval, percent, percent_of, tidy_unit
 
 SAND = {
     "a_theta": "a_θ",
@@ -64,8 +64,6 @@ SURE = 0.95
 
 FORMULA = percent(FORMULA_ERROR[0])
 """Error of the formula of an effect, as a reader sees it."""
-
-TERM = "term of an empirical law"
 
 NO_NUMBER = FoundParameter(NONE, "", Estimate(math.nan))
 
@@ -103,7 +101,7 @@ def effects_table(
         note = "Possibly present; they close little of the gap or stay below the tolerance."
 
     def what(r: Size) -> str:
-        return TERM if r.effect.empirical else meaning(r.effect.id, r.parameter.name)
+        return r.effect.formula if r.effect.empirical else meaning(r.effect.id, r.parameter.name)
 
     def size(r: Size) -> Cell:
         value = r.parameter.estimate
@@ -133,6 +131,69 @@ def effects_table(
         Column("share of the gap", closes, "closes closes_std"),
         note=note,
     ).fill(rows, virtual=finding.virtual)  # fmt: skip
+
+
+FORCES = {
+    "force": "force along the robot",
+    "lift": "lift",
+    "moment": "moment on the body",
+    "torque_f": "torque on the front wheels",
+    "torque_r": "torque on the rear wheels",
+}
+"""What a force free in time may be."""
+
+
+def ceiling_table(finding: Finding) -> FilledTable | None:
+    """List what forces free in time could close, and where each is largest; None where nothing remains."""
+    if finding.ceiling is None:
+        return None
+    most = finding.ceiling
+    largest = {name: next((w for w in most.where if w.quantity == name), None) for name in FORCES}
+
+    def closes(name: str) -> Cell:
+        value = most.parts.get(name, most.value)
+        return Cell(percent(value), (value,))
+
+    def place(name: str) -> Cell:
+        w = largest.get(name)
+        if w is None:
+            return Cell(NONE, (None, None, None))
+        text = f"{w.start:.1f} to {w.end:.1f} s at {w.variant:.3g} m/s ({w.phase})"
+        return Cell(text, (w.variant, w.start, w.end))
+
+    def size(name: str) -> Cell:
+        w = largest.get(name)
+        return number(w.size if w else math.nan, 2, tidy_unit(w.unit) if w else "")
+
+    return Table[str](
+        "found_ceiling",
+        "What any force could close beside this model",
+        Column("force", lambda name: FORCES.get(name, "all of them together")),
+        Column("closes of the gap", closes, "closes"),
+        Column("largest", place, "speed start end"),
+        Column("size there", size, "size"),
+        note="Forces free in time, smooth over about 0.3 s, fitted beside the model to all trials and not "
+        "credited to it. They are no cause and cannot be carried over to another speed; what they do not "
+        "close no force on the robot does.",
+    ).fill(["all", *FORCES], virtual=finding.virtual)
+
+
+def ceiling_in_words(finding: Finding) -> str:
+    """Say how much any force could close beside the model; empty where nothing was looked for."""
+    if finding.ceiling is None:
+        return "" if finding.verdict == "none" else "Nothing remains that a force could close."
+    most = finding.ceiling
+    text = (
+        f"The model leaves {percent(most.left)} of the gap in the fit; forces of any course in time could "
+        f"close {percent(most.value)} of the gap"
+    )
+    if not most.where:
+        return f"{text}."
+    w = most.where[0]
+    return (
+        f"{text}, first of all a {FORCES[w.quantity]} from {w.start:.1f} to {w.end:.1f} s at "
+        f"{w.variant:.3g} m/s ({w.phase})."
+    )
 
 
 def discrepancies(finding: Finding) -> dict[str, tuple[float, float]]:
@@ -200,7 +261,7 @@ CANDIDATES = Table[Candidate](
     "found_candidates",
     "Every candidate",
     Column("candidate", lambda c: plain(c.id)),
-    Column("what it is", lambda c: getattr(met(c.id), "title", TERM)),
+    Column("what it is", lambda c: getattr(met(c.id), "title", NONE)),
     Column(
         "probability", lambda c: words(NONE) if c.status == "screened" else probable(c.probability),
         "probability",
@@ -217,7 +278,7 @@ CANDIDATES = Table[Candidate](
 
 def candidates_table(finding: Finding) -> FilledTable:
     """List every candidate with its probability, the share of the gap it closes, and what became of it."""
-    return CANDIDATES.fill(finding.tried, virtual=finding.virtual)
+    return CANDIDATES.fill(finding.candidates, virtual=finding.virtual)
 
 
 def detectable_table(finding: Finding) -> FilledTable:

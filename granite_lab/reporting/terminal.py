@@ -74,6 +74,8 @@ def _search(finding: Finding, console: Console) -> None:
             console.print()
             say(console, title, "bold")
             show_table(table, console, only=("effect", "number", "value ± std", "probability"))
+    if most := reporting.search_tables.ceiling_in_words(finding):
+        say(console, most)
     if latency := reporting.names.latency_in_words(finding.latency):
         say(console, f"{latency}.")
     for trial, reason in finding.dropped:

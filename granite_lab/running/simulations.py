@@ -11,8 +11,9 @@ from granite_lab.effects import library
 from granite_lab.errors import LabError
 from granite_lab.inference.bench import Respond, Task, World
 from granite_lab.logs.trial import Array
+from granite_lab.model.dictionary import dictionary
 from granite_lab.model.effect import Effect
-from granite_lab.model.empirical import EmpiricalLaw
+from granite_lab.model.latent import LatentForce
 from granite_lab.running.cache import fingerprint
 from granite_lab.running.codec import decode, encode
 from granite_lab.running.each import Execution, connected, run_on
@@ -53,5 +54,5 @@ def _simulate(
 
 
 def effects_of_search(own: Path | None) -> dict[str, Effect]:
-    """Return all effects that a finding may name."""
-    return library(own) | {EmpiricalLaw.id: EmpiricalLaw()}
+    """Return all effects that a search may simulate: the library, terms of the dictionary, pushes."""
+    return library(own) | dictionary() | {LatentForce.id: LatentForce()}

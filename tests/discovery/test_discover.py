@@ -1,6 +1,6 @@
 """From logs of another program to a finding, whatever is wrong with the logs or goes wrong on the way."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from granite_lab.inference.bench import SAND, SIGNALS, Task, World
 from granite_lab.inference.constants import TOLERANCE
 from granite_lab.logs import read_trial
 from granite_lab.logs.trial import Trial
-from granite_lab.model import empirical, simulate
+from granite_lab.model import simulate
 from granite_lab.model.command import duration
 from granite_lab.model.effect import Effect
 from granite_lab.model.simulator import integrate
@@ -53,18 +53,7 @@ def effects_of(finding: Finding) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def short_law() -> Iterator[None]:
-    """Leave two terms of each force in the empirical law, which takes most of the simulations."""
-    law, terms = empirical.EmpiricalLaw, ("motion", "velocity")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(empirical, "TERMS", {t: empirical.TERMS[t] for t in terms})
-        kept = tuple(p for p in law.parameters if p.name.endswith(tuple(f"_{t}" for t in terms)))
-        patch.setattr(law, "parameters", kept)
-        yield
-
-
-@pytest.fixture(scope="module")
-def good(short_law: None) -> Finding:
+def good() -> Finding:
     return found(logs("o03", PAIR), FEW)
 
 
@@ -109,14 +98,14 @@ def test_two_trials_of_one_speed_are_provisional_and_no_speed_is_left_out(good: 
     assert good.dropped == ()
 
 
-def test_trials_without_repetition_do_not_take_what_is_missing_for_noise(short_law: None) -> None:
+def test_trials_without_repetition_do_not_take_what_is_missing_for_noise() -> None:
     finding = found(logs("o03", ("0.5_1", "0.7_1")), FEW)
     assert finding.sentence.startswith("Provisional (no command was repeated")
     assert effects_of(finding) == ["drive_reaction"]
     assert finding.effects[0].parameters[0].estimate.value == pytest.approx(0.8, abs=0.05)
 
 
-def test_logs_that_end_soon_after_the_stop_are_analysed(short_law: None) -> None:
+def test_logs_that_end_soon_after_the_stop_are_analysed() -> None:
     def cut(trial: Trial) -> Trial:
         _, motion = correct(trial, load_robot())
         return faults.cut(trial, stop=motion.t_start.value + duration(motion.variant) + 0.4)
@@ -157,7 +146,7 @@ def mislabelled(trial: Trial) -> Trial:
 
 @pytest.mark.parametrize("spoil", [blocked, mislabelled])
 def test_a_trial_that_nothing_fits_is_left_out_and_said(
-    spoil: Callable[[Trial], Trial], short_law: None, good: Finding
+    spoil: Callable[[Trial], Trial], good: Finding
 ) -> None:
     trials = [spoil(t) if t.name == "trial_0.7_1" else t for t in logs("o03", (*PAIR, "0.7_1"))]
     finding = found(trials, FEW)
@@ -171,7 +160,7 @@ def test_a_trial_that_nothing_fits_is_left_out_and_said(
 
 
 def test_a_trial_alone_is_provisional_and_a_defect_after_the_search_does_not_lose_the_finding(
-    monkeypatch: pytest.MonkeyPatch, short_law: None
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def broken(*_: object) -> None:
         raise ZeroDivisionError("of our own")
@@ -192,7 +181,7 @@ def test_a_trial_alone_is_provisional_and_a_defect_after_the_search_does_not_los
     assert np.isnan(finding.gap.held_out).all()
 
 
-def test_a_robot_that_cannot_be_simulated_is_refused(short_law: None) -> None:
+def test_a_robot_that_cannot_be_simulated_is_refused() -> None:
     trials = [correct(t, load_robot()) for t in logs("o03", ("0.5_1",))]
     with pytest.raises(EstimateError, match="cannot be simulated"):
         discover(
@@ -203,7 +192,9 @@ def test_a_robot_that_cannot_be_simulated_is_refused(short_law: None) -> None:
 
 @pytest.mark.parametrize(("spoil", "within"), [(turned_imu, 0.1), (late_stamps, 0.5)])
 def test_sensors_that_estimation_puts_right_do_not_change_the_finding(
-    spoil: Callable[[Trial], Trial], within: float, good: Finding, short_law: None
+    spoil: Callable[[Trial], Trial],
+    within: float,
+    good: Finding,
 ) -> None:
     """Late stamps move the estimate of the start, and so the bins: other noise is in each of them."""
     robot = load_robot()
@@ -220,7 +211,7 @@ def test_sensors_that_estimation_puts_right_do_not_change_the_finding(
     assert abs(moved - late) < 3 * good.latency.std + 0.1e-3
 
 
-def test_a_latency_that_no_logger_has_is_named(short_law: None) -> None:
+def test_a_latency_that_no_logger_has_is_named() -> None:
     clock = FEW | {"clock_offset": get("clock_offset")}
     plain, late = (
         found([spoil(t) for t in logs("o01", PAIR)], clock) for spoil in (lambda t: t, late_stamps)
@@ -239,7 +230,7 @@ def test_the_saved_model_simulates_what_the_fit_predicts(good: Finding, tmp_path
     model, command = load_model(path), variant_of(0.5)
     assert good.active
     assert all(abs(good.sand[name].value) > 0 for name in ("a_theta", "shear_modulus"))
-    world = World(good.robot, good.soil, (command,), {**library(), "empirical": empirical.EmpiricalLaw()})
+    world = World(good.robot, good.soil, (command,), library())
     sand = tuple(good.sand[name].value for name in SAND)
     fitted = world.respond(Task(0, sand, tuple((a.id, a.values) for a in good.active)))
     assert fitted is not None

@@ -4,7 +4,7 @@ The signals are smooth and of the size that the robot's are; each number of the 
 trace of its own, so that everything the inference says can be computed by dense matrices beside it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -12,6 +12,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from granite_lab.inference.bench import ACCURACY, SAND, SIGNALS, Bench, Task, World
+from granite_lab.inference.bench import Respond as Answers
 from granite_lab.inference.binning import Stream
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.observation import UNITS, Observation
@@ -57,10 +58,9 @@ EFFECTS: dict[str, Effect] = {e.id: e for e in (
     MadeUp("lift", EffectParameter("size", "N", "size", 0.0, 20.0, 0.0, 0.1, 1.0)),  # a push that is no pull
     MadeUp("shove"),  # the same as a push: no trial can tell them apart
     MadeUp("motor"),  # currents larger by a share in every trial, as gains of the sensors might make them
-    MadeUp("hidden"),  # no candidate; a term of the empirical law has the same trace
-    MadeUp("empirical", _parameter("force_motion"), _parameter("moment_time")),
+    MadeUp("hidden"),  # no candidate
 )}  # fmt: skip
-TRACES = {"push": 100, "pull": 110, "shake": 120, "shove": 100, "lift": 100, "hidden": 140, "empirical": 140}
+TRACES = {"push": 100, "pull": 110, "shake": 120, "shove": 100, "lift": 100, "hidden": 140}
 """Number of the trace of an effect's first parameter."""
 
 
@@ -118,10 +118,10 @@ class Respond:
 
 def problem_of(
     commands: Sequence[int] = (0, 0, 1, 1), channels: Sequence[str] = tuple(UNITS), *,
-    respond: Respond | None = None,
+    respond: Answers | None = None, effects: Mapping[str, Effect] = EFFECTS,
 ) -> Problem:  # fmt: skip
     """Return trials in which nothing was measured yet (all zero), with the nominal noise."""
-    world = World(ROBOT, SOIL, COMMANDS, EFFECTS)
+    world = World(ROBOT, SOIL, COMMANDS, effects)
     models = []
     for i, command in enumerate(commands):
         variant = COMMANDS[command]

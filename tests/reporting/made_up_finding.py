@@ -14,8 +14,8 @@ from granite_lab.discovery.finding import (
 from granite_lab.effects import library
 from granite_lab.estimate import Estimate
 from granite_lab.model.command import duration, phase_of
+from granite_lab.model.dictionary import dictionary
 from granite_lab.model.effect import Active, activate
-from granite_lab.model.empirical import EmpiricalLaw
 from granite_lab.parameters import Variant, load_robot, load_soil, variant_of
 
 CHANNELS = {
@@ -29,19 +29,19 @@ WIDTH, START = 0.02, 102.03
 """Of a bin, and start of the command in the logs [s]; the made-up trials have it at 102."""
 BUMP, STRENGTH, LEFT = (0.5, 1.5), 12.0, 0.25
 """When the rear wheels meet the rut [s], how much the pitch rate then shows over its noise, and the share of
-it that an empirical law leaves."""
+it that a description leaves."""
 RANKING = {
     "multi_pass": (300.0, 0.97, 0.93, "named"), "com_offset": (80.0, 0.02, 0.4, "less likely"),
     "slip_sinkage": (30.0, 0.01, 0.2, "less likely"), "clock_offset": (4.0, 0.3, 0.02, "small"),
     "gear_backlash": (3.0, 0.0, 0.3, "at a bound"), "payload_mass": (-1.0, 0.0, np.nan, "screened"),
 }  # fmt: skip
 """Candidates with logarithm of the Bayes factor, probability, share of the gap and what became of them."""
-LAW = {"force_start": -2.9, "moment_velocity": 1.2, "torque_r_slip": 0.05}
-"""Terms of the made-up empirical law."""
+LAW = {"term_force_by_distance": -0.0058, "term_modulus_by_speed": 0.12}
+"""Terms of the made-up description."""
 SENTENCES: dict[Verdict, str] = {
     "none": "The model explains the trials within noise and tolerance.",
     "named": "Missing from the model: multi_pass. On trials that were left out 93 % of the gap is closed.",
-    "unknown": "Something is missing that no candidate explains; an empirical law stands in for it.",
+    "unknown": "Something is missing that no candidate explains; a description stands in for it.",
 }
 NOTHING = (np.nan, np.nan)
 
@@ -88,6 +88,7 @@ def made_up_finding(
         small=() if verdict == "none" else (small,),
         closed={"trials": Estimate(0.93, 0.02), "speeds": Estimate(0.9, 0.03)},
         strained=(),
+        ceiling=None,
         remainder={"none": np.nan, "named": 0.07, "unknown": 0.4}[verdict],
         tolerance=0.02,
         latency=Estimate(0.004, 0.001),
@@ -180,14 +181,15 @@ def _effects(verdict: Verdict, twins: tuple[str, ...]) -> tuple[tuple[FoundEffec
     if verdict == "none":
         return (), ()
     if verdict == "unknown":
-        law = EmpiricalLaw()
-        units = {p.name: p.unit for p in law.parameters}
-        terms = [FoundParameter(name, units[name], Estimate(value, 0.1)) for name, value in LAW.items()]
         share = Estimate(0.6, 0.05)
+        terms = [(dictionary()[id_], value) for id_, value in LAW.items()]
         return tuple(
-            FoundEffect(f"empirical.{p.name}", law.title, p.name, (p,), (), 0.9, share, share, empirical=True)
-            for p in terms
-        ), (activate(law, LAW),)
+            FoundEffect(
+                t.id, t.title, t.equation, (FoundParameter("a", "", Estimate(value, abs(value) / 10)),),
+                (), 0.9, share, share, empirical=True,
+            )
+            for t, value in terms
+        ), tuple(activate(t, {"a": value}) for t, value in terms)  # fmt: skip
     effect = library()["multi_pass"]
     values = {p.name: p.neutral + 0.3 * (p.prior_high - p.neutral) for p in effect.parameters}
     sizes = tuple(FoundParameter(p.name, p.unit, Estimate(values[p.name], 0.004)) for p in effect.parameters)

@@ -252,18 +252,17 @@ def test_latency_is_said_with_its_direction(value: float, std: float, said: str)
     assert spaced(names.latency_in_words(Estimate(value, std))) == said
 
 
-def test_a_law_stands_as_formulas_and_is_no_physics_and_no_effect(findings: dict[str, Finding]) -> None:
+def test_a_description_stands_as_formulas_and_is_no_cause(findings: dict[str, Finding]) -> None:
     finding = findings["unknown"]
     assert [spaced(f) for f in names.law_formulas(finding)] == [
-        "force along the robot = −2.90 N · exp(−x / 0.2 m)",
-        "moment on the body, nose down = 1.20 N m · v / (0.5 m/s)",
-        "torque against each rear wheel = 0.05 N m · s / 0.2",
+        "F_x + 4 W · −0.0058 · x/L",
+        "k · exp(0.120 · v/√(g r))",
     ]
     answer, report = missing_answer(finding), report_of(finding)
     assert answer.verdict == "Something unknown"
-    assert "force along the robot, over the first 0.2 m (−2.90" in answer.text
+    assert "force along the robot, by distance (−0.0058" in answer.text
     blocks = report.sections[0].blocks
-    assert "no physics" in " ".join(block for block in blocks if isinstance(block, str))
+    assert "no cause" in " ".join(block for block in blocks if isinstance(block, str))
     assert list(names.law_formulas(finding)) in blocks
     for figure in report.figures:
         said = [figure.title, figure.caption, *(text for text, _ in texts(figure.draw()))]
@@ -276,7 +275,7 @@ def test_a_law_stands_as_formulas_and_is_no_physics_and_no_effect(findings: dict
         ("multi_pass was not evaluated.", "Multi-pass compaction was not evaluated."),
         ("pitch_rate and current_f go together", "Pitch rate and front motor current go together"),
         ("The likeliest (com_offset) is weak.", "The likeliest (centre-of-mass offset) is weak."),
-        ("empirical.force_start is large.", "Force along the robot, over the first 0.2 m is large."),
+        ("term_force_by_distance is large.", "Force along the robot, by distance is large."),
     ],
 )
 def test_names_to_type_do_not_stand_in_sentences(note: str, said: str, findings: dict[str, Finding]) -> None:

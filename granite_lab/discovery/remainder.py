@@ -1,0 +1,98 @@
+"""What the library leaves: described by terms of the dictionary, and the ceiling of what any force could."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from granite_lab.discovery.ceiling import ceiling
+from granite_lab.discovery.description import described, lacking
+from granite_lab.discovery.finding import Ceiling
+from granite_lab.discovery.heldout import closed, predict, predicts_better
+from granite_lab.discovery.pushes import Pushes, pushed
+from granite_lab.discovery.search import Model, Search, good
+from granite_lab.discovery.verdict import Judgement, Named, strained_numbers, whole_of
+from granite_lab.inference.constants import LEFT
+from granite_lab.inference.fit import Fit, under
+from granite_lab.inference.problem import Problem
+from granite_lab.model.dictionary import is_term
+
+
+def remainder(
+    problem: Problem,
+    search: Search,
+    judgement: Judgement,
+    tolerance: float,
+    tell: Callable[[str], None] = lambda _: None,
+) -> tuple[Judgement, Ceiling | None]:
+    """Describe what the library leaves, and say how much any force could close beside the likeliest model.
+
+    Terms are looked for where more is left than the errors of the formulas may leave. They stand beside what
+    is named; effects that are not sure stay only if they predict as well as the terms in their place.
+
+    Args:
+        problem, tolerance: as in `judge`.
+        search: the search in the library.
+        judgement: of it.
+        tell: told what is being done.
+
+    Returns:
+        the judgement with the description, and the ceiling; None where nothing remains to be closed.
+    """
+    alone = search.model(())
+    if alone is None or judgement.verdict == "none" or good(problem, judgement.model.fit, tolerance):
+        return judgement, None
+    pushes: Pushes | None = None
+    if not judgement.remainder <= LEFT**2:
+        tell("describing what the library leaves")
+        names = tuple(n.id for n in judgement.named)
+        bases = [m for m in (search.model(names), judgement.model) if m is not None]
+        for base in {m.effects: m for m in bases}.values():
+            pushes = pushed(problem, base.fit)
+            found = described(problem, pushes, tolerance) if pushes else None
+            if found is not None and _better(problem, judgement.model.fit, found, tolerance):
+                judgement, pushes = _with_terms(problem, alone.fit, judgement, found, tolerance), None
+                break
+    if good(problem, judgement.model.fit, tolerance):
+        return judgement, None
+    tell("computing what any force could close")
+    if pushes is None or pushes.fit is not judgement.model.fit:
+        pushes = pushed(problem, judgement.model.fit)
+    return judgement, ceiling(problem, alone.fit, pushes, tolerance) if pushes else None
+
+
+def _better(problem: Problem, before: Fit, after: Fit, tolerance: float) -> bool:
+    alone = under(problem, before, after.scales)
+    return predicts_better(problem, predict(problem, alone, tolerance), predict(problem, after, tolerance))
+
+
+def _with_terms(
+    problem: Problem, alone: Fit, judgement: Judgement, found: Fit, tolerance: float
+) -> Judgement:
+    """Return the judgement with a model that holds terms; what is named stays as it is."""
+    before = predict(problem, under(problem, alone, found.scales), tolerance)
+    after = predict(problem, found, tolerance)
+    whole = whole_of(before, after)
+    terms = []
+    for id_ in filter(is_term, found.point.effects):
+        without = lacking(problem, found, [id_], tolerance)
+        terms.append(
+            Named(
+                id_, (), 1.0, closed(without.unseen, after.unseen, whole.gap),
+                closed(without.speed_left_out, after.speed_left_out, whole.gap_speeds),
+                strained_numbers(problem, found, id_),
+            )
+        )  # fmt: skip
+    kept = tuple(n for n in judgement.described if n.id in found.point.effects)
+    small = tuple(n for n in judgement.described if n not in kept)
+    return replace(
+        judgement,
+        model=Model(tuple(sorted(found.point.effects)), found, found.evidence),
+        described=(*kept, *sorted(terms, key=lambda n: -n.closes.value)),
+        small=(*judgement.small, *small),
+        before=before,
+        after=after,
+        gap=whole.gap,
+        closed=whole.closed,
+        speeds=whole.speeds,
+    )
