@@ -79,7 +79,7 @@ class Design:
     """The trials of a search without their data, and what came out.
 
     Attributes:
-        named: effects in the model, the surest first; no empirical law.
+        named: effects in the model, the surest first; no term of the dictionary.
         possible: log Bayes factors of the other effects, the likeliest first.
         sand: logarithms of the fitted sand over the soil's file, as `inference.bench.SAND`.
         share: discrepancy of the model as a share of each channel's rms: learnt, at least the tolerance.

@@ -60,7 +60,7 @@ def test_a_term_reproduces_an_effect_whose_law_is_of_its_form() -> None:
         simulate(variant, robot, soil, accuracy=FINE, effects=(activate(e, values),)) for e, values in pairs
     )
     plain = simulate(variant, robot, soil, accuracy=FINE)
-    moving = (plain["t_s"] > 1.0) & (plain["v_mps"] > 0.2)
+    moving = (plain["t_s"] > 1.5) & (plain["v_mps"] > 0.2)
     for name in ("pitch_rad", "v_mps", "cur_f_A", "imu_az_mps2"):
         apart = np.abs(one[name] - other[name])[moving].max()
         assert apart < 0.001 * np.abs(one[name] - plain[name])[moving].max(), name
