@@ -135,7 +135,8 @@ class Screened:
     def __init__(self, problem: Problem, pushes: Pushes, terms: Sequence[Term]) -> None:
         self.problem, self.fit, self.terms = problem, pushes.fit, tuple(terms)
         fit = self.fit
-        self.normal = problem.normal(fit.point, fit.slopes, fit.residuals, apart=True, further=pushes.further)
+        normal = problem.normal(fit.point, fit.slopes, fit.residuals, apart=True, further=pushes.further)
+        self.normal = normal.alone()
         acting = [forces(problem, pushes, c, terms) for c in range(len(problem.commands))]
         self._acting = [acting[c] for c, own in enumerate(problem.commands) for _ in own]
         self._known: dict[tuple[int, float], tuple[Array, float]] = {}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab.inference.bench import Task
+from granite_lab.inference.bench import SIGNALS, Task
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.point import Further, stacked
 from granite_lab.inference.problem import Problem
@@ -18,6 +18,10 @@ from granite_lab.parameters import GRAVITY, Robot
 
 SIZE = 0.03
 """Size of the pushes that are simulated, as a share of the robot's weight: the model is linear there."""
+
+LARGEST = 5e7
+"""Most numbers in all responses, a fifth of the memory that a search may take. Courses of minutes, with one
+push each 0.15 s, would need more; nothing is pushed there."""
 
 BEFORE = 3 * WIDTH
 """Time from which on a push is felt before its centre [s]."""
@@ -58,7 +62,7 @@ def sizes_of(robot: Robot) -> Array:
 
 
 def pushed(problem: Problem, fit: Fit) -> Pushes | None:
-    """Simulate pushes about a fit; None where the model has no solution with them.
+    """Simulate pushes about a fit; None where the model has no solution with them, or trials are too long.
 
     A run carries pushes of one quantity a `PERIOD` apart; what the sensors show from one on until the next
     is the response to it.
@@ -66,6 +70,8 @@ def pushed(problem: Problem, fit: Fit) -> Pushes | None:
     sizes = sizes_of(problem.bench.world.robot)
     phases: Array = SPACING * np.arange(round(PERIOD / SPACING), dtype=float)
     tasks: list[Task] = []
+    if sum(_count(problem, command) for command in range(len(problem.commands))) > LARGEST:
+        return None
     for command, _ in enumerate(problem.variants):
         centre = problem.centre(fit.point, command)
         tasks.append(centre)
@@ -85,6 +91,13 @@ def pushed(problem: Problem, fit: Fit) -> Pushes | None:
     ]
     changes, kind, centres = zip(*parts, strict=True)
     return Pushes(fit, changes, kind, centres, sizes)
+
+
+def _count(problem: Problem, command: int) -> float:
+    """Return the number of numbers in the responses of a command."""
+    trial = problem.trials[problem.commands[command][0]]
+    pushes = len(PUSHES) * (duration(trial.observation.variant) + BEFORE) / SPACING
+    return len(SIGNALS) * trial.t.size * pushes
 
 
 def _apart(problem: Problem, command: int, runs: list[Array], phases: Array) -> tuple[Array, Places, Array]:

@@ -181,7 +181,7 @@ def ceiling_table(finding: Finding) -> FilledTable | None:
 def ceiling_in_words(finding: Finding) -> str:
     """Say how much any force could close beside the model; empty where nothing was looked for."""
     if finding.ceiling is None:
-        return "" if finding.verdict == "none" else "Nothing remains that a force could close."
+        return "Nothing remains that a force could close." if finding.verdict == "named" else ""
     most = finding.ceiling
     text = (
         f"The model leaves {percent(most.left)} of the gap in the fit; forces of any course in time could "

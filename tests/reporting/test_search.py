@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from granite_lab.columns import FilledTable
-from granite_lab.discovery.finding import Finding, FoundEffect, FoundParameter, Verdict
+from granite_lab.discovery.as_json import finding_as_json
+from granite_lab.discovery.finding import Ceiling, Finding, FoundEffect, FoundParameter, Push, Verdict
 from granite_lab.effects import library
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import activate
@@ -309,3 +310,23 @@ def test_commands_name_the_effect_file_and_a_speed_that_can_be_simulated() -> No
     assert "simulate --model found/model.toml --effects 'my effects.py' --variant 0.3" in steps
     without = names.next_steps(dataclasses.replace(finding, simulates=()), "model.toml", "found")
     assert "simulate" not in " ".join(without)
+
+
+def test_the_ceiling_is_said_with_its_place_and_stands_in_the_table_and_the_document() -> None:
+    push = Push("force", "N", "brake", 0.7, 3.3, 4.2, -3.7)
+    most = Ceiling(0.41, 0.62, {"force": 0.4, "lift": 0.0}, {"accel_x": 0.05}, (push,))
+    finding = dataclasses.replace(made_up_finding("unknown"), ceiling=most)
+    said = spaced(search_tables.ceiling_in_words(finding))
+    assert "leaves 62 % of the gap" in said
+    assert "close 41 % of the gap" in said
+    assert "force along the robot from 3.3 to 4.2 s at 0.7 m/s (brake)" in said
+    table = search_tables.ceiling_table(finding)
+    assert table is not None
+    assert len(table.rows) == 6
+    document = finding_as_json(finding)["ceiling"]
+    assert (document["value"], document["left"], document["parts"]["force"]) == (0.41, 0.62, 0.4)
+    assert document["where"][0]["variant_mps"] == 0.7
+    nothing = made_up_finding()
+    assert search_tables.ceiling_table(nothing) is None
+    assert search_tables.ceiling_in_words(nothing).startswith("Nothing remains")
+    assert finding_as_json(nothing)["ceiling"] is None
