@@ -8,7 +8,7 @@ from dataclasses import replace
 from granite_lab.discovery.ceiling import ceiling
 from granite_lab.discovery.description import described, lacking
 from granite_lab.discovery.finding import Ceiling
-from granite_lab.discovery.heldout import closed, predict, predicts_better
+from granite_lab.discovery.heldout import carried, closed, predict, predicts_better
 from granite_lab.discovery.pushes import Pushes, pushed
 from granite_lab.discovery.search import Model, Search, good
 from granite_lab.discovery.verdict import Judgement, Named, strained_numbers, whole_of
@@ -62,8 +62,11 @@ def remainder(
 
 
 def _better(problem: Problem, before: Fit, after: Fit, tolerance: float) -> bool:
+    """Tell whether a model predicts what was left out better, and its simulations no worse."""
     alone = under(problem, before, after.scales)
-    return predicts_better(problem, predict(problem, alone, tolerance), predict(problem, after, tolerance))
+    if not predicts_better(problem, predict(problem, alone, tolerance), predict(problem, after, tolerance)):
+        return False
+    return not carried(problem, after, tolerance) > carried(problem, before, tolerance)
 
 
 def _with_terms(
