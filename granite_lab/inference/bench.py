@@ -39,8 +39,8 @@ RAKED = 3
 ACCURACY = Accuracy(relative=5e-5, absolute=1e-7, travel=0.0018, lean=True, order=3)
 """Errors of a bin of at most 4e-4 m/s^2, 5e-6 rad/s, 3e-5 rad and 7e-4 A."""
 
-KEPT = 200
-"""Number of responses that are remembered, of about 200 kB each."""
+KEPT = 4e7
+"""Bytes of the responses that are remembered, each of about 200 kB for a command of Table 2."""
 
 Values = tuple[float, ...]
 Setting = tuple[tuple[str, Values], ...]
@@ -215,5 +215,6 @@ class Bench:
         self._tick(len(fresh))
         known = self._known | dict(zip(fresh, found, strict=True))
         if keep:
-            self._known = known if len(known) <= KEPT else dict(zip(fresh, found, strict=True))
+            size = sum(run.nbytes for run in known.values() if run is not None)
+            self._known = known if size <= KEPT else dict(zip(fresh, found, strict=True))
         return [known[task] for task in tasks]

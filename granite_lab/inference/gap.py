@@ -57,17 +57,23 @@ def discrepancies(problem: Problem, fit: Fit, *, formulas: bool = True) -> list[
     step = np.append(-fit.posterior.step, 1.0)
     found = []
     for command, part in enumerate(fit.normal.parts):
-        for c in part.channels:
-            size, moving = problem.size_of(command, c.name)
-            amplitude, _ = c.amplitudes(step[part.place_in(step.size)], fit.scales)
-            own = np.flatnonzero((c.kind == MOTION) | ((c.kind == FORMULA) & formulas))
-            columns = c.columns[:, own]
-            root, inverse = c.inverse(fit.scales)
-            variance = (((columns * root[own]) @ inverse[own]) ** 2).sum(axis=1)
-            louder = fit.scales.louder.get(c.name, 1.0)
-            value = (columns @ amplitude[own]) * (moving > 0)
-            found.append(Discrepancy(command, c.name, size, value, louder * np.sqrt(variance) * (moving > 0)))
+        at, names = step[part.place_in(step.size)], dict.fromkeys(c.name for c in part.channels)
+        for name in names:
+            pieces = [_learnt(c, at, fit.scales, formulas) for c in part.channels if c.name == name]
+            value, std = map(np.concatenate, zip(*pieces, strict=True))
+            size, moving = problem.size_of(command, name)
+            found.append(Discrepancy(command, name, size, value * (moving > 0), std * (moving > 0)))
     return found
+
+
+def _learnt(c: ChannelPart, step: Array, scales: Scales, formulas: bool) -> tuple[Array, Array]:
+    """Return value and std (n,) of the discrepancy of a channel over a stretch [unit of the channel]."""
+    amplitude, _ = c.amplitudes(step, scales)
+    own = np.flatnonzero((c.kind == MOTION) | ((c.kind == FORMULA) & formulas))
+    columns = c.columns[:, own]
+    root, inverse = c.inverse(scales)
+    variance = (((columns * root[own]) @ inverse[own]) ** 2).sum(axis=1)
+    return columns @ amplitude[own], scales.louder.get(c.name, 1.0) * np.sqrt(variance)
 
 
 def shares(problem: Problem, fit: Fit) -> dict[str, float]:

@@ -8,10 +8,13 @@ residuals into independent numbers of unit variance.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 from scipy.linalg import cholesky, solve_toeplitz, toeplitz
 from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dtrtri
@@ -40,9 +43,19 @@ ABOVE = 2.5
 """The band above `CUT` that tells how loud noise and vibration are ends at this multiple of it."""
 
 
+WHOLE = 20.0
+"""Longest trial that is treated as a whole [s]: the slowest command of Table 2 takes less."""
+
+STRETCH = 4.0
+"""Length of a stretch of a longer one [s], eight times the widest bump of the discrepancy: noise and
+discrepancy on both sides of a cut are taken to be independent."""
+
+Mask = npt.NDArray[np.bool_]
+
+
 @dataclass(frozen=True, eq=False)
-class Whitener:
-    """Makes the noise of one channel white with unit variance.
+class Filter:
+    """Makes the noise of one channel over one stretch of a trial white with unit variance.
 
     Attributes:
         inverse: (k, k) inverse of the lower Cholesky factor of the covariance of the bins that were
@@ -51,10 +64,12 @@ class Whitener:
     """
 
     inverse: Array
-    known: Array
+    known: Mask
 
     def __call__(self, columns: Array) -> Array:
         """Return the whitened (n,) or (n, k) columns; zero where nothing was measured."""
+        if not self.inverse.size:
+            return np.zeros_like(columns)
         whole = bool(self.known.all())
         own = columns if whole else columns[self.known]
         if self.inverse.ndim == 1:
@@ -70,14 +85,69 @@ class Whitener:
         return out
 
 
-def white(level: float, known: Array) -> Whitener:
+@dataclass(frozen=True, eq=False)
+class Whitener:
+    """Makes the noise of one channel of a trial white with unit variance, one stretch after the other."""
+
+    filters: tuple[Filter, ...]
+
+    @cached_property
+    def known(self) -> Mask:
+        """(n,) bins that were measured."""
+        return np.concatenate([f.known for f in self.filters])
+
+    def __call__(self, columns: Array) -> Array:
+        """Return the whitened (n,) or (n, k) columns; zero where nothing was measured."""
+        if len(self.filters) == 1:
+            return self.filters[0](columns)
+        ends = np.cumsum([f.known.size for f in self.filters])
+        parts = np.split(columns, ends[:-1])
+        return np.concatenate([f(part) for f, part in zip(self.filters, parts, strict=True)])
+
+
+def stretches(n: int, width: float) -> tuple[slice, ...]:
+    """Return the stretches into which the bins of a trial are cut, of equal length but for rounding.
+
+    Work and memory grow with the square of a stretch, but only in proportion to their number.
+
+    Args:
+        n: number of bins.
+        width: of a bin [s].
+    """
+    count = 1 if n * width <= WHOLE else int(np.ceil(n * width / STRETCH))
+    edges = np.linspace(0, n, count + 1).round().astype(int).tolist()
+    return tuple(slice(a, b) for a, b in itertools.pairwise(edges))
+
+
+def white(level: float, known: Mask, width: float) -> Whitener:
     """Return the filter of white noise.
 
     Args:
         level: its std.
         known: (n,) bins that were measured.
+        width: of a bin [s].
     """
-    return Whitener(np.full(int(known.sum()), 1 / level), known)
+    own = [known[stretch] for stretch in stretches(known.size, width)]
+    return Whitener(tuple(Filter(np.full(int(part.sum()), 1 / level), part) for part in own))
+
+
+def whitener(known: Mask, width: float, covariance: Callable[[slice], Array]) -> Whitener:
+    """Return the filter of noise with some covariance.
+
+    Args:
+        known: (n,) bins that were measured.
+        width: of a bin [s].
+        covariance: returns that of the bins of a stretch.
+    """
+    filters = []
+    for stretch in stretches(known.size, width):
+        own = known[stretch]
+        inverse = np.zeros((0, 0))
+        if own.any():
+            L = cholesky(covariance(stretch)[np.ix_(own, own)], lower=True)
+            inverse = np.tril(dtrtri(L, lower=1)[0])
+        filters.append(Filter(inverse, own))
+    return Whitener(tuple(filters))
 
 
 def errors(residuals: Sequence[Array]) -> Array:
@@ -140,18 +210,24 @@ def learn(
     fast = speed >= FAST * min(1.0, float(speed.max()))
     driven = _spectrum(list(error[:, fast]), ORDER, floor, width, cut)
     vibration = np.fmax(driven - rest, 0.0)
-    n = speed.size
-    Σ = _covariance(rest, n) + np.outer(speed, speed) * _covariance(vibration, n)
+    of_rest, of_vibration = (np.fft.irfft(spectrum) for spectrum in (rest, vibration))
+    apart = np.zeros(speed.size)  # variance of what one bin does not share with the next
     if len(residuals) > 1:
-        Σ[np.diag_indices(n)] += _jitter(error, np.diag(Σ), slope)
+        apart += _jitter(error, of_rest[0] + speed**2 * of_vibration[0], slope)
     if more is not None:
-        Σ[np.diag_indices(n)] += more
+        apart += more
+
+    def covariance(own: slice) -> Array:
+        n, v = own.stop - own.start, speed[own]
+        Σ = toeplitz(of_rest[:n]) + np.outer(v, v) * toeplitz(of_vibration[:n])
+        Σ[np.diag_indices(n)] += apart[own]
+        return np.asarray(Σ)
+
     known = np.isfinite(table)
     found: dict[bytes, Whitener] = {}
     for mask in known:
         if mask.tobytes() not in found:
-            L = cholesky(Σ[np.ix_(mask, mask)], lower=True)
-            found[mask.tobytes()] = Whitener(np.tril(dtrtri(L, lower=1)[0]), mask)
+            found[mask.tobytes()] = whitener(mask, width, covariance)
     return [found[mask.tobytes()] for mask in known]
 
 
@@ -182,10 +258,6 @@ def _spectrum(error: Sequence[Array], order: int, floor: float, width: float, cu
         c * np.exp(-1j * np.pi * (k + 1) * np.arange(_GRID + 1) / _GRID) for k, c in enumerate(a)
     )
     return np.asarray(variance / np.abs(response) ** 2)
-
-
-def _covariance(spectrum: Array, n: int) -> Array:
-    return np.asarray(toeplitz(np.fft.irfft(spectrum)[:n]))
 
 
 def _jitter(error: Array, explained: Array, slope: Array) -> Array:

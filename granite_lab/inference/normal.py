@@ -82,7 +82,7 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class ChannelPart:
-    """One channel of one command.
+    """One channel of one command, over one stretch of it.
 
     Attributes:
         name: of the channel.

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 
 from granite_lab.inference.bench import RAKED, SAND, Bench, Setting, Task, Values
 from granite_lab.inference.constants import SAND_STD, TOLERANCE
 from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, joined, modulated, scale_of
-from granite_lab.inference.noise import Whitener
+from granite_lab.inference.noise import Filter, Whitener, stretches
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
 from granite_lab.inference.nuisances import SENSORS, SENSORS_LEAST, SENSORS_STD, TrialModel
 from granite_lab.inference.point import SHARED, Further, Point, Slopes, stacked
@@ -41,8 +42,8 @@ class Problem:
         self.commands = tuple(tuple(i for i, t in enumerate(trials) if t.variant == v) for v in self.variants)
         self.whiteners: list[list[Whitener]] = []
         self._alike: dict[Whitener, list[tuple[int, int]]] = {}  # trials and channels that share it
-        self._plain: list[dict[str, Basis]] = []
-        self._white_plain: dict[tuple[int, str, Whitener], tuple[Array, Array]] = {}
+        self._plain: list[dict[str, tuple[Basis, ...]]] = []
+        self._white_plain: dict[tuple[int, str, Filter], tuple[Array, Array]] = {}
         self._sizes: list[dict[str, tuple[float, Array, Array]]] = []
         self.rows = tuple(
             {c: slice(k * t.observation.bins, (k + 1) * t.observation.bins) for k, c in enumerate(t.channels)}
@@ -281,8 +282,15 @@ class Problem:
             plain = {}
             for c in dict.fromkeys(c for i in own for c in self.trials[i].channels):
                 level, width = size.get(c, 0.0), t.observation.width
-                parts = [modulated(level * moving, MOTION, width), modulated(level * resting, REST, width)]
-                plain[c] = joined(parts)
+                plain[c] = tuple(
+                    joined(
+                        [
+                            modulated(level * moving[part], MOTION, width),
+                            modulated(level * resting[part], REST, width),
+                        ]
+                    )
+                    for part in stretches(moving.size, width)
+                )
             self._plain.append(plain)
             self._sizes.append({c: (size.get(c, 0.0), moving, resting) for c in plain})
 
@@ -358,7 +366,7 @@ class Problem:
                 at = np.unique(np.concatenate([*(rows[i][0] for i in some), [size - 1]]))
                 names = dict.fromkeys(c for i in some for c in self.trials[i].channels)
                 of = partial(self._channel, command, some, at, rows, white, traces)
-                parts.append(CommandPart(at, tuple(map(of, names))))
+                parts.append(CommandPart(at, tuple(chain.from_iterable(map(of, names)))))
         return Normal(tuple(parts), size, p)
 
     def _traces(self, point: Point, slopes: Slopes, command: int) -> dict[str, list[Array]]:
@@ -378,42 +386,54 @@ class Problem:
         white: Sequence[Array],
         traces: Mapping[str, list[Array]],
         name: str,
-    ) -> ChannelPart:
-        width = self.trials[own[0]].observation.width
-        formula = [modulated(trace, FORMULA, width) for trace in traces.get(name, ())]
-        whole = joined([self._plain[command][name], *formula])
-        kind = whole.kind
-        gram, basis = np.zeros((at.size, at.size)), np.zeros((kind.size, kind.size))
-        across = np.zeros((kind.size, at.size))
-        rows = []
-        known: dict[Whitener, tuple[Array, Array]] = {}  # repetitions share it
-        for i in (i for i in own if name in self.trials[i].channels):
-            whitener, bins = self.whiteners[i][self.trials[i].channels.index(name)], self.rows[i][name]
-            if whitener not in known:
-                known[whitener] = self._white_basis(command, name, whitener, formula)
-            B, BB = known[whitener]
-            place = np.searchsorted(at, whitened[i][0])
-            A, w = whitened[i][1][bins], white[i][bins]
-            full = np.column_stack([A, w])
-            k = np.append(place, at.size - 1)
-            gram[np.ix_(k, k)] += full.T @ full
-            basis += BB
-            across[:, k] += B.T @ full
-            rows.append(Rows(i, bins, place, A, B))
-        return ChannelPart(name, whole.columns, kind, tuple(rows), gram, basis, across)
+    ) -> list[ChannelPart]:
+        o = self.trials[own[0]].observation
+        found = []
+        for number, part in enumerate(stretches(o.bins, o.width)):
+            formula = [modulated(trace[part], FORMULA, o.width) for trace in traces.get(name, ())]
+            plain = self._plain[command][name][number]
+            whole = joined([plain, *formula])
+            kind = whole.kind
+            gram, basis = np.zeros((at.size, at.size)), np.zeros((kind.size, kind.size))
+            across = np.zeros((kind.size, at.size))
+            rows = []
+            known: dict[Filter, tuple[Array, Array]] = {}  # repetitions share it
+            for i in (i for i in own if name in self.trials[i].channels):
+                k = self.trials[i].channels.index(name)
+                first, one = self.rows[i][name].start, self.whiteners[i][k].filters[number]
+                bins = slice(first + part.start, first + part.stop)
+                if one not in known:
+                    known[one] = self._white_basis((command, name, one), plain, formula)
+                B, BB = known[one]
+                place = np.searchsorted(at, whitened[i][0])
+                A, w = whitened[i][1][bins], white[i][bins]
+                full = np.column_stack([A, w])
+                places = np.append(place, at.size - 1)
+                gram[np.ix_(places, places)] += full.T @ full
+                basis += BB
+                across[:, places] += B.T @ full
+                rows.append(Rows(i, bins, place, A, B))
+            found.append(ChannelPart(name, whole.columns, kind, tuple(rows), gram, basis, across))
+        return found
 
     def _white_basis(
-        self, command: int, name: str, whitener: Whitener, formula: Sequence[Basis]
+        self, key: tuple[int, str, Filter], plain: Basis, formula: Sequence[Basis]
     ) -> tuple[Array, Array]:
-        """Return the (n, m) whitened discrepancy of a channel, and its (m, m) inner products."""
-        key = command, name, whitener
+        """Return the (n, m) whitened discrepancy of a channel, and its (m, m) inner products.
+
+        Args:
+            key: command, channel and filter; they tell what is known already.
+            plain: discrepancy without the errors of formulas.
+            formula: those of each effect.
+        """
+        one = key[-1]
         if key not in self._white_plain:
-            plain = whitener(self._plain[command][name].columns)
-            self._white_plain[key] = plain, plain.T @ plain
+            white = one(plain.columns)
+            self._white_plain[key] = white, white.T @ white
         B, BB = self._white_plain[key]
         if not formula:
             return B, BB
-        F = whitener(np.hstack([f.columns for f in formula]))
+        F = one(np.hstack([f.columns for f in formula]))
         across = B.T @ F
         return np.hstack([B, F]), np.block([[BB, across], [across.T, F.T @ F]])
 

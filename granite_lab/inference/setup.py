@@ -141,7 +141,9 @@ def at_first(problem: Problem) -> tuple[Point, float]:
 def nominal(problem: Problem) -> list[list[Whitener]]:
     """Return the weights of `NOMINAL`."""
     return [
-        [white(NOMINAL[c], np.isfinite(t.observation.values[c])) for c in t.channels] for t in problem.trials
+        [white(NOMINAL[c], np.isfinite(o.values[c]), o.width) for c in t.channels]
+        for t in problem.trials
+        for o in [t.observation]
     ]
 
 

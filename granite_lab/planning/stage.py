@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import cholesky, toeplitz
-from scipy.linalg.lapack import dtrtri
+from scipy.linalg import toeplitz
 
 from granite_lab.discovery.candidates import probes_of
 from granite_lab.effects.library import get
@@ -20,7 +19,7 @@ from granite_lab.errors import EstimateError, InputError
 from granite_lab.inference.bench import SAND, Bench, Setting, Values
 from granite_lab.inference.binning import Stream
 from granite_lab.inference.constants import FORMULA_ERROR
-from granite_lab.inference.noise import FLOOR, Whitener
+from granite_lab.inference.noise import FLOOR, Whitener, white, whitener
 from granite_lab.inference.normal import Posterior, Scales, posterior
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.observation import BIN, CHANNELS, Observation
@@ -129,12 +128,17 @@ def whitener_of(noise: Noise, trial: Observation, learnt_at: float) -> Whitener:
     level = float(np.hypot(noise.rest, FLOOR[noise.channel]))
     known = np.ones(t.size, dtype=bool)
     if not noise.driven:
-        return Whitener(np.full(t.size, 1 / level), known)
+        return white(level, known, trial.width)
     grid = np.linspace(0, 1, len(noise.driven))
     spectrum = np.interp(np.linspace(0, 1, max(1024, t.size) + 1), grid, noise.driven)
     speed = commanded_share(t, variant) * peak_velocity(variant) / learnt_at
-    Σ = np.outer(speed, speed) * toeplitz(np.fft.irfft(spectrum)[: t.size]) + level**2 * np.eye(t.size)
-    return Whitener(np.tril(dtrtri(cholesky(Σ, lower=True), lower=1)[0]), known)
+    shared = np.fft.irfft(spectrum)
+
+    def covariance(own: slice) -> Array:
+        v = speed[own]
+        return np.asarray(np.outer(v, v) * toeplitz(shared[: v.size]) + level**2 * np.eye(v.size))
+
+    return whitener(known, trial.width, covariance)
 
 
 class Stage:

@@ -312,7 +312,7 @@ def test_an_amplitude_that_matters_is_not_one_by_what_other_numbers_add() -> Non
     problem = problem_of(SIX)
     point = problem.neutral()
     for own in problem.whiteners:
-        own[:] = [white(1e-6 if k == 3 else 1e3, w.known) for k, w in enumerate(own)]
+        own[:] = [white(1e-6 if k == 3 else 1e3, w.known, 0.02) for k, w in enumerate(own)]
     wide = Scales(0.04, 0.1, {s.name: 10.0 for t in problem.trials for s in t.slacks})
     slopes = problem.slopes(point)
     problem.weigh(problem.whiteners, point, slopes)
@@ -405,8 +405,8 @@ def dense(problem: Problem, found: Fit) -> tuple[list[Row], Array]:
     for i, t in enumerate(problem.trials):
         command = next(c for c, own in enumerate(problem.commands) if i in own)
         n, J = found.point.trials[i].size, problem.columns(i, found.point, found.slopes)
-        C = np.diag(np.concatenate([1 / w.inverse for w in problem.whiteners[i]]) ** 2)
-        for c, basis in problem._plain[command].items():
+        C = np.diag(np.concatenate([1 / w.filters[0].inverse for w in problem.whiteners[i]]) ** 2)
+        for c, (basis,) in problem._plain[command].items():
             at = problem.rows[i][c]
             for kind, share in ((MOTION, TOLERANCE), (REST, REST_SHARE)):
                 B = basis.columns[:, basis.kind == kind]

@@ -158,11 +158,11 @@ def measure(problem: Problem, point: Point, rng: np.random.Generator, discrepanc
     shown = predicted(problem, point)
     for command, own in enumerate(problem.commands):
         for c in problem.trials[own[0]].channels:
-            part = next(p for n, p in problem._plain[command].items() if n == c)
+            (part,) = problem._plain[command][c]
             shared = part.columns[:, part.kind == 0] @ rng.normal(size=int((part.kind == 0).sum()))
             for i in own:
                 k = problem.trials[i].channels.index(c)
-                std = 1 / problem.whiteners[i][k].inverse
+                std = 1 / problem.whiteners[i][k].filters[0].inverse
                 problem.trials[i].measured[k] = shown[i][k] + discrepancy * shared
                 problem.trials[i].measured[k] += std * rng.normal(size=std.size)
     return point

@@ -18,7 +18,7 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.inference.bench import ACCURACY, RAKED, SAND, SIGNALS
 from granite_lab.inference.binning import means
 from granite_lab.inference.clocks import clocks
-from granite_lab.inference.noise import at_rest, errors, learn
+from granite_lab.inference.noise import STRETCH, at_rest, errors, learn, stretches
 from granite_lab.inference.nuisances import SENSORS, TrialModel
 from granite_lab.inference.observation import UNITS, Observation, bin_width, observe
 from granite_lab.inference.point import SHARED
@@ -303,6 +303,31 @@ def test_noise_is_learnt_at_any_rate(rate: float, share: float, repetitions: int
         assert 0.6 < np.sqrt(table[part].mean() / 0.4549) < 1.8  # the median of a squared normal number
 
 
+def test_the_noise_of_a_minute_is_white_in_every_stretch_and_takes_little_memory() -> None:
+    """A vibration with a memory of several bins; one matrix for all of it would hold nine million numbers."""
+    rng, n = np.random.default_rng(8), 3000
+    v = np.clip(np.sin(np.arange(n) / 250) + 0.6, 0.0, 1.0)
+
+    def noise() -> np.ndarray:
+        return 0.3 * rng.normal(size=n) + v * lfilter([1.0], [1.0, 0.9, 0.6], rng.normal(size=n + 100))[100:]
+
+    whitener = learn([noise() for _ in range(3)], v, np.zeros(n), 1e-3, WIDTH)[0]
+    table = np.stack([whitener(noise()) for _ in range(20)])
+    for part in stretches(n, WIDTH):
+        assert np.sqrt(np.mean(table[:, part] ** 2)) == pytest.approx(1.0, abs=0.15)
+    for lag in (1, 2, 5):  # across the cuts, too
+        assert abs(np.mean(table[:, lag:] * table[:, :-lag])) < 0.06
+    assert sum(f.inverse.size for f in whitener.filters) < n**2 / 14
+
+
+def test_stretches_cover_a_trial_once_and_a_short_one_is_not_cut() -> None:
+    assert stretches(700, WIDTH) == (slice(0, 700),)
+    parts = stretches(3001, WIDTH)
+    assert np.concatenate([np.arange(p.start, p.stop) for p in parts]).tolist() == list(range(3001))
+    assert np.ptp([p.stop - p.start for p in parts]) <= 1
+    assert max(p.stop - p.start for p in parts) * WIDTH <= STRETCH
+
+
 def test_all_commands_together_tell_the_noise_at_rest_better_than_one() -> None:
     """Half a second of three repetitions that look alike by chance was once taken for a quiet sensor."""
     rng = np.random.default_rng(4)
@@ -332,7 +357,9 @@ def test_what_the_model_lacks_at_a_steep_place_is_no_jitter_of_one_run_alone() -
     alone = learn([missing + draw(rng)], speed(), slope(), 1e-3, WIDTH)[0]
     assert np.sum(alone(missing) ** 2) > 300
     twice = learn([draw(rng), draw(rng)], speed(), slope(), 1e-3, WIDTH)[0]
-    assert np.diag(twice.inverse)[25:30].max() < 0.8 * np.diag(alone.inverse)[25:30].min()
+    assert (
+        np.diag(twice.filters[0].inverse)[25:30].max() < 0.8 * np.diag(alone.filters[0].inverse)[25:30].min()
+    )
 
 
 IMU = ("accel_x", "accel_z", "pitch_rate")

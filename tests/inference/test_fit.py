@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from granite_lab.errors import EstimateError
+from granite_lab.inference import noise
 from granite_lab.inference.bench import RAKED, SAND
 from granite_lab.inference.constants import PSEUDO_TRIALS
 from granite_lab.inference.fit import FORMULAS, SHARES, Fit, fit, log_prior, simulated, under
@@ -14,7 +15,7 @@ from granite_lab.inference.noise import FLOOR
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.setup import at_first
+from granite_lab.inference.setup import at_first, nominal
 from granite_lab.parameters import load_robot, load_variants
 from tests.inference.stub import Respond, drawn, measure, measured, problem_of
 
@@ -275,3 +276,20 @@ def test_no_effect_is_credited_with_what_it_would_gain_beyond_its_bound() -> Non
     assert bounded.point.common[0] == 0.0
     assert free.evidence > alone.evidence + 10
     assert bounded.evidence < alone.evidence + 1
+
+
+def test_a_trial_in_stretches_gives_the_numbers_of_the_whole_trial(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half as long as those in use: what is lost is the correlation across the cuts, a few bumps of many."""
+    problem, _, _ = measured(4, discrepancy=0.02)
+    start = problem.neutral()
+    whole = fit(problem, start)
+    monkeypatch.setattr(noise, "WHOLE", 2.0)
+    monkeypatch.setattr(noise, "STRETCH", 2.0)
+    problem.weigh(nominal(problem), start, problem.slopes(start))
+    found = fit(problem, start)
+    assert len(problem.whiteners[0][0].filters) > 1
+    assert np.max(np.abs(found.point.vector - whole.point.vector) / std_of(whole)) < 0.5
+    assert std_of(found) / std_of(whole) == pytest.approx(np.ones(whole.point.vector.size), rel=0.3)
+    assert [d.value.shape for d in discrepancies(problem, found)] == [
+        d.value.shape for d in discrepancies(problem, whole)
+    ]

@@ -217,7 +217,7 @@ def linear(problem: Problem, rng: np.random.Generator, share: float) -> Fit:
     shown = predicted(problem, point)
     for command, own in enumerate(problem.commands):
         smooth = {}
-        for c, basis in problem._plain[command].items():
+        for c, (basis,) in problem._plain[command].items():
             root = np.sqrt(variances(basis.kind, share, 0.0))
             smooth[c] = basis.columns @ (root * rng.normal(size=root.size))
         for i in own:
@@ -226,7 +226,7 @@ def linear(problem: Problem, rng: np.random.Generator, share: float) -> Fit:
             t = problem.trials[i]
             change = (J @ x).reshape(t.measured.shape)
             for k, c in enumerate(t.channels):
-                noise = rng.normal(size=t.observation.bins) / problem.whiteners[i][k].inverse
+                noise = rng.normal(size=t.observation.bins) / problem.whiteners[i][k].filters[0].inverse
                 t.measured[k] = shown[i][k] + change[k] + smooth[c] + noise
     return fit(problem, point, FIRST, slopes=slopes, rounds=0)
 
@@ -270,12 +270,12 @@ def test_the_discrepancy_of_a_channel_is_the_conditional_mean_of_the_dense_gauss
         places = [*range(first[i], first[i + 1]), *range(first[-1], std.size)]
         J[rows, places] = problem.columns(i, point, found.slopes)
         y[rows] = found.residuals[i].ravel()
-        noise[rows] = np.concatenate([1 / w.inverse for w in problem.whiteners[i]]) ** 2
+        noise[rows] = np.concatenate([1 / w.filters[0].inverse for w in problem.whiteners[i]]) ** 2
         assert t.channels == problem.trials[0].channels
     Σ = np.diag(noise) + (J * std**2) @ J.T
     bins = {}
     for command, own in enumerate(problem.commands):
-        for c, basis in problem._plain[command].items():
+        for c, (basis,) in problem._plain[command].items():
             B = np.zeros((begin[-1], basis.kind.size))
             for i in own:
                 at = problem.rows[i][c]
