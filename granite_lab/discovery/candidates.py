@@ -133,31 +133,29 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int = 99) ->
         most: sizes of a strength at most, the smallest first.
     """
     probes = [probe for id_ in ids for probe in probes_of(problem, id_, most)]
-    tasks: list[Task] = []
-    for command, _ in enumerate(problem.variants):
-        centre = problem.centre(fit.point, command)
-        tasks.append(centre)
-        for probe in probes:
-            values = [p.neutral for p in problem.parameters_of(probe.candidate)]
-            values[probe.place] += probe.size
-            moved = problem.with_effect(fit.point, probe.candidate, values)
-            tasks.append(problem.centre(moved, command))
-    found = problem.bench.run(tasks, keep=False)
-    n = len(probes) + 1
-    runs = [found[j * n : (j + 1) * n] for j in range(len(problem.variants))]
-    sound = [k for k in range(n - 1) if all(r[0] is not None and r[k + 1] is not None for r in runs)]
+    sound = np.ones(len(probes), dtype=bool)
+    changes: dict[int, Array] = {}
+    for command, everyone in enumerate(problem.commands):  # the responses of all would take gigabytes
+        base, *moved = problem.bench.run(_tasks(problem, fit, probes, command), keep=False)
+        sound &= [base is not None and run is not None for run in moved]
+        if base is None:
+            break
+        found = stacked([base * 0 if run is None else run - base for run in moved], base)
+        for i in everyone:
+            shown = problem.trials[i].effect_columns
+            changes[i] = shown(found, fit.point.trials[i], fit.point.sensors)
     own: dict[str, list[int]] = {}
-    for k in (k for k in sound if probes[k].is_own):
+    for k in (k for k in np.flatnonzero(sound).tolist() if probes[k].is_own):
         own.setdefault(probes[k].candidate, []).append(k)
-    shared = [k for k in sound if not probes[k].is_own]
-    each = [k for group in own.values() for k in group]
-    further = Further(
-        tuple(stacked([r[k + 1] - r[0] for k in (*shared, *each)], r[0]) for r in runs),  # type: ignore[operator, arg-type]
-        len(each),
-    )
+    shared = [k for k in np.flatnonzero(sound).tolist() if not probes[k].is_own]
+    order = [*shared, *(k for group in own.values() for k in group)]
+    columns = {i: problem.columns(i, fit.point, fit.slopes) for i, _ in enumerate(problem.trials)}
+    if order:
+        columns = {i: np.column_stack([table, changes[i][:, order]]) for i, table in columns.items()}
+    further = Further.numbered(len(order), len(order) - len(shared), len(problem.commands))
+    normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=further, known=columns)
     first = [everyone[0] for everyone in problem.commands]
-    raw = {i: problem.columns(i, fit.point, fit.slopes, further) for i in first}
-    normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=further, known=raw)
+    raw = {i: columns[i] for i in first}
     return Screen(
         tuple(probes[k] for k in shared),
         {id_: tuple(probes[k] for k in group) for id_, group in own.items()},
@@ -166,6 +164,17 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int = 99) ->
         len(problem.trials),
         raw,
     )
+
+
+def _tasks(problem: Problem, fit: Fit, probes: Sequence[Probe], command: int) -> list[Task]:
+    """Return the simulations of a command: at a fit, and with each of the probes."""
+    tasks = [problem.centre(fit.point, command)]
+    for probe in probes:
+        values = [p.neutral for p in problem.parameters_of(probe.candidate)]
+        values[probe.place] += probe.size
+        moved = problem.with_effect(fit.point, probe.candidate, values)
+        tasks.append(problem.centre(moved, command))
+    return tasks
 
 
 def rescreened(problem: Problem, screened: Screen, fit: Fit) -> Screen:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -83,6 +84,11 @@ class Further:
     changes: tuple[Array, ...]
     each: int = 0
     by_command: bool = False
+
+    @classmethod
+    def numbered(cls, count: int, each: int, commands: int) -> Self:
+        """Return `count` changes whose columns are known already, so that only their number matters."""
+        return cls((np.zeros((0, 0, count)),) * commands, each)
 
     def places(self, command: int) -> npt.NDArray[np.int64]:
         """Return the places of a command's columns among all that are not of single trials."""
