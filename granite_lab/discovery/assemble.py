@@ -19,6 +19,7 @@ from granite_lab.discovery.finding import (
     Residual,
     Status,
 )
+from granite_lab.discovery.resampling import by_evidence
 from granite_lab.discovery.search import Model, Search, is_empirical
 from granite_lab.discovery.verdict import AT_BOUND, OPEN, Judgement, Named, holding
 from granite_lab.discovery.where import disagreements
@@ -276,7 +277,7 @@ def _candidates(
     problem: Problem, search: Search, judgement: Judgement, tolerance: float
 ) -> tuple[Candidate, ...]:
     """Return every candidate as it fared beside the model alone, the likeliest first."""
-    alone = search.model(())
+    alone, competition = search.model(()), judgement.competition or by_evidence(search)
     assert alone is not None
     named = {n.id for n in judgement.named}
     described = {n.id for n in judgement.described}
@@ -291,7 +292,7 @@ def _candidates(
     no_bounds: tuple[str, ...] = ()
     for id_, gain in gains.items():
         model = search.model((id_,))
-        probability = search.probability(holding(id_))
+        probability = competition.probability(holding(id_))
         closes, bounds = float("nan"), no_bounds
         status: Status = "screened"
         if model is not None:

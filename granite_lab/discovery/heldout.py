@@ -57,16 +57,9 @@ def _predict(problem: Problem, fit: Fit, tolerance: float) -> Predicted:
     order = [i for own in problem.commands for i in own]
     n = len(order)
     parts = {i: k for k, i in enumerate(order)}
-    command = np.array([next(c for c, own in enumerate(problem.commands) if i in own) for i in range(n)])
     own, left, speed, expected = (np.full(n, np.nan) for _ in range(4))
     everyone = _shared(problem, fit, normal, tolerance, list(range(n)))
     flexible = _shared(problem, fit, normal, SHARES[-1], list(range(n)))
-    across = [
-        _shared(problem, fit, normal, tolerance, [parts[i] for i in range(n) if command[i] != c])
-        if len(problem.commands) > 1
-        else None
-        for c in range(len(problem.commands))
-    ]
     for i in range(n):
         k = parts[i]
         own[i] = _misfit(problem, fit, normal, k, i, tolerance, everyone)
@@ -74,13 +67,25 @@ def _predict(problem: Problem, fit: Fit, tolerance: float) -> Predicted:
         for share, sign in ((tolerance, 1), (SHARES[-1], -1)):
             scales = tolerated(fit.scales, share)
             expected[i] += sign * sum(held(c, scales) for c in normal.parts[k].channels)
-        if n > 1:
-            others = _shared(problem, fit, normal, tolerance, [j for j in range(n) if j != k])
-            left[i] = _misfit(problem, fit, normal, k, i, tolerance, others)
-        step = across[command[i]]
-        if step is not None:
-            speed[i] = _misfit(problem, fit, normal, k, i, tolerance, step)
+    for i in range(n) if n > 1 else ():
+        left[[i]] = by_others(problem, fit, normal, tolerance, [i])
+    for out in problem.commands if len(problem.commands) > 1 else ():
+        speed[list(out)] = by_others(problem, fit, normal, tolerance, out)
     return Predicted(own, left, speed, expected)
+
+
+def by_others(problem: Problem, fit: Fit, normal: Normal, tolerance: float, out: Sequence[int]) -> Array:
+    """Return the misfits of some trials that all others predict.
+
+    Args:
+        problem, fit, tolerance: as in `predict`.
+        normal: the normal equations, each trial apart.
+        out: numbers of the trials that are left out.
+    """
+    order = [i for own in problem.commands for i in own]
+    rest = [k for k, i in enumerate(order) if i not in out]
+    step = _shared(problem, fit, normal, tolerance, rest)
+    return np.array([_misfit(problem, fit, normal, order.index(i), i, tolerance, step) for i in out])
 
 
 def _shared(problem: Problem, fit: Fit, normal: Normal, share: float, only: Sequence[int]) -> Array:
@@ -151,3 +156,16 @@ def closed(before: Array, after: Array, gap: Array) -> Estimate:
         return Estimate(share, float("nan"))
     away = closes - share * whole
     return Estimate(share, float(np.sqrt(n / (n - 1) * np.sum(away**2)) / whole.sum()))
+
+
+def gaps(before: Predicted, after: Predicted) -> tuple[Array, Array]:
+    """Return (trials,) what a model misses beyond noise and tolerance, on trials and on speeds left out.
+
+    Args:
+        before, after: predictions without and with what closes it; a model that is better than expected
+            shows what can be reached.
+    """
+    floor = np.fmin(after.expected, before.expected)
+    pairs = ((before.unseen, after.unseen), (before.speed_left_out, after.speed_left_out))
+    trials, speeds = (b - (floor if floor.sum() < np.nansum(a) else a) for b, a in pairs)
+    return trials, speeds
