@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.special import ndtr
 
 from granite_lab.discovery.attempts import Attempts
 from granite_lab.discovery.finding import (
@@ -19,7 +20,7 @@ from granite_lab.discovery.finding import (
     Residual,
     Status,
 )
-from granite_lab.discovery.resampling import by_evidence
+from granite_lab.discovery.resampling import SUREST, by_evidence
 from granite_lab.discovery.search import Model, Search, is_empirical
 from granite_lab.discovery.verdict import AT_BOUND, OPEN, Judgement, Named, holding
 from granite_lab.discovery.where import disagreements
@@ -156,7 +157,9 @@ def _clock(late: Estimate, limit: float, effects: Mapping[str, Effect]) -> Found
         return None
     effect = effects["clock_offset"]
     number = FoundParameter("offset", "s", Estimate(-late.value, late.std))
-    return FoundEffect(effect.id, effect.title, effect.equation, (number,), (), 1.0, OPEN, OPEN)
+    later = float(ndtr((abs(late.value) - limit) / late.std)) if late.std > 0 else SUREST
+    sure = min(later, SUREST)
+    return FoundEffect(effect.id, effect.title, effect.equation, (number,), (), sure, OPEN, OPEN)
 
 
 def _clock_detectable(late: Estimate, limit: float, effects: Mapping[str, Effect]) -> tuple[Detectable, ...]:

@@ -29,6 +29,9 @@ from granite_lab.logs.trial import Array
 DRAWS = 4000
 """Draws of the sums; they determine a probability of 0.9 to 0.005."""
 
+SUREST = 1 - 0.5 / DRAWS
+"""The largest probability that is stated: so many draws show no larger one."""
+
 RIVALS = 3
 """Sets without an effect that compete with the best set: as many candidates are fitted of a screen."""
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import granite_lab
-
 from benchmarks.peers_learn import NAMES, Table, process, simulated, sparse
 from benchmarks.peers_page import best, page
 from granite_lab.inference.fit import fit
