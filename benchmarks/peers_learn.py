@@ -55,6 +55,13 @@ class Table:
         known = np.isfinite(residual) & np.isfinite(x).all(axis=1)
         return x[known], residual[known]
 
+    def command_of(self, rest: Places) -> tuple[int, bool]:
+        """Return the command that some trials lack, or lack a trial of, and whether they lack all of it."""
+        for number, own in enumerate(self.problem.commands):
+            if not set(own) <= set(rest):
+                return number, not set(own) & set(rest)
+        raise ValueError("no trial is left out")
+
     def predicted(self, out: Places, learn: Callable[[Places, str], Callable[[Array], Array]]) -> list[Array]:
         """Return per trial (C, n) the residual as a peer predicts it that has not seen some trials."""
         trials, found = self.problem.trials, [np.zeros_like(r) for r in self.base.residuals]
@@ -115,7 +122,8 @@ def sparse(table: Table) -> Learn:
 
     S. L. Brunton, J. L. Proctor, J. N. Kutz, Discovering governing equations from data by sparse
     identification of nonlinear dynamical systems, PNAS 113 (2016) 3932-3937. The threshold is that with the
-    least error on speeds left out of those that are learnt from.
+    least error on speeds left out of those that are learnt from; of a trial that is left out that which is
+    chosen without its whole command.
     """
     from pysindy import STLSQ, PolynomialLibrary  # noqa: PLC0415, of the extra `peers`
 
@@ -136,20 +144,24 @@ def sparse(table: Table) -> Learn:
 
         return predict
 
+    chosen: dict[tuple[int, str], float] = {}
+
     def learn(rest: Places, channel: str) -> Callable[[Array], Array]:
-        groups = [[i for i in own if i in rest] for own in table.problem.commands]
-        groups = [own for own in groups if own]
+        seen = [i for i in rest if channel in table.problem.trials[i].channels]
+        groups = [g for own in table.problem.commands if (g := [i for i in own if i in seen])]
 
         def error(threshold: float) -> float:
             total = 0.0
             for out in groups:
-                x, y = table.rows([i for i in rest if i not in out], channel)
+                x, y = table.rows([i for i in seen if i not in out], channel)
                 new, true = table.rows(out, channel)
                 total += float(np.sum((law(x, y, threshold)(new) - true) ** 2))
             return total
 
-        best = min(THRESHOLDS, key=error) if len(groups) > 1 else THRESHOLDS[0]
-        return law(*table.rows(rest, channel), best)
+        command, whole = table.command_of(rest)
+        if whole or (command, channel) not in chosen:
+            chosen[command, channel] = min(THRESHOLDS, key=error) if len(groups) > 1 else THRESHOLDS[0]
+        return law(*table.rows(rest, channel), chosen[command, channel])
 
     return lambda out: table.predicted(out, learn)
 
@@ -168,9 +180,8 @@ def process(table: Table) -> Learn:
         x, y = table.rows(rest, channel)
         some = np.linspace(0, y.size - 1, min(POINTS, y.size)).astype(int)
         (centre, width), (mean, std) = _scaled(x), _scaled(y)
-        lacking = next(c for c, own in enumerate(table.problem.commands) if not set(own) <= set(rest))
-        whole = not set(table.problem.commands[lacking]) & set(rest)
-        key, start = (lacking, channel), ConstantKernel() * RBF(np.ones(x.shape[1])) + WhiteKernel()
+        command, whole = table.command_of(rest)
+        key, start = (command, channel), ConstantKernel() * RBF(np.ones(x.shape[1])) + WhiteKernel()
         known = None if whole else kernels.get(key)
         gp = GaussianProcessRegressor(known or start, optimizer=None if known else "fmin_l_bfgs_b")
         with warnings.catch_warnings():
