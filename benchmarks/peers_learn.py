@@ -178,8 +178,8 @@ def process(table: Table) -> Learn:
 
     def learn(rest: Places, channel: str) -> Callable[[Array], Array]:
         x, y = table.rows(rest, channel)
-        some = np.linspace(0, y.size - 1, min(POINTS, y.size)).astype(int)
         (centre, width), (mean, std) = _scaled(x), _scaled(y)
+        some = spread((x - centre) / width, POINTS)
         command, whole = table.command_of(rest)
         key, start = (command, channel), ConstantKernel() * RBF(np.ones(x.shape[1])) + WhiteKernel()
         known = None if whole else kernels.get(key)
@@ -191,6 +191,18 @@ def process(table: Table) -> Learn:
         return lambda new: np.asarray(mean + std * gp.predict((new - centre) / width))
 
     return lambda out: table.predicted(out, learn)
+
+
+def spread(x: Array, count: int) -> Places:
+    """Return the places of rows that cover the inputs evenly: each is the farthest from those before it.
+
+    Most bins are of steady motion; drawn evenly in time they would leave the transients out.
+    """
+    places, away = [0], np.full(len(x), np.inf)
+    while len(places) < min(count, len(x)):
+        away = np.minimum(away, np.sum((x - x[places[-1]]) ** 2, axis=1))
+        places.append(int(np.argmax(away)))
+    return places
 
 
 PEERS: Mapping[str, Callable[[Table], Learn]] = {"STLSQ": sparse, "GP": process}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import granite_lab
-from benchmarks.peers_learn import NAMES, Table, process, simulated, sparse
+from benchmarks.peers_learn import NAMES, Table, process, simulated, sparse, spread
 from benchmarks.peers_page import best, page
 from granite_lab.inference.fit import fit
 from tests.inference.stub import drawn, measure, problem_of
@@ -71,3 +71,10 @@ def test_inputs_of_a_trial_follow_its_command() -> None:
     rows = simulated(problem, fit(problem, problem.neutral()))
     assert [r.shape for r in rows] == [(t.observation.bins, len(NAMES)) for t in problem.trials]
     assert all(np.isfinite(r).all() for r in rows)
+
+
+def test_points_cover_the_inputs_and_do_not_crowd_where_most_bins_are() -> None:
+    x = np.concatenate([np.zeros((500, 1)), np.linspace(0, 1, 11)[:, None]])
+    chosen = spread(x, 11)
+    assert sorted(x[chosen, 0]) == pytest.approx(np.linspace(0, 1, 11))
+    assert len(spread(x[:3], 11)) == 3
