@@ -93,10 +93,8 @@ def diagram(stated: Stated) -> Figure:
         away = np.abs(np.array([b.interval for b in found]).T - shares)
         axis.errorbar(
             [b.mean for b in found], shares, away, fmt="o", color=canvas.MEASURED, capsize=2,
-            label="effects, 95 % interval after Wilson",
+            label="effects, 95 % interval", markersize=4,
         )  # fmt: skip
-        for b, share in zip(found, shares, strict=True):
-            axis.annotate(str(b.total), (b.mean, share), (4, -10), textcoords="offset points", fontsize=7)
         axis.set(xlim=(-0.02, 1.04), ylim=(-0.02, 1.04), xlabel="stated probability", ylabel="share right")
         axis.legend(loc="lower right")
     return figure
