@@ -50,7 +50,7 @@ In all cases start, offsets, gains and sand of a trial that is left out are refi
 and is below zero where the prediction is worse than none. Peers name no cause.
 
 {len(kept)} sets are compared by code {lines[-1]["code"]} ({lines[-1]["commit"]}), {no_gap} more have no gap\
-{f", {len(lost)} failed ({', '.join(lost)})" if lost else ""}. Processor time of a set (median): {took or "–"}.
+{f", {len(lost)} lost ({', '.join(lost)})" if lost else ""}. Processor time of a set (median): {took or "–"}.
 
 ## Medians
 
