@@ -27,8 +27,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.blind_code import ROOT, code_hash, commit
-from benchmarks.blind_page import page
+from benchmarks.blind_page import DIAGRAM, current, every_stated, page
 from benchmarks.judging import Line, judged, searched, short
+from benchmarks.reliability import write_diagram
 from granite_lab.api.hidden import hide
 from granite_lab.effects import library
 from granite_lab.errors import EstimateError, LabError
@@ -352,6 +353,7 @@ def main() -> None:
     print(text)
     if options.out is not None:
         write_text(options.out, text)
+        write_diagram(every_stated(current(lines)), options.out, DIAGRAM)
 
 
 if __name__ == "__main__":

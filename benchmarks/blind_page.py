@@ -10,10 +10,14 @@ import numpy as np
 
 from benchmarks.intervals import wilson
 from benchmarks.judging import named, wrong_name
+from benchmarks.reliability import Stated, section
 
 Lines = Sequence[Mapping[str, Any]]
 SURE = 0.9
 """Probability from which on a verdict is to hold in nine of ten sets."""
+
+DIAGRAM = "figures/blind.png"
+"""Path of the reliability diagram, from the page's folder."""
 
 GROUPS = {
     "null": "nothing hidden",
@@ -96,6 +100,16 @@ def figures(lines: Lines) -> list[tuple[str, str, str, bool]]:
     return rows
 
 
+def current(lines: Lines) -> Lines:
+    """Return the lines of the code that made the last one."""
+    return [line for line in lines if line["code"] == lines[-1]["code"]]
+
+
+def every_stated(lines: Lines) -> Stated:
+    """Return all effects that were named or described, with their stated probabilities."""
+    return [one for line in lines for one in line.get("stated") or []]
+
+
 def page(lines: Lines, planned: int) -> str:
     """Return the page in Markdown.
 
@@ -104,7 +118,7 @@ def page(lines: Lines, planned: int) -> str:
         planned: number of sets in the schedule.
     """
     head = ["# Blind benchmark of `discover`", ""]
-    lines = [line for line in lines if line["code"] == lines[-1]["code"]]
+    lines = current(lines)
     unseen = [line for line in lines if line["status"] == "not made"]
     kept = [line for line in lines if line["status"] != "not made"]
     if not kept:
@@ -144,6 +158,7 @@ def page(lines: Lines, planned: int) -> str:
         "formulas than the library's. `make blind` continues the frozen list",
         "([judgement](hidden.md#judgement)).",
         "",
+        section(every_stated(kept), DIAGRAM),
         *_wrong(kept),
         *_sizes(kept),
     ]).rstrip() + "\n"  # fmt: skip

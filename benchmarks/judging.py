@@ -11,7 +11,7 @@ from typing import Any
 
 import granite_lab
 from granite_lab.errors import LabError
-from granite_lab.hidden.scoring import score
+from granite_lab.hidden.scoring import Score, score
 
 Line = dict[str, Any]
 
@@ -37,6 +37,7 @@ def document_of(finding: Any) -> Line:
         "effects": [
             {
                 "id": effect.id,
+                "probability": short(effect.probability),
                 "indistinguishable_from": list(effect.twins),
                 "parameters": {
                     p.name: {"value": short(p.estimate.value), "std": short(p.estimate.std)}
@@ -45,6 +46,17 @@ def document_of(finding: Any) -> Line:
             }
             for effect in finding.effects
         ],
+        "description": {
+            "terms": [
+                {
+                    "id": term.id,
+                    "probability": short(term.probability),
+                    "empirical": term.empirical,
+                    "indistinguishable_from": list(term.twins),
+                }
+                for term in finding.description
+            ]
+        },
         "gap": {
             part: dict(
                 zip(("before", "after", "floor"), map(short, getattr(finding.gap, part)), strict=False)
@@ -65,12 +77,18 @@ def judged(line: Line, answer: Mapping[str, Any]) -> Line:
         "outcome": s.outcome,
         "right": s.right,
         "closed": short(s.gap_closed["held_out"]),
+        "stated": stated(s),
         "parameters": [
             {"effect": p.effect, "name": p.name, "kind": p.kind, "true": short(p.true),
              "value": short(p.value), "std": short(p.std), "z": short(p.z)}
             for p in s.parameters
         ],
     }  # fmt: skip
+
+
+def stated(judged: Score) -> list[tuple[str, float, bool]]:
+    """Return effect, stated probability and whether it is right, of all that was named or described."""
+    return [(one.id, round(one.probability, 5), one.right) for one in judged.stated]
 
 
 def wrong_name(line: Mapping[str, Any]) -> bool:

@@ -1,34 +1,33 @@
 """Does `discover` find several causes at once? Mixtures that `hide` draws, judged name by name.
 
 Each seed is a set of its own: two to five causes, half of the sets on another contact law. A run that was
-interrupted goes on where it ended; results of other code are refused.
+interrupted, or whose minutes are over, goes on where it ended; results of other code are refused.
 
-``python -m benchmarks.mixtures [--first 300000] [--count 12] [--jobs 2] [--lab wild] [--out FILE]``
+``python -m benchmarks.mixtures [--first 300000] [--count 100] [--minutes 60] [--afresh] [--out FILE]``
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from functools import partial
-from itertools import pairwise
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 import granite_lab
 from benchmarks.against_truth import table
 from benchmarks.blind import read, write
 from benchmarks.blind_code import ROOT, code_hash, commit
+from benchmarks.blind_page import current, every_stated
 from benchmarks.intervals import wilson
-from benchmarks.judging import Line, short
+from benchmarks.judging import Line, short, stated
+from benchmarks.reliability import section, write_diagram
 from granite_lab.errors import EstimateError, LabError
 from granite_lab.files import write_text
 
@@ -37,8 +36,8 @@ RESULTS = ROOT / "benchmarks" / "results" / "mixtures.jsonl"
 FIRST = 300_000
 """First seed; no version was developed on it or on those behind it."""
 
-BINS = (0.0, 0.6, 0.8, 0.95, 0.99, 1.0)
-"""Edges of the bins of the stated probability."""
+DIAGRAM = "figures/blind-mixtures.png"
+"""Path of the reliability diagram, from the page's folder."""
 
 
 def task(seed: int) -> dict[str, Any]:
@@ -70,7 +69,7 @@ def one(seed: int, lab: str) -> Line:
         "hidden": list(score.hidden), "right": list(score.names.right), "missed": list(score.names.missed),
         "wrong": list(score.names.wrong), "withheld": short(score.closed_withheld),
         "closed": {key: short(document["closed"][key]["value"]) for key in ("trials", "speeds")},
-        "probabilities": {e["id"]: short(e["probability"]) for e in document["effects"]},
+        "stated": stated(score),
     }  # fmt: skip
 
 
@@ -101,23 +100,9 @@ def figures(lines: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
     ]  # fmt: skip
 
 
-def reliability(lines: Sequence[Mapping[str, Any]]) -> list[list[str]]:
-    """Return how often a named effect is right, by bins of its stated probability."""
-    named = [(p, name in x["wrong"]) for x in lines for name, p in x["probabilities"].items()]
-    rows = []
-    for low, high in pairwise(BINS):
-        some = [(p, bad) for p, bad in named if low <= p < high or p == high == 1.0]
-        if some:
-            stated = float(np.mean([p for p, _ in some]))
-            rows.append(
-                [f"{low:g}–{high:g}", f"{stated:.3f}", ratio(sum(not bad for _, bad in some), len(some))]
-            )
-    return rows
-
-
 def page(lines: Sequence[Mapping[str, Any]]) -> str:
     """Return the page in Markdown, of the lines of the code that made the last one."""
-    lines = [x for x in lines if x["code"] == lines[-1]["code"]]
+    lines = current(lines)
     judged = [x for x in lines if x["status"] == "judged"]
     lost = sum(x["status"] in ("refused", "crashed") for x in lines)
     unmade = sum(x["status"] == "not made" for x in lines)
@@ -140,9 +125,7 @@ by code {lines[-1]["code"]} ({lines[-1]["commit"]}); no version was developed on
 {table(["", "share (95 % interval after Wilson)", "aim"], figures(judged))}
 {len(judged)} sets are judged, {lost} were refused or crashed, {unmade} could not be made.
 
-## Stated probability of a name
-
-{table(["stated", "mean", "right"], reliability(judged))}
+{section(every_stated(judged), DIAGRAM)}
 ## Sets
 
 {table(columns, rows)}"""
@@ -153,6 +136,19 @@ def percent(share: float | None) -> str:
     return "–" if share is None else f"{100 * share:.0f}"
 
 
+def judgements(seeds: Sequence[int], lab: str, minutes: float, jobs: int) -> Iterator[Line]:
+    """Yield the lines of sets as they are judged; none is begun after so many minutes."""
+    end, waiting, running = time.monotonic() + 60 * minutes, list(seeds), set[Future[Line]]()
+    with ProcessPoolExecutor(jobs) as pool:
+        while True:
+            while waiting and len(running) < jobs and time.monotonic() < end:
+                running.add(pool.submit(one, waiting.pop(0), lab))
+            if not running:
+                return
+            ended, running = wait(running, return_when=FIRST_COMPLETED)
+            yield from (future.result() for future in ended)
+
+
 def main() -> None:
     """Continue the benchmark and write its page."""
     parser = argparse.ArgumentParser(
@@ -160,6 +156,8 @@ def main() -> None:
     )
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")
     parser.add_argument("--count", type=int, default=100, help="number of sets; 0: only the page")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="no set is begun later")
+    parser.add_argument("--afresh", action="store_true", help="drop results of other code")
     parser.add_argument("--jobs", type=int, default=2, help="sets side by side")
     parser.add_argument("--lab", default="wild", help="laboratory of `hide`")
     parser.add_argument("--results", type=Path, default=RESULTS, help="one line for each set")
@@ -167,21 +165,27 @@ def main() -> None:
     options = parser.parse_args()
     version = {"code": code_hash(), "commit": commit()}
     lines = read(options.results)
-    if options.count and lines and lines[-1]["code"] != version["code"]:
-        sys.exit(f"error: {options.results} is of other code\nhint: move it away to begin anew")
-    done = {line["seed"] for line in lines}
-    seeds = [s for s in range(options.first, options.first + options.count) if s not in done]
-    with ProcessPoolExecutor(options.jobs) as pool:
-        for future in as_completed([pool.submit(partial(one, lab=options.lab), seed) for seed in seeds]):
-            lines.append(future.result() | version)
-            write(options.results, lines)
-            print(f"{lines[-1]['key']}: {lines[-1]['status']}", file=sys.stderr, flush=True)
+    if options.count and options.afresh:
+        lines = [x for x in lines if x["code"] == version["code"]]
+    elif options.count and lines and lines[-1]["code"] != version["code"]:
+        sys.exit(
+            f"error: {options.results} is of code {lines[-1]['code']}, this is {version['code']}\n"
+            "hint: --afresh begins anew; --count 0 shows what there is"
+        )
+    done = {x["key"] for x in lines}
+    seeds = range(options.first, options.first + options.count)
+    waiting = [s for s in seeds if f"{s}/{options.lab}" not in done]
+    for line in judgements(waiting, options.lab, options.minutes, options.jobs):
+        lines.append(line | version)
+        write(options.results, lines)
+        print(f"{line['key']}: {line['status']}", file=sys.stderr, flush=True)
     if not lines:
         sys.exit("error: no set was judged")
     text = page(lines)
     print(text)
     if options.out is not None:
         write_text(options.out, text)
+        write_diagram(every_stated(current(lines)), options.out, DIAGRAM)
 
 
 if __name__ == "__main__":

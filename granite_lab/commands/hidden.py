@@ -142,6 +142,9 @@ def _show_score(judged: Score, printer: Printer) -> None:
     printer.say(f"judgement: {mark}; {MEANING[judged.outcome]} (found: {named})")
     for group in ("right", "missed", "wrong") if len(judged.hidden) > 1 else ():
         printer.say(f"names {group}: {', '.join(getattr(judged.names, group)) or 'none'}")
+    for one in judged.stated:
+        was, how = "right" if one.right else "wrong", "named" if one.named else "described"
+        printer.say(f"{one.id}: {how} with probability {one.probability:.3f}, {was}")
     if judged.parameters:
         printer.rows(SCORED, judged.parameters)
     for part, share in judged.gap_closed.items():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.special import ndtr
 
 from granite_lab.discovery.attempts import Attempts
 from granite_lab.discovery.finding import (
@@ -20,6 +21,7 @@ from granite_lab.discovery.finding import (
     Residual,
     Status,
 )
+from granite_lab.discovery.resampling import SUREST, by_evidence
 from granite_lab.discovery.search import Model, Search
 from granite_lab.discovery.verdict import AT_BOUND, OPEN, Judgement, Named, holding
 from granite_lab.discovery.where import disagreements
@@ -159,7 +161,9 @@ def _clock(late: Estimate, limit: float, effects: Mapping[str, Effect]) -> Found
         return None
     effect = effects["clock_offset"]
     number = FoundParameter("offset", "s", Estimate(-late.value, late.std))
-    return FoundEffect(effect.id, effect.title, effect.equation, (number,), (), 1.0, OPEN, OPEN)
+    later = float(ndtr((abs(late.value) - limit) / late.std)) if late.std > 0 else SUREST
+    sure = min(later, SUREST)
+    return FoundEffect(effect.id, effect.title, effect.equation, (number,), (), sure, OPEN, OPEN)
 
 
 def _clock_detectable(late: Estimate, limit: float, effects: Mapping[str, Effect]) -> tuple[Detectable, ...]:
@@ -269,7 +273,7 @@ def _candidates(
     problem: Problem, search: Search, judgement: Judgement, tolerance: float
 ) -> tuple[Candidate, ...]:
     """Return every candidate as it fared beside the model alone, the likeliest first."""
-    alone = search.model(())
+    alone, competition = search.model(()), judgement.competition or by_evidence(search)
     assert alone is not None
     named = {n.id for n in judgement.named}
     described = {n.id for n in judgement.described}
@@ -284,7 +288,7 @@ def _candidates(
     no_bounds: tuple[str, ...] = ()
     for id_, gain in gains.items():
         model = search.model((id_,))
-        probability = search.probability(holding(id_))
+        probability = competition.probability(holding(id_))
         closes, bounds = float("nan"), no_bounds
         status: Status = "screened"
         if model is not None:

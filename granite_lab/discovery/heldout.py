@@ -92,28 +92,31 @@ def _predict(problem: Problem, equations: Equations, tolerance: float) -> Predic
     order = [i for own in problem.commands for i in own]
     n = len(order)
     parts = {i: k for k, i in enumerate(order)}
-    command = np.array([next(c for c, own in enumerate(problem.commands) if i in own) for i in range(n)])
     own, left, speed, expected = (np.full(n, np.nan) for _ in range(4))
     everyone = _shared(equations, tolerance, list(range(n)))
     flexible = _shared(equations, SHARES[-1], list(range(n)))
-    across = [
-        _shared(equations, tolerance, [parts[i] for i in range(n) if command[i] != c])
-        if len(problem.commands) > 1
-        else None
-        for c in range(len(problem.commands))
-    ]
     for i in range(n):
         k = parts[i]
         own[i] = _misfit(equations, k, i, tolerance, everyone)
         expected[i] = _misfit(equations, k, i, SHARES[-1], flexible)
         expected[i] += equations.held(k, tolerance) - equations.held(k, SHARES[-1])
-        if n > 1:
-            others = _shared(equations, tolerance, [j for j in range(n) if j != k])
-            left[i] = _misfit(equations, k, i, tolerance, others)
-        step = across[command[i]]
-        if step is not None:
-            speed[i] = _misfit(equations, k, i, tolerance, step)
+    for i in range(n) if n > 1 else ():
+        left[[i]] = by_others(problem, equations, tolerance, [i])
+    for out in problem.commands if len(problem.commands) > 1 else ():
+        speed[list(out)] = by_others(problem, equations, tolerance, out)
     return Predicted(own, left, speed, expected)
+
+
+def by_others(problem: Problem, equations: Equations, tolerance: float, out: Sequence[int]) -> Array:
+    """Return the misfits of some trials that all others predict.
+
+    Args:
+        problem, equations, tolerance: as in `predict`.
+        out: numbers of the trials that are left out.
+    """
+    order = [i for own in problem.commands for i in own]
+    step = _shared(equations, tolerance, [k for k, i in enumerate(order) if i not in out])
+    return np.array([_misfit(equations, order.index(i), i, tolerance, step) for i in out])
 
 
 def _shared(equations: Equations, share: float, only: Sequence[int]) -> Array:
@@ -219,3 +222,16 @@ def closed(before: Array, after: Array, gap: Array) -> Estimate:
         return Estimate(share, float("nan"))
     away = closes - share * whole
     return Estimate(share, float(np.sqrt(n / (n - 1) * np.sum(away**2)) / whole.sum()))
+
+
+def gaps(before: Predicted, after: Predicted) -> tuple[Array, Array]:
+    """Return (trials,) what a model misses beyond noise and tolerance, on trials and on speeds left out.
+
+    Args:
+        before, after: predictions without and with what closes it; a model that is better than expected
+            shows what can be reached.
+    """
+    floor = np.fmin(after.expected, before.expected)
+    pairs = ((before.unseen, after.unseen), (before.speed_left_out, after.speed_left_out))
+    trials, speeds = (b - (floor if floor.sum() < np.nansum(a) else a) for b, a in pairs)
+    return trials, speeds

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from granite_lab.discovery.finding import Verdict
-from granite_lab.discovery.heldout import Predicted, closed, predict
+from granite_lab.discovery.heldout import Predicted, closed, gaps, predict
+from granite_lab.discovery.resampling import Competition, by_evidence, compete, nothing_missing
 from granite_lab.discovery.search import Model, Search, good, matters
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import CREDIBLE, LEAST_SHARE, LEFT
@@ -36,7 +37,7 @@ class Named:
     Attributes:
         id: of the effect.
         twins: effects that may stand in its place.
-        probability: that it or one of its twins is in the model.
+        probability: that it or one of its twins is in the model, see `discovery.resampling`.
         closes, speeds: share of the gap on trials and on speeds left out.
         strained: its numbers that ended at a bound, or two standard deviations outside what is expected.
         channel: of which it makes the largest share of what the set changes, and that share.
@@ -97,6 +98,15 @@ class Named:
         usual = not self.strained and scales.formula_of(most) < FORMULAS[1]
         return self.is_sure() and more and speeds and usual
 
+    def as_likely(self, unexplained: float) -> Named:
+        """Return it with the probability that it acts, where it may not be named beside what is unexplained.
+
+        A cause for which it stands in would close what it closes and what is unexplained: of these two, only
+        its own share speaks for it.
+        """
+        own, more = max(self.closes.value, 0.0), max(unexplained, 0.0)
+        return replace(self, probability=self.probability * own / (own + more) if own > 0 else 0.0)
+
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
@@ -104,7 +114,7 @@ class Judgement:
 
     Attributes:
         verdict: "none", "named", "partly named" or "unknown".
-        probability: posterior probability of the verdict.
+        probability: of the verdict: of all its names; that nothing is missing; that something is.
         model: the likeliest; the model alone where nothing is missing.
         named: what is named.
         described: what the likeliest model holds besides and trials left out show; no cause.
@@ -115,6 +125,7 @@ class Judgement:
         speeds: the same on speeds left out.
         scatter: channel to how far repetitions differ, where that is more than `LEAST_SHARE`; see
             `inference.gap.scatter`.
+        competition: how often each set wins on other speeds or trials; None where no set competes.
     """
 
     verdict: Verdict
@@ -129,6 +140,7 @@ class Judgement:
     closed: Estimate = OPEN
     speeds: Estimate = OPEN
     scatter: Mapping[str, float] = field(default_factory=dict)
+    competition: Competition | None = None
 
     @property
     def remainder(self) -> float:
@@ -156,8 +168,8 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
       likeliest model says, and that model changes no channel by more than the tolerance.
     * Effects of the likeliest set are named that trials left out show, and that close at least `LEFT` of the
       gap or show in a channel, see `Named.matters`, by more than the tolerance. Alone,
-      or with at most two others that cannot be told from them, they must have a posterior probability of
-      `CREDIBLE`. Where more is missing, see `Named.is_sure_beside`, too.
+      or with at most two others that cannot be told from them, they must have a probability of `CREDIBLE`.
+      Where more is missing, see `Named.is_sure_beside`, too.
     * ``named`` where these are all that matters, and together leave less than `LEFT` of the gap, as an rms;
       or not more by two standard errors, if errors of their formulas within `FORMULA_ERROR` and the tolerance
       explain what they leave.
@@ -171,15 +183,19 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     alone = search.model(())
     assert alone is not None
     alone = replace(alone, fit=under(problem, alone.fit, search.best.fit.scales))
-    fits, together = (alone.fit, search.best.fit), problem.bench.side_by_side
-    before, after = together(lambda k: predict(problem, fits[k], tolerance), 2)
-    beside, best = _held(search, search.beside), search.best
+    together, best = problem.bench.side_by_side, search.best
+    held_out = _HeldOut(problem, best.fit.scales, tolerance)
+    before, after = held_out.of((alone, best))
+    beside = _held(by_evidence(search), search.beside)
     if not matters(problem, alone.fit, best.fit, tolerance):
-        small = (*beside, *_held(search, best.effects))
+        small = (*beside, *_held(by_evidence(search), best.effects))
         gap = np.zeros_like(before.own)
-        return Judgement("none", 1.0, alone, (), (), small, before, before, gap)
+        return Judgement("none", nothing_missing(search), alone, (), (), small, before, before, gap)
     whole = whole_of(before, after)
-    parts = together(lambda k: _named(problem, search, best.effects[k], whole, tolerance), len(best.effects))
+    competition = compete(problem, search, held_out.of)
+    parts = together(
+        lambda k: _named(problem, search, best.effects[k], whole, competition, held_out), len(best.effects)
+    )
     scales, remainder = best.fit.scales, 1 - whole.closed.value
     relevant = [n for n in parts if n.matters(remainder, scales)]
     beyond = remainder - 2 * whole.closed.std > LEFT**2  # not so where the standard error is not known
@@ -192,18 +208,45 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
         named = [n for n in named if n.is_sure_beside(remainder, scales)]
         verdict = "partly named" if named else "unknown"
     rest = [n for n in parts if n not in named]
-    described = tuple(n for n in rest if verdict != "named" and n.is_shown())
-    small = (*beside, *(n for n in rest if n not in described))
-    probability = float(min((n.probability for n in named), default=1.0))
+    shown = [n for n in rest if verdict != "named" and n.is_shown()]
+    small = (*beside, *(n for n in rest if n not in shown))
+    described = tuple(n.as_likely(remainder) for n in shown)
+    missing = 1 - competition.probability(lambda m: not m.effects)
+    probability = float(min((n.probability for n in named), default=missing))
     return Judgement(
         verdict, probability, best, tuple(named), described, small, before, after,
-        whole.gap, whole.closed, whole.speeds,
+        whole.gap, whole.closed, whole.speeds, competition=competition,
     )  # fmt: skip
 
 
-def _held(search: Search, effects: Sequence[str]) -> tuple[Named, ...]:
+class _HeldOut:
+    """Predictions of trials and speeds that are left out, each set's once.
+
+    Args:
+        problem: the trials.
+        scales: the trials differ from each other as these say, for all sets alike.
+        tolerance: as in `predict`.
+    """
+
+    def __init__(self, problem: Problem, scales: Scales, tolerance: float) -> None:
+        self.problem, self.scales, self.tolerance = problem, scales, tolerance
+        self._known: dict[tuple[str, ...], Predicted] = {}
+
+    def of(self, models: Sequence[Model]) -> list[Predicted]:
+        """Return the predictions of some sets."""
+        new = [m for m in models if m.effects not in self._known]
+        found = self.problem.bench.side_by_side(lambda k: self._predict(new[k]), len(new))
+        self._known |= {m.effects: p for m, p in zip(new, found, strict=True)}
+        return [self._known[m.effects] for m in models]
+
+    def _predict(self, model: Model) -> Predicted:
+        scales = replace(model.fit.scales, priors=self.scales.priors)
+        return predict(self.problem, replace(model.fit, scales=scales), self.tolerance)
+
+
+def _held(known: Competition, effects: Sequence[str]) -> tuple[Named, ...]:
     """Return effects with their probability alone: what they close is not known."""
-    return tuple(Named(e, (), search.probability(holding(e)), Estimate(np.nan)) for e in effects)
+    return tuple(Named(e, (), known.probability(holding(e)), Estimate(np.nan)) for e in effects)
 
 
 def by_posterior(problem: Problem, search: Search) -> Judgement:
@@ -211,12 +254,15 @@ def by_posterior(problem: Problem, search: Search) -> Judgement:
     best = search.best
     nothing = np.full(len(problem.trials), np.nan)
     unseen = Predicted(nothing, nothing, nothing, nothing)
-    named = _held(search, best.effects)
+    competition = by_evidence(search)
+    named = _held(competition, best.effects)
     sure = all(n.probability >= CREDIBLE for n in named)
     verdict: Verdict = "none" if not named else "named" if sure else "unknown"
-    probability = min((n.probability for n in named), default=1.0)
+    probability = min((n.probability for n in named), default=nothing_missing(search))
     names, terms = (named, ()) if sure else ((), named)
-    return Judgement(verdict, probability, best, names, terms, (), unseen, unseen, nothing)
+    return Judgement(
+        verdict, probability, best, names, terms, (), unseen, unseen, nothing, competition=competition
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,10 +286,8 @@ class Whole:
 
 def whole_of(before: Predicted, after: Predicted) -> Whole:
     """Return how a set does on trials left out, given the predictions without and with it."""
-    floor = np.fmin(after.expected, before.expected)
     base, left = before.unseen, after.unseen
-    pairs = ((base, left), (before.speed_left_out, after.speed_left_out))
-    gap, other = (b - (floor if floor.sum() < np.nansum(a) else a) for b, a in pairs)
+    gap, other = gaps(before, after)
     speeds = closed(before.speed_left_out, after.speed_left_out, other)
     return Whole(base, gap, other, after, closed(base, left, gap), speeds)
 
@@ -257,38 +301,37 @@ def holding(id_: str, without: str = "") -> Callable[[Model], bool]:
     return holds
 
 
-def _named(problem: Problem, search: Search, id_: str, whole: Whole, tolerance: float) -> Named:
+def _named(
+    problem: Problem, search: Search, id_: str, whole: Whole, competition: Competition, held_out: _HeldOut
+) -> Named:
     """Return what speaks for one effect of the best set: its rivals, and what it closes.
 
-    Rivals in its place are twins where the posterior does not exclude them. The likeliest come first, until
-    half of the doubt that a name may carry is left; a rival that holds less than a tenth of this doubt is no
-    twin. Rivals are twins, too, where they leave less than twice what the best set leaves of the gap, both as
-    an rms, and close nearly as much: a formula that is off by that much cannot exclude another that is off by
-    as much more.
+    Rivals in its place are twins where they win too often. The likeliest come first, until the set may be
+    named; a rival that holds less than a tenth of the doubt that a name may carry is no twin. Rivals are
+    twins, too, where they leave less than twice what the best set leaves of the gap, both as an rms, and
+    close nearly as much: a formula that is off by that much cannot exclude another that is off by as much
+    more.
     """
-    best = search.best
+    best, tolerance = search.best, held_out.tolerance
     rest = tuple(e for e in best.effects if e != id_)
     without = search.model(rest) or next(m for m in search.models if set(m.effects) <= set(rest))
 
-    def predicted(model: Model) -> Predicted:
-        return predict(problem, under(problem, model.fit, best.fit.scales), tolerance)
-
-    changes, lacking = moved(problem, without.fit, best.fit), predicted(without)
+    changes, (lacking,) = moved(problem, without.fit, best.fit), held_out.of((without,))
     closes = closed(lacking.unseen, whole.after.unseen, whole.gap)
     speeds = closed(lacking.speed_left_out, whole.after.speed_left_out, whole.gap_speeds)
     remainder = 1 - whole.closed.value
-    probability = search.probability(holding(id_))
+    probability = competition.probability(holding(id_))
     rivals: list[tuple[float, str, Model]] = []
     for model in search.models:
         other = [e for e in model.effects if e not in rest]
         if set(rest) <= set(model.effects) and len(other) == 1 and other[0] != id_:
-            rivals.append((search.probability(holding(other[0], id_)), other[0], model))
+            rivals.append((competition.probability(holding(other[0], id_)), other[0], model))
     twins: list[str] = []
     doubt = 1 - CREDIBLE
     for share, rival, model in sorted(rivals, key=lambda r: r[:2], reverse=True):
-        likely = 1 - probability > doubt / 2 and share >= LEAST_SHARE * doubt
+        likely = probability < CREDIBLE and share >= LEAST_SHARE * doubt
         if not likely and remainder > 0:
-            left = 1 - closed(whole.base, predicted(model).unseen, whole.gap).value
+            left = 1 - closed(whole.base, held_out.of((model,))[0].unseen, whole.gap).value
             likely = left < 4 * remainder and left - remainder < LEFT * closes.value
         if likely:
             twins.append(rival)

@@ -12,6 +12,10 @@ from granite_lab.discovery.verdict import Judgement
 from granite_lab.inference.constants import LEAST_SHARE
 from granite_lab.inference.problem import Problem
 from granite_lab.parameters import is_driven
+from granite_lab.rounding import chance
+
+LIKELY = 0.5
+"""Probability from which on an effect that is not sure is called likely: it then acts rather than not."""
 
 
 def provisional(problem: Problem) -> tuple[str, ...]:
@@ -47,8 +51,13 @@ def sentence(
         text = "something is missing from the model. No candidate explains it for certain."
     else:
         text = "something is missing from the model. No candidate explains it, no term describes it."
-    if description and verdict != "none":
-        terms = ", ".join(e.title if e.empirical else e.id for e in description)
+    likely = [e for e in description if not e.empirical and e.probability >= LIKELY]
+    if likely and verdict != "none":
+        text += (
+            f" Likely, but not sure: {', '.join(f'{_name(e)} ({chance(e.probability)})' for e in likely)}."
+        )
+    if (rest := [e for e in description if e not in likely]) and verdict != "none":
+        terms = ", ".join(e.title if e.empirical else e.id for e in rest)
         text += f" A description without a cause: {terms}."
     if verdict != "none" and (effects or description) and (shrinks := _shrinks(judgement)):
         text += f" {shrinks}"

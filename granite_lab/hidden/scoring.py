@@ -85,6 +85,23 @@ class Names:
 
 
 @dataclass(frozen=True)
+class Stated:
+    """An effect of the library with the probability that was stated for it, as a name or as likely only.
+
+    Attributes:
+        id: in front of its set of twins.
+        probability: that it, or a twin, acts.
+        right: the set holds a hidden effect.
+        named: it was named; else it stands in the description.
+    """
+
+    id: str
+    probability: float
+    right: bool
+    named: bool
+
+
+@dataclass(frozen=True)
 class Score:
     """How a discovery fared.
 
@@ -96,6 +113,7 @@ class Score:
         parameters: of the effects named rightly.
         gap_closed: share of the gap that closed, for "train" and "held_out".
         names: of the hidden effects of the library and of those named: rightly named, missed, wrongly named.
+        stated: effects that were named or described, those without a stated probability left out.
         closed_withheld: share of the gap that the saved model closes at a speed that no trial shows; None
             where no such motion is in the answer, or no model was saved.
     """
@@ -109,6 +127,7 @@ class Score:
     parameters: tuple[ParameterScore, ...]
     gap_closed: Mapping[str, float | None]
     names: Names
+    stated: tuple[Stated, ...] = ()
     closed_withheld: float | None = None
 
 
@@ -191,6 +210,7 @@ def score(
         ),
         gap_closed=closed if left is None else closed | {"held_out": 1 - left},
         names=_names(effects, inside),
+        stated=_stated(effects, (finding.get("description") or {}).get("terms") or [], inside),
         closed_withheld=closed_withheld,
     )
 
@@ -217,6 +237,19 @@ def _names(effects: Sequence[Mapping[str, Any]], hidden: Sequence[str]) -> Names
         right=tuple(sorted(places)),
         missed=tuple(name for name in hidden if name not in places),
         wrong=tuple(str(e["id"]) for k, e in enumerate(effects) if k not in places.values()),
+    )
+
+
+def _stated(
+    named: Sequence[Mapping[str, Any]], terms: Sequence[Mapping[str, Any]], hidden: Sequence[str]
+) -> tuple[Stated, ...]:
+    """Hold stated probabilities against what is hidden; a formula that is no effect states no cause."""
+    effects = [*named, *(t for t in terms if not t.get("empirical"))]
+    right = matched(effects, hidden).values()
+    return tuple(
+        Stated(str(e["id"]), p, k in right, k < len(named))
+        for k, e in enumerate(effects)
+        if (p := _number(e.get("probability"))) is not None
     )
 
 

@@ -103,7 +103,7 @@ def candidates_figure(finding: Finding) -> Figure | None:
         are = "is" if len(named) == 1 else "are"
         title = f"Of {len(every)} candidates, {listed(named)} {are} in the model"
     caption = (
-        "Posterior probability that the effect is in the model, and share of the gap that it closes alone. "
+        "Probability that the effect is in the model, and share of the gap that it closes alone. "
         "Candidates that were screened out were not fitted in full."
     )
     return Figure("found_candidates", title, caption, partial(_candidates, every), finding.virtual)

@@ -30,7 +30,8 @@ def line(kind: str = "single", effect: str = "ground_slope", **changed: Any) -> 
         "key": f"{kind}/{effect}", "kind": kind, "effect": effect, "strength": 5.0, "seed": 1, "lab": "wild",
         "code": "new", "commit": "abc", "status": "judged", "seconds": 20.0, "reached": {effect: 5.0},
         "truth": {effect: {"slope": 0.1}}, "outcome": "right", "right": True, "verdict": "named",
-        "probability": 0.97, "closed": 0.95, "effects": [{"id": effect, "indistinguishable_from": []}],
+        "probability": 0.97, "closed": 0.95, "stated": [[effect, 0.97, True]],
+        "effects": [{"id": effect, "indistinguishable_from": []}],
         "parameters": [{"effect": effect, "name": "slope", "kind": "exact", "true": 0.1, "value": 0.11,
                         "std": 0.01, "z": 1.0}],
         "lab_drawn": {"repetitions": 3, "other robot": False, "other sand": True,
@@ -40,7 +41,15 @@ def line(kind: str = "single", effect: str = "ground_slope", **changed: Any) -> 
 
 
 def null(**changed: Any) -> dict[str, Any]:
-    nothing = {"reached": {}, "truth": {}, "effects": [], "parameters": [], "closed": None, "verdict": "none"}
+    nothing = {
+        "stated": [],
+        "reached": {},
+        "truth": {},
+        "effects": [],
+        "parameters": [],
+        "closed": None,
+        "verdict": "none",
+    }
     return line("null", "none", **(nothing | changed))
 
 
@@ -147,6 +156,7 @@ def test_the_page_shows_one_code_and_what_went_wrong_by_kind() -> None:
     assert "| one effect at 5 times | abstained | 2 | ground_slope (2) |" in text
     assert "`ground_slope.slope`: 1.10, 1 of 1" in text
     assert "3 repetitions 50 % of 4" in text
+    assert "| 0.95–0.98 | 0.970 | 3/3 = 100 % (44–100) | yes |" in text
     assert "nan" not in text
     assert "old (abc)" not in text
     json.dumps(lines, allow_nan=False)

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from benchmarks.mixtures import figures, page, reliability, task
+from benchmarks.mixtures import figures, page, task
 
 
 def line(**changed: Any) -> dict[str, Any]:
@@ -10,7 +10,7 @@ def line(**changed: Any) -> dict[str, Any]:
         "key": "1/wild", "seed": 1, "status": "judged", "verdict": "partly named", "seconds": 60.0,
         "hidden": ["bulldozing", "tyre_windup"], "right": ["bulldozing"], "missed": ["tyre_windup"],
         "wrong": [], "withheld": 0.7, "closed": {"trials": 0.9, "speeds": 0.8},
-        "probabilities": {"bulldozing": 0.97}, "code": "new", "commit": "abc",
+        "stated": [["bulldozing", 0.97, True]], "code": "new", "commit": "abc",
     } | changed  # fmt: skip
 
 
@@ -28,13 +28,6 @@ def test_names_and_shares_are_counted_one_by_one() -> None:
     assert rows["the same, all causes in the library"].startswith("1 of 1 = 100 %")
 
 
-def test_a_stated_probability_is_held_against_how_often_it_was_right() -> None:
-    sets = [line(probabilities={"bulldozing": 0.9, "com_offset": 0.7}, wrong=["com_offset"]), line()]
-    assert [(row[0], row[2].split(" =")[0]) for row in reliability(sets)] == [
-        ("0.6–0.8", "0 of 1"), ("0.8–0.95", "1 of 1"), ("0.95–0.99", "1 of 1"),
-    ]  # fmt: skip
-
-
 def test_the_page_leaves_other_code_out_and_says_what_was_lost() -> None:
     lines = [
         line(code="old", seed=77),
@@ -43,4 +36,5 @@ def test_the_page_leaves_other_code_out_and_says_what_was_lost() -> None:
     ]
     text = page(lines)
     assert "| 77 |" not in text
+    assert "| 0.95–0.98 | 0.970 | 1/1 = 100 % (21–100) | yes |" in text
     assert "1 sets are judged, 1 were refused or crashed, 0 could not be made" in text

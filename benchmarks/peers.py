@@ -1,0 +1,214 @@
+"""This search beside two peers that learn the residual: how much of the gap does each close?
+
+All three see the same trials, residual (of the fit without effects), gap and left-out splits. The peers
+predict the residual of each channel from the motion at that instant: sparse regression by PySINDy's STLSQ on
+products of two inputs, and a Gaussian process of scikit-learn. Their inputs are smoothed: the motion as the
+model without effects has it, which follows from the command; or as it was estimated from each trial itself.
+
+``python -m benchmarks.peers [--outside DIR] [--mixtures DIR] [--blind 20] [--minutes 60] [--out FILE]``
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+
+import granite_lab
+from benchmarks.blind import read, write
+from benchmarks.blind_code import ROOT, code_hash, commit
+from benchmarks.judging import Line, short
+from benchmarks.mixtures import task
+from benchmarks.peers_learn import INPUTS, PEERS, Places, Table, measured, residuals_without, simulated
+from benchmarks.peers_page import page
+from granite_lab.discovery import discover
+from granite_lab.discovery.heldout import Equations, by_others, closed, gaps
+from granite_lab.discovery.search import Search
+from granite_lab.discovery.verdict import Judgement, judge
+from granite_lab.errors import LabError
+from granite_lab.estimate import Estimate
+from granite_lab.files import write_text
+from granite_lab.inference.fit import Fit
+from granite_lab.inference.problem import Problem
+from granite_lab.logs.trial import Array
+
+RESULTS = ROOT / "benchmarks" / "results" / "peers.jsonl"
+
+FIRST = 400_000
+"""First seed of the blind sets; no version was developed on them."""
+
+Seen = tuple[Problem, Search, Judgement, float]
+
+
+def compared(logs: Sequence[Path]) -> Line:
+    """Search some logs, and let the peers learn the residuals of the same run."""
+    seen: list[Seen] = []
+
+    def watched(problem: Problem, search: Search, tolerance: float) -> Judgement:
+        seen.append((problem, search, judge(problem, search, tolerance), tolerance))
+        return seen[-1][2]
+
+    start = time.process_time()
+    with mock.patch.object(discover, "judge", watched):  # the search hands its problem to nobody
+        finding = granite_lab.discover(logs, jobs=1, cache=False)
+    line: Line = {
+        "verdict": finding.verdict, "named": [e.id for e in finding.effects],
+        "seconds": round(time.process_time() - start, 1),
+    }  # fmt: skip
+    problem, search, judgement, tolerance = seen[-1]
+    if not judgement.gap.sum() > 0:
+        return line | {"status": "no gap"}
+    own = {key: told(finding.closed[key]) for key in ("trials", "speeds")}
+    line |= {"status": "compared", "closed": {"this": own}, "peer_seconds": {}}
+    alone = search.model(())
+    assert alone is not None
+    scales = replace(alone.fit.scales, priors=search.best.fit.scales.priors)
+    base = replace(alone.fit, scales=scales)
+    motions = {r.motion.trial: r.motion for r in granite_lab.ingest(logs, jobs=1)}
+    tables = {"command": simulated(problem, base), "trial": measured(problem, motions)}
+    for name, learn in PEERS.items():
+        for source in INPUTS:
+            start = time.process_time()
+            found = learn(Table(problem, base, tables[source]))
+            shares = by_peer(problem, base, judgement, tolerance, found)
+            line["closed"][f"{name}, {source}"] = shares
+            line["peer_seconds"][f"{name}, {source}"] = round(time.process_time() - start, 1)
+    return line
+
+
+def told(share: Estimate) -> tuple[float | None, float | None]:
+    """Return a share and its standard error, as JSON holds them."""
+    return short(share.value), short(share.std)
+
+
+def by_peer(
+    problem: Problem,
+    base: Fit,
+    judgement: Judgement,
+    tolerance: float,
+    learnt: Callable[[Places], list[Array]],
+) -> dict[str, Any]:
+    """Return the share of the gap that a peer closes on trials and on speeds left out.
+
+    Args:
+        problem, base, judgement, tolerance: of the run.
+        learnt: returns per trial the (C, n) predicted residual, by a peer that has not seen some trials.
+    """
+    before = judgement.before
+    gap, gap_speeds = gaps(before, judgement.after)
+
+    def misfits(out: Places) -> Array:
+        left = residuals_without(base, learnt(out))
+        return by_others(problem, Equations(problem, replace(base, residuals=left)), tolerance, out)
+
+    trials, speeds = (np.full(len(problem.trials), np.nan) for _ in range(2))
+    for out in (
+        problem.commands if len(problem.commands) > 1 else ()
+    ):  # first: what is learnt there serves below
+        speeds[list(out)] = misfits(out)
+    for i in range(len(problem.trials)) if len(problem.trials) > 1 else ():
+        trials[[i]] = misfits((i,))
+    return {
+        "trials": told(closed(before.left_out, trials, gap)),
+        "speeds": told(closed(before.speed_left_out, speeds, gap_speeds)),
+    }
+
+
+def sets(outside: Path, mixtures: Path, blind: int) -> list[str]:
+    """Return what is to be compared: folders of logs, and seeds of blind sets."""
+    found = []
+    for folder in (outside, mixtures):
+        if (folder / "answers.json").is_file():
+            names = json.loads((folder / "answers.json").read_text(encoding="utf-8"))
+            found += [str(folder / name) for name in names]
+    return [*found, *(f"seed {FIRST + k}" for k in range(blind))]
+
+
+def one(name: str) -> Line:
+    """Compare on one set; a failure becomes a line, too."""
+    line: Line = {"key": Path(name).name}
+    try:
+        if not name.startswith("seed "):
+            folder = Path(name)
+            hidden = truth(json.loads((folder.parent / "answers.json").read_text("utf-8"))[folder.name])
+            return (
+                line | {"of": folder.parent.name, "hidden": hidden} | compared(sorted(folder.glob("*.csv")))
+            )
+        seed = int(name.removeprefix("seed "))
+        with tempfile.TemporaryDirectory(prefix="granite-peers-") as made:
+            hid = granite_lab.hide("mixture", made, seed=seed, lab="wild", **task(seed))
+            hidden = "+".join(e["id"] for e in granite_lab.reveal(made).answer["effects"])
+            return line | {"of": "blind", "hidden": hidden} | compared(hid.trials)
+    except LabError as error:
+        return line | {"status": "refused", "error": f"{error.message} ({error.hint})"}
+    except Exception:  # a crash is a result
+        return line | {"status": "crashed", "error": traceback.format_exc(limit=-4)}
+
+
+def truth(answer: Mapping[str, Any]) -> str:
+    """Return what is hidden in a set, of either form of answers."""
+    if "answer" in answer:
+        return str(answer["answer"])
+    law = [] if answer["soil_law"] == "paper" else [f"soil after {answer['soil_law']}"]
+    return "+".join([*answer["library"], *law]) or "none"
+
+
+def compare(names: Sequence[str], minutes: float, jobs: int) -> Iterator[Line]:
+    """Yield the lines of sets as they are compared; none is begun after so many minutes."""
+    end, waiting, running = time.monotonic() + 60 * minutes, list(names), set[Future[Line]]()
+    with ProcessPoolExecutor(jobs) as pool:
+        while True:
+            while waiting and len(running) < jobs and time.monotonic() < end:
+                running.add(pool.submit(one, waiting.pop(0)))
+            if not running:
+                return
+            ended, running = wait(running, return_when=FIRST_COMPLETED)
+            yield from (future.result() for future in ended)
+
+
+def main() -> None:
+    """Continue the comparison and write its page."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--outside", type=Path, default=Path("../shared/outside"))
+    parser.add_argument("--mixtures", type=Path, default=Path("../shared/mixtures"))
+    parser.add_argument("--blind", type=int, default=20, help="number of sets made by hide")
+    parser.add_argument("--only", default="", help="names of sets, with commas between")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="no set is begun later; 0: the page")
+    parser.add_argument("--jobs", type=int, default=2, help="sets side by side")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="one line for each set")
+    parser.add_argument("--out", type=Path, help="write the page here, too")
+    options = parser.parse_args()
+    version = {"code": code_hash(), "commit": commit()}
+    lines = read(options.results)
+    if options.minutes > 0:
+        lines = [x for x in lines if x["code"] == version["code"]]
+    done, only = {x["key"] for x in lines}, set(filter(None, options.only.split(",")))
+    names = [n for n in sets(options.outside, options.mixtures, options.blind) if Path(n).name not in done]
+    names = [n for n in names if not only or Path(n).name in only]
+    for line in compare(names, options.minutes, options.jobs):
+        lines.append(line | version)
+        write(options.results, lines)
+        print(f"{line['key']}: {line['status']}", file=sys.stderr, flush=True)
+    if not lines:
+        sys.exit("error: no set was compared")
+    print(text := page(lines))
+    if options.out is not None:
+        write_text(options.out, text)
+
+
+if __name__ == "__main__":
+    main()

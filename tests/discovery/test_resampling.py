@@ -1,0 +1,102 @@
+"""Probabilities of sets from the commands that were driven: by Student's t, and on a search."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+from granite_lab.discovery.resampling import by_evidence, competitors, nothing_missing, units, winners
+from granite_lab.discovery.search import Search
+from granite_lab.discovery.verdict import Named, holding
+from granite_lab.estimate import Estimate
+from tests.discovery.test_verdict import LAW, SIX, ask
+from tests.inference.stub import problem_of
+
+pytestmark = pytest.mark.usefixtures("one_blas_thread")
+
+
+@pytest.mark.parametrize(
+    "gains", [(300.0, 500.0, 100.0, 900.0), (50.0, -40.0, 90.0, 20.0), (9.0, 10.0, 11.0)]
+)
+def test_a_set_wins_with_the_probability_of_students_t(gains: tuple[float, ...]) -> None:
+    """Where densities are large, the better of two sets wins a draw: the sign of the mean gain decides."""
+    gain = 1e3 * np.array(gains)
+    common = 1e6 * np.random.default_rng(1).normal(size=gain.size)  # commands that are hard for both
+    first, second = winners(np.stack([common + gain, common]), np.zeros(2))
+    ratio = gain.mean() / (gain.std(ddof=1) / np.sqrt(gain.size))
+    assert first == pytest.approx(student.cdf(ratio, gain.size - 1), abs=0.015)
+    assert first + second == pytest.approx(1.0)
+    assert 0 < second < 1
+
+
+def test_equal_sets_share_by_their_prior_odds() -> None:
+    same = np.tile(np.array([-500.0, -700.0, -400.0]), (2, 1))
+    assert winners(same, np.log([0.05, 0.15])) == pytest.approx([0.25, 0.75], abs=0.001)
+
+
+def test_a_set_that_always_wins_is_not_certain() -> None:
+    first, second = winners(np.array([[0.0, 0.0, 0.0], [-1e4, -1e4, -1e4]]), np.zeros(2))
+    assert 0.999 < first < 1
+    assert second > 0
+
+
+def test_commands_are_drawn_whole_where_there_are_three_speeds() -> None:
+    assert units(problem_of(SIX)) == ((0, 1), (2, 3), (4, 5))
+    assert units(problem_of((0, 0, 1, 1))) == ((0,), (1,), (2,), (3,))
+
+
+def test_the_best_set_competes_with_those_that_lack_an_effect() -> None:
+    found = ask(push=0.3, shake=0.15, discrepancy=0.0).search
+    sets = {m.effects for m in competitors(found)}
+    assert found.best.effects in sets
+    assert {(), ("push",)} <= sets
+
+
+def test_a_right_name_is_sure_and_never_certain() -> None:
+    judgement = ask(push=0.3).judgement
+    assert judgement.competition is not None
+    (only,) = judgement.named
+    assert 0.95 < only.probability < 1
+    assert judgement.competition.probability(holding("push")) == only.probability
+    assert judgement.competition.weights.sum() == pytest.approx(1.0)
+
+
+def test_one_speed_more_against_a_name_makes_it_less_sure() -> None:
+    with_it, without = np.array([-100.0, -100.0, -100.0, -100.0]), np.array([-180.0, -220.0, -200.0, -190.0])
+    sure = winners(np.stack([with_it, without]), np.zeros(2))[0]
+    without[3] = -60.0
+    doubted = winners(np.stack([with_it, without]), np.zeros(2))[0]
+    assert sure > 0.99
+    assert 0.6 < doubted < 0.95
+
+
+def test_nothing_missing_is_less_likely_the_more_a_candidate_promises() -> None:
+    found = ask(candidates=("pull", "push", *LAW)).search
+    assert 0.5 < nothing_missing(found) < 1
+
+    def promising(gain: float) -> Search:
+        (look,) = [k for k in found.looks[()] if not k.tolerated][:1]
+        scores = tuple(replace(s, gain=gain) for s in look.scores)
+        fitted = tuple(m for m in found.models if not m.effects)
+        return replace(found, models=fitted, looks={(): (replace(look, scores=scores),)})
+
+    assert nothing_missing(promising(0.0)) == pytest.approx(1 / (1 + 2 * 0.05), rel=1e-6)
+    assert nothing_missing(promising(-9.0)) > nothing_missing(promising(2.0))
+
+
+def test_without_three_commands_or_trials_the_evidence_alone_counts() -> None:
+    answer = ask(push=0.3, commands=(1,))
+    evidence = by_evidence(answer.search)
+    (only,) = answer.judgement.named
+    assert only.probability == evidence.probability(holding("push"))
+    assert only.probability < 1
+
+
+def test_what_is_unexplained_counts_against_an_effect_that_is_only_described() -> None:
+    effect = Named("push", (), 0.9, Estimate(0.3, 0.1))
+    assert effect.as_likely(0.6).probability == pytest.approx(0.3)
+    assert effect.as_likely(-0.1).probability == pytest.approx(0.9)
+    assert replace(effect, closes=Estimate(-0.1)).as_likely(0.5).probability == 0.0
+    law = replace(effect, id="empirical.force_motion")
+    assert law.as_likely(0.6) is law
