@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.errors import EstimateError
+from granite_lab.inference.bench import RAKED, SAND
 from granite_lab.inference.constants import FORMULA_ERROR, PSEUDO_TRIALS, SPREAD, TOLERANCE
 from granite_lab.inference.discrepancy import FORMULA, MOTION
 from granite_lab.inference.normal import Normal, Posterior, Scales, posterior
-from granite_lab.inference.point import Point, Slopes
+from granite_lab.inference.point import SHARED, Point, Slopes
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.strengths import own_name, width_of
 from granite_lab.logs.trial import Array
@@ -27,6 +28,17 @@ TRUSTED = 0.1
 NEAR = 1.0
 """Promised drop below which a step of Gauss and Newton is taken although the objective does not fall: within
 a std it tells of kinks of the model and of derivatives at the centre of a command, not of the optimum."""
+
+AS_GOOD = 0.5
+"""How far a fit may move, in std of the numbers, with derivatives that count as those of the point."""
+
+LEAST_OF_LOUD = 0.005
+"""Promised drop, as a share of the objective, below which no damped step is taken where the noise is louder
+than repetitions show: the model is wrong, and its kinks are sharper than the noise. The fit is then not one
+that has converged."""
+
+STRENGTH = ("cohesion", "friction_angle")
+"""Numbers of the sand that say nothing where another limit of the shear stress rules in (10)."""
 
 LEAST_DAMPED = 0.01
 """Damping below which there is none."""
@@ -130,7 +142,9 @@ def fit(
     state = _State(start, slopes, responses, residuals, problem.white(residuals), normal)
     converged = False
     if rounds:
-        state, scales, converged = _descended(problem, state, scales, rounds, least)
+        state, scales, converged = _descended(problem, state, learn(problem, state, scales, 1), rounds, least)
+        if converged and least == LEAST:
+            state, scales = _unlimited(problem, state, scales, rounds)
     post = _posterior(problem, state.point, state.normal, scales)
     evidence = post.evidence + log_prior(problem, scales, bool(state.point.effects))
     if rounds:  # nothing is credited beyond a bound, nor what the derivatives promise and was not found
@@ -149,14 +163,15 @@ def _descended(
     The damping follows the drop over the promised one (H. B. Nielsen, Damping parameter in Marquardt's
     method, IMM-REP-1999-05, Technical University of Denmark).
     """
-    scales = learn(problem, state, scales, 1)
-    damping, growth, fresh = 0.0, 2.0, True
+    damping, growth, away = 0.0, 2.0, 0.0  # how far from where the derivatives were taken [std]
     for _ in range(rounds):
         here, aim, promised = _promise(problem, state, scales, damping)
-        if promised < least and damping > 0:
+        if damping > 0 and promised < (LEAST_OF_LOUD * here if scales.loud else least):
+            if scales.loud or damping > MOST_DAMPED:
+                break
             damping = 0.0
             continue
-        if promised < least and fresh:
+        if promised < least and away < AS_GOOD:
             new = learn(problem, state, scales)
             settled, scales = change(scales, new) < SETTLED, new
             if settled:
@@ -165,22 +180,57 @@ def _descended(
         drop, tried = -np.inf, None
         if promised >= least:
             drop, tried = _tried(problem, state, scales, here, aim)
-        ratio = drop / promised if promised > 0 else 0.0
+        ratio = drop / promised if promised > 0 else -np.inf
         near = promised < NEAR and damping == 0
+        fresh = away == 0
         if tried is not None and (drop > 0 or (near and drop > -NEAR)):
             damping *= max(1 / 3, 1 - (2 * ratio - 1) ** 3)
             damping, growth = damping if damping > LEAST_DAMPED else 0.0, 2.0
-            state, fresh = tried, False
+            state, away = tried, away + float(np.sqrt(promised))
+            keep = away < AS_GOOD if near else abs(ratio - 1) < TRUSTED
         elif fresh:
-            damping, growth = max(growth * damping, 10 * LEAST_DAMPED), 2 * growth
+            damping, growth, keep = max(growth * damping, 10 * LEAST_DAMPED), 2 * growth, True
             if damping > MOST_DAMPED:
                 break
-        if not fresh and not (abs(ratio - 1) < TRUSTED and promised > NEAR):
+        else:
+            keep = False
+        if not keep:
             renewed = _renewed(problem, state)
             if renewed is None:
                 break
-            state, fresh, scales = renewed, True, learn(problem, renewed, scales, 1)
+            state, away = renewed, 0.0
+        if not keep or near:
+            scales = learn(problem, state, scales, 1)
     return state, scales, False
+
+
+def _unlimited(problem: Problem, state: _State, scales: Scales, rounds: int) -> tuple[_State, Scales]:
+    """Return the optimum at which the strength of the sand limits nothing, if there is one that is likelier.
+
+    Where the friction on the tyre rules in (10), cohesion and angle of friction say nothing. A fit that comes
+    from where they rule ends at the edge of that region, in a second optimum.
+    """
+    shared = np.where([name in STRENGTH for name in SHARED], 0.0, state.point.shared)
+    if np.array_equal(shared, state.point.shared):
+        return state, scales
+    raked = np.array([name in STRENGTH for name in SAND[:RAKED]])
+    trials = [np.concatenate([np.where(raked, 0.0, x[:RAKED]), x[RAKED:]]) for x in state.point.trials]
+    here, _, _ = _promise(problem, state, scales, 0.0)
+    rise, there = _tried(
+        problem, state, scales, here, replace(state.point, shared=shared, trials=tuple(trials))
+    )
+    there = _renewed(problem, there) if there is not None and rise > -NEAR else None
+    if there is None:
+        return state, scales
+    other, theirs, converged = _descended(problem, there, scales, rounds, LEAST)
+    better = converged and _evidence(problem, other, theirs) > _evidence(problem, state, scales)
+    return (other, theirs) if better else (state, scales)
+
+
+def _evidence(problem: Problem, state: _State, scales: Scales) -> float:
+    """Return the logarithm of the marginal likelihood at a point."""
+    post = _posterior(problem, state.point, state.normal, scales)
+    return post.evidence - post.promised / 2 + log_prior(problem, scales, bool(state.point.effects))
 
 
 def _promise(problem: Problem, state: _State, scales: Scales, damping: float) -> tuple[float, Point, float]:
