@@ -40,6 +40,9 @@ that has converged."""
 STRENGTH = ("cohesion", "friction_angle")
 """Numbers of the sand that say nothing where another limit of the shear stress rules in (10)."""
 
+LEAST_PACE = 1 / 8
+"""Least share of a step that is taken near the optimum."""
+
 LEAST_DAMPED = 0.01
 """Damping below which there is none."""
 
@@ -164,6 +167,10 @@ def _descended(
     method, IMM-REP-1999-05, Technical University of Denmark).
     """
     damping, growth, away = 0.0, 2.0, 0.0  # how far from where the derivatives were taken [std]
+    pace, before = (
+        1.0,
+        np.inf,
+    )  # share of a step that is taken near the optimum, and what the last one promised
     for _ in range(rounds):
         here, aim, promised = _promise(problem, state, scales, damping)
         if damping > 0 and promised < (LEAST_OF_LOUD * here if scales.loud else least):
@@ -177,11 +184,15 @@ def _descended(
             if settled:
                 return state, scales, True
             continue
+        near = promised < NEAR and damping == 0
+        if near and promised > before / 2:  # steps to and fro over the optimum
+            pace = max(pace / 2, LEAST_PACE)
+            aim = problem.moved(state.point, pace * (aim.vector - state.point.vector))
+        before = promised if near else np.inf
         drop, tried = -np.inf, None
         if promised >= least:
             drop, tried = _tried(problem, state, scales, here, aim)
         ratio = drop / promised if promised > 0 else -np.inf
-        near = promised < NEAR and damping == 0
         fresh = away == 0
         if tried is not None and (drop > 0 or (near and drop > -NEAR)):
             damping *= max(1 / 3, 1 - (2 * ratio - 1) ** 3)
