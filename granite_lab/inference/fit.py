@@ -22,8 +22,8 @@ LEAST, LEAST_OF_ROUGH = 0.002, 0.2
 number is further from the optimum than 0.045 of its std. Of a fit that only serves to learn the noise, a
 tenth."""
 
-TRUSTED = 0.1
-"""How far from one the drop over the promised one may be for the derivatives to be kept."""
+TRUSTED = 0.4
+"""How far from one the drop over the promised one may be for the derivatives to be kept, far from the optimum."""
 
 NEAR = 1.0
 """Promised drop below which a step of Gauss and Newton is taken although the objective does not fall: within
@@ -33,9 +33,9 @@ AS_GOOD = 0.5
 """How far a fit may move, in std of the numbers, with derivatives that count as those of the point."""
 
 LEAST_OF_LOUD = 0.005
-"""Promised drop, as a share of the objective, below which no damped step is taken where the noise is louder
-than repetitions show: the model is wrong, and its kinks are sharper than the noise. The fit is then not one
-that has converged."""
+"""Promised drop, as a share of the objective, below which a fit ends where the noise is louder than
+repetitions show: the model is wrong, its kinks are sharper than the noise, and a quarter of a percent of its
+rms does not change that. Such a fit has not converged."""
 
 STRENGTH = ("cohesion", "friction_angle")
 """Numbers of the sand that say nothing where another limit of the shear stress rules in (10)."""
@@ -167,15 +167,15 @@ def _descended(
     method, IMM-REP-1999-05, Technical University of Denmark).
     """
     damping, growth, away = 0.0, 2.0, 0.0  # how far from where the derivatives were taken [std]
-    pace, before = (
-        1.0,
-        np.inf,
-    )  # share of a step that is taken near the optimum, and what the last one promised
+    pace, before = 1.0, np.inf  # share of a step that is taken near the optimum; what the last one promised
     for _ in range(rounds):
         here, aim, promised = _promise(problem, state, scales, damping)
-        if damping > 0 and promised < (LEAST_OF_LOUD * here if scales.loud else least):
-            if scales.loud or damping > MOST_DAMPED:
+        if scales.loud and promised < LEAST_OF_LOUD * here:
+            loud, scales = scales, learn(problem, state, scales)
+            if scales.loud and change(loud, scales) < CLOSE:
                 break
+            continue
+        if damping > 0 and promised < least:
             damping = 0.0
             continue
         if promised < least and away < AS_GOOD:
