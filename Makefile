@@ -8,7 +8,7 @@ USE := .venv/.use-installed
 DEV := .venv/.dev-installed
 MINOR := "import sys; print('%d.%d' % sys.version_info[:2])"
 
-.PHONY: help python study smoke test lint types bench bench-simulator bench-estimation bench-many blind outside outside-variants validation soak samples clean
+.PHONY: help python study smoke test lint types bench bench-simulator bench-estimation bench-many blind mixtures outside outside-variants validation soak samples clean
 
 help:
 	@echo "make study             analyse data/samples, write reports/samples/index.html"
@@ -17,6 +17,7 @@ help:
 	@echo "make bench             measure speed and accuracy, up to 1,200 trials (an hour), write docs/bench-*.md"
 	@echo "make soak              the tests whose long parts are only sampled by make test, whole"
 	@echo "make blind             hidden sets of a frozen range for discover (two hours), write docs/blind.md"
+	@echo "make mixtures          100 mixtures of hidden effects (hours), write docs/blind-mixtures.md"
 	@echo "make outside DIR=...   judge discover by trials of other programs"
 	@echo "make outside-variants  the same trials as other loggers would have written them (an hour)"
 	@echo "make validation        hold the contact model against measured wheels, write docs/validation.md"
@@ -73,6 +74,9 @@ bench-many: $(DEV)
 
 blind: $(DEV)
 	$(BIN)/python -m benchmarks.blind --minutes 120 --jobs 2 --out docs/blind.md
+
+mixtures: $(DEV)
+	$(BIN)/python -m benchmarks.mixtures --jobs 2 --out docs/blind-mixtures.md
 
 DIR ?= ../shared/outside
 

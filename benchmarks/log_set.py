@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.against_truth import Array, Velocities
 from granite_lab.errors import LabError
 from granite_lab.estimation import Motion, estimate
-from granite_lab.logs.standstill import Interval
+from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import load_robot, load_soil
 

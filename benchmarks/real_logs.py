@@ -20,7 +20,7 @@ from benchmarks.real_logs_page import Delay, Delays, page, run_table
 from granite_lab.errors import LabError
 from granite_lab.files import write_text
 from granite_lab.logs import read_trial
-from granite_lab.logs.standstill import Interval
+from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.streams import WINDOW, slope
 from granite_lab.logs.trial import Trial
 

@@ -19,10 +19,11 @@ from granite_lab.errors import EstimateError, LabError, UsageError
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.logs.trial import InputFile, Trial, name_of
+from granite_lab.model import simulate
 from granite_lab.model.effect import Active
 from granite_lab.options import Options
 from granite_lab.origin import Source
-from granite_lab.parameters import Robot, Soil, load_robot, load_soil
+from granite_lab.parameters import Robot, Soil, load_robot, load_soil, load_variants
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.results import StudyResult, TrialResult, command_of
 from granite_lab.running import Execution, each_trial, sifted
@@ -78,17 +79,23 @@ def analyse(path: Path, options: Options) -> TrialResult:
     """
     logged, robot = read(path, options)
     trial, motion = estimation.correct(logged, robot, **_beside(logged, options))
-    name, effects = ground(trial, options)
-    soil = load_soil(name)
+    soil, effects = ground(trial, options)
     fit = fitting.fit_k92(motion, trial, robot, soil, effects=effects)
     return TrialResult(trial, compare(motion, trial, fit, robot, soil, effects=effects))
 
 
-def ground(trial: Trial, options: Options) -> tuple[str, tuple[Active, ...]]:
-    """Return the soil of a trial, by name or path, and the effects that are switched on."""
+def ground(trial: Trial, options: Options) -> tuple[Soil, tuple[Active, ...]]:
+    """Return the soil of a trial, as a model file has it fitted, and the effects that are switched on."""
     model = load_model(options.model, options.effects) if options.model else None
-    soil = options.soil or (model.soil if model else None) or trial.info.soil or "dry_sand"
+    fitted = model is not None and options.soil is None
+    soil = model.ground if model and fitted else load_soil(soil_name(trial, options))
     return soil, model.effects if model else ()
+
+
+def soil_name(trial: Trial, options: Options) -> str:
+    """Return the name or path of a trial's soil: as given, of the model file, of the log; else dry sand."""
+    model = load_model(options.model, options.effects) if options.model else None
+    return options.soil or (model.soil if model else None) or trial.info.soil or "dry_sand"
 
 
 NAME = "study"
@@ -128,7 +135,9 @@ def over_trials(
     if not discover:
         return result
     try:
-        finding = find_effect(trials, options, motions=motions, execution=execution, progress=progress)
+        finding = find_effect(
+            trials, options, motions=motions, law=result.a_theta, execution=execution, progress=progress
+        )
     except LabError as error:
         if strict:
             raise EstimateError(error.message, "--no-discover leaves the search out") from None
@@ -141,6 +150,7 @@ def find_effect(
     options: Options,
     *,
     motions: Sequence[Motion],
+    law: AThetaFit | None = None,
     execution: Execution = HERE,
     progress: Callable[[str, int], None] = lambda *_: None,
 ) -> Finding:
@@ -149,6 +159,7 @@ def find_effect(
     Args:
         trials: of one robot on one soil, as estimation corrected them.
         motions: estimates of the trials.
+        law: a_θ by their steady slip, where it is known already.
         progress: as in `discovery.discover`.
 
     Raises:
@@ -156,6 +167,7 @@ def find_effect(
         LabError: of `discovery.discover`.
     """
     from granite_lab.discovery.discover import discover  # noqa: PLC0415, heavy
+    from granite_lab.discovery.exponent import views  # noqa: PLC0415, heavy
     from granite_lab.running.simulations import effects_of_search, on_cluster  # noqa: PLC0415, heavy
 
     if options.model:
@@ -179,6 +191,8 @@ def find_effect(
             jobs=execution.jobs or os.cpu_count() or 1, respond=respond, progress=progress,
             tolerance=options.tolerance, latency=options.latency,
         )  # fmt: skip
+    law = law or law_by_slip(trials, motions, robot, soil)
+    finding = replace(finding, a_theta=views(finding, law), simulates=_simulated(finding))
     data = encode(((), finding))
     if cache is not None and not finding.failures:
         cache.put(key, data)
@@ -210,6 +224,33 @@ def search_key(inputs: Sequence[Any], options: Options) -> str:
     return digest_of(code(), hashes, own, options.tolerance, options.latency)
 
 
+def _simulated(finding: Finding) -> tuple[float, ...]:
+    """Return the speeds of Table 2 [m/s] at which the model with what was found has a solution."""
+    sand = finding.fitted_sand
+    a_theta = sand.pop("a_theta").value
+    soil = replace(finding.soil, **{name: e.value for name, e in sand.items()})
+    speeds = []
+    for variant in load_variants():
+        with suppress(LabError):
+            simulate(variant, finding.robot, soil, a_theta=a_theta, effects=finding.active)
+            speeds.append(variant.velocity)
+    return tuple(speeds)
+
+
+def law_by_slip(
+    trials: Sequence[Trial], motions: Sequence[Motion], robot: Robot, soil: Soil
+) -> AThetaFit | None:
+    """Fit a_θ to the steady slip alone; None where the trials do not allow it."""
+    fits = []
+    for trial, motion in zip(trials, motions, strict=True):
+        with suppress(EstimateError):
+            fits.append(fitting.fit_k92(motion, trial, robot, soil, trajectory=False))
+    try:
+        return fitting.fit_a_theta(fits)
+    except EstimateError:
+        return None
+
+
 def law_of(trials: Sequence[TrialResult]) -> AThetaFit | None:
     """Fit a_θ over trials; None where they do not allow it."""
     try:
@@ -234,7 +275,7 @@ def source_of(
         options: that were in force.
         discover: whether a search for a missing effect was asked for; None where that is no question.
     """
-    rows = in_force(options.robot or trials[0].info.robot or "granite", ground(trials[0], options)[0])
+    rows = in_force(options.robot or trials[0].info.robot or "granite", soil_name(trials[0], options))
     given = options.given() + ((("discover", "no"),) if discover is False else ())
     used = [file for trial in trials for file in trial.inputs]
     known = {file.path for file in used}

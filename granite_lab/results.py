@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granite_lab.comparison.compare import Comparison, Misfit
+from granite_lab.discovery.as_json import SCHEMA as DISCOVERY
 from granite_lab.discovery.finding import Finding
 from granite_lab.errors import InputError, LabError
 from granite_lab.files import readable
@@ -233,4 +234,7 @@ def load_report(path: Path) -> dict[str, Any]:
             f"{file}: is not the report of a study of this version",
             "give a folder that 'granite-lab study' wrote, or run the study again",
         )
+    found = document.get("discovery")
+    if found is not None and (not isinstance(found, dict) or found.get("schema") != DISCOVERY):
+        raise InputError(f"{file}: its search is of another version", "run the study again")
     return document

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,6 @@ from granite_lab.folders import distinct, replacing
 from granite_lab.logs.trial import Trial
 from granite_lab.options import Options
 from granite_lab.origin import Written
-from granite_lab.parameters import load_paper
 from granite_lab.processes import shared_out
 from granite_lab.results import WHOLE, StudyResult
 from granite_lab.running.output import Guard
@@ -108,14 +108,14 @@ def save_found(
     motions: Sequence[Motion],
     guard: Guard,
 ) -> Path | None:
-    """Write the baseline with the physical effects that were named, and beside it what a plan needs.
+    """Write the likeliest model as fitted, and beside it what a plan needs.
 
     The motions of the trials know what was commanded. Returns the path of the model file, None where it could
     not be written.
     """
     from granite_lab.planning.design import save_design  # noqa: PLC0415, a defect there is guarded
 
-    saved = guard.run("model", lambda: _save_model(finding, options, trials, guard.folder))
+    saved = guard.run("model", lambda: save_model_of(finding, options, trials, guard.folder))
     said = []  # trials whose metadata say what was commanded
     for trial, motion in zip(trials, motions, strict=True):
         v, a, d = motion.variant.velocity, motion.variant.acceleration, motion.variant.distance
@@ -135,15 +135,14 @@ def save_found(
     return saved
 
 
-def _save_model(finding: Finding, options: Options, trials: Sequence[Trial], folder: Path) -> Path:
-    active = {item.id: item for item in finding.active}
+def save_model_of(finding: Finding, options: Options, trials: Sequence[Trial], folder: Path) -> Path:
+    """Write the likeliest model: sand and a_θ that all trials share, and every term of it."""
+    std = {(e.id, p.name): p.estimate.std for e in (*finding.small, *finding.terms) for p in e.parameters}
+    twins = {e.id: e.twins for e in finding.effects}
     fitted = []
-    for found in finding.effects:
-        if not found.empirical:
-            item = active[found.id]
-            std = {p.name: p.estimate.std for p in found.parameters}
-            values = {name: Estimate(v, std.get(name, 0.0)) for name, v in item.as_dict().items()}
-            fitted.append(FittedEffect(item.effect, values, found.twins))
+    for item in finding.active:
+        values = {name: Estimate(v, _std_of(item.id, name, std)) for name, v in item.as_dict().items()}
+        fitted.append(FittedEffect(item.effect, values, twins.get(item.id, ())))
     files = sorted((file.path.name, file.sha256) for t in trials for file in t.inputs)
     provenance = {
         "version": __version__,
@@ -151,8 +150,14 @@ def _save_model(finding: Finding, options: Options, trials: Sequence[Trial], fol
         "virtual": finding.virtual,
         "inputs": [f"{name} sha256 {sha}" for name, sha in files],
     }
-    law = Estimate(load_paper().a_theta)
-    model = ModelFile(*names_of(trials, options), "exponential", law, tuple(fitted), provenance)
+    sand = finding.fitted_sand
+    law = sand.pop("a_theta")
+    model = ModelFile(*names_of(trials, options), "exponential", law, tuple(fitted), provenance, sand)
     with replacing(folder, "model") as new:
         save_model(model, new / MODEL)
     return folder / MODEL
+
+
+def _std_of(effect: str, name: str, known: Mapping[tuple[str, str], float]) -> float:
+    """Return the std of a number of an effect; a term of the empirical law stands for itself."""
+    return known.get((effect, name), known.get((f"{effect}.{name}", name), math.nan))

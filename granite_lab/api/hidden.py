@@ -13,13 +13,19 @@ from granite_lab.files import sha256, write_bytes, write_text
 from granite_lab.hidden.lab import lab_of
 from granite_lab.hidden.scoring import Score, read_finding, score
 from granite_lab.hidden.sealed import NAME, OPEN, open_answer, read_answer, seal
-from granite_lab.hidden.wish import Wish
+from granite_lab.hidden.wish import CAUSES, Wish
 from granite_lab.logs import write_canonical, write_truth
 from granite_lab.parameters import load_robot, load_soil
 from granite_lab.shown import frame
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from granite_lab.hidden.contact import Array
+    from granite_lab.model.run import Run
+
+MODEL = "model.toml"
+"""Name under which `discover` and `study` save the model that they found."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +63,8 @@ def hide(
     effect: str,
     out: str | Path,
     *,
+    causes: int = 3,
+    soil_law: str = "",
     seed: int = 0,
     strength: float = 1.0,
     sizes: Mapping[str, float] | None = None,
@@ -75,8 +83,11 @@ def hide(
 
     Args:
         effect: ids joined by +; or ``random``: one of the library; ``pair``: two of it; ``outside``: one that
-            it lacks; ``none``.
+            it lacks; ``mixture``: several `causes`; ``none``.
         out: folder of the trials and the sealed answer.
+        causes: of a mixture, 2 to 5. Each alone reopens a tenth of the squared gap when it is absent.
+        soil_law: contact law in place of the paper's: ``stress_ahead``, ``shear_softening``,
+            ``bearing_limit``, or ``random``; the paper's by default.
         seed: seed of all random numbers.
         strength: factor on the effect's size, 0.001 to 1000.
         sizes: parameters of the effect.
@@ -96,6 +107,7 @@ def hide(
         EstimateError: the robot would dig itself in under this effect.
         LabError: a file cannot be written.
     """
+    refuse_outside("causes", causes, *CAUSES)
     refuse_outside("seed", seed, 0)
     refuse_outside("strength", strength, 0.001, 1000)
     refuse_outside("noise", noise, 0, 100)
@@ -113,8 +125,9 @@ def hide(
     if truth is not None and (there := sorted(Path(truth).glob(f"{label}_v*_r*.csv"))):
         raise UsageError(f"{there[0]}: is there already", "choose another folder for the truth")
     wish = Wish(
-        effect, seed, strength, noise, sand_off, lab, dict(sizes or {}), repetitions=repetitions, label=label
-    )
+        effect, seed, strength, noise, sand_off, lab, dict(sizes or {}), repetitions=repetitions, label=label,
+        causes=causes, soil_law=soil_law,
+    )  # fmt: skip
     the_robot, the_soil = load_robot(robot or "granite"), load_soil(soil or "dry_sand")
     own = lab_of(lab, seed, the_robot, the_soil).files()
     if there := [folder / name for name in own if (folder / name).exists()]:
@@ -153,8 +166,37 @@ def reveal(folder: str | Path, finding: File = None) -> Revealed:
         answer = read_answer(written, units)
     else:
         answer = open_answer(place)
-    judged = score(answer, read_finding(Path(finding))) if finding else None
+    judged = None
+    if finding:
+        document = read_finding(Path(finding))
+        judged = score(answer, document, _closed_withheld(answer, Path(finding)))
     return Revealed(answer, judged, tuple(_changed(place, answer)))
+
+
+def _closed_withheld(answer: Mapping[str, Any], finding: Path) -> float | None:
+    """Return the share of the gap at the withheld speed that the model beside a finding closes.
+
+    The paper's model and the saved one are simulated; None where the answer withholds nothing, or no model
+    was saved.
+    """
+    saved = (finding if finding.is_dir() else finding.parent) / MODEL
+    if "withheld" not in answer or not saved.is_file():
+        return None
+    from granite_lab.api.model import simulate  # noqa: PLC0415, heavy
+    from granite_lab.effects.model_file import load_model  # noqa: PLC0415, heavy
+    from granite_lab.hidden.mixture import share_closed  # noqa: PLC0415, heavy
+
+    hidden = answer["withheld"]
+    motion = {"v": hidden["velocity"], "a": hidden["acceleration"], "distance": hidden["distance"]}
+    known = load_model(saved)
+    paper = simulate(**motion, robot=known.robot, soil=known.soil)
+    found = simulate(**motion, model=saved)
+    return share_closed(hidden, *(_velocity_and_current(run) for run in (paper, found)))
+
+
+def _velocity_and_current(run: Run) -> dict[str, Array]:
+    current = 0.5 * (run["current_f_A"] + run["current_r_A"])
+    return {"t_s": run.t, "v_mps": run["v_mps"], "current": current}
 
 
 def _changed(folder: Path, answer: Mapping[str, Any]) -> list[str]:

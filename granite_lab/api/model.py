@@ -77,7 +77,7 @@ def _model(
     if not isinstance(robot, Robot):
         robot = load_robot(robot or (base.robot if base else "granite"))
     if not isinstance(soil, Soil):
-        soil = load_soil(soil or (base.soil if base else "dry_sand"))
+        soil = base.ground if base and soil is None else load_soil(soil or "dry_sand")
     if base and k92 is None and a_theta is None:
         k92, a_theta = base.k92, base.a_theta
     return _Model(robot, soil, (base.effects if base else ()) + switched, k92, a_theta)

@@ -13,9 +13,9 @@ import numpy as np
 from granite_lab import estimation
 from granite_lab.chain import read, soil_of
 from granite_lab.errors import EstimateError, InputError, LabError
-from granite_lab.estimation.motion import Motion, mean_known
-from granite_lab.estimation.rest import inside
-from granite_lab.logs.standstill import COAST
+from granite_lab.estimation.motion import Motion
+from granite_lab.logs.counters import mean_known
+from granite_lab.logs.sensors.standstill import COAST, inside
 from granite_lab.logs.trial import Array, Trial, is_bag
 from granite_lab.options import Options
 from granite_lab.parameters import WHEELS
@@ -128,7 +128,7 @@ def _log(trial: Trial, path: Path) -> Check:
 
     spans = [s.t for s in (trial.imu, trial.wheels, trial.currents) if s is not None and len(s.t) > 1]
     seconds = max(t[-1] for t in spans) - min(t[0] for t in spans) if spans else 0.0
-    dead = [line for line in trial.warnings if line.endswith(ZERO)]
+    dead = [str(doubt) for doubt in trial.doubts if doubt.what == ZERO]
     if dead and not is_bag(path):  # messages of ROS hold zeros where nothing is measured
         return Check("log", False, "; ".join(dead), "check plug and driver of the sensor")
     doubts = f"; warnings: {len(trial.warnings)}, see granite-lab inspect" if trial.warnings else ""

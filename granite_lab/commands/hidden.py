@@ -23,8 +23,13 @@ PARTS = {"train": "trials in the fit", "held_out": "trials left out of the fit"}
 def hide(
     effect: Annotated[str, Option(
         help="Ids joined by +; or random: one of the library; pair: two of it; outside: one that it "
-        "lacks; none.")],
+        "lacks; mixture: several --causes; none.")],
     out: Annotated[Path, Option(help="Folder of the trials and the sealed answer.")],
+    causes: Annotated[int, Option(
+        help="Of a mixture (2 to 5). Each alone reopens a tenth of the squared gap when it is absent.")] = 3,
+    soil_law: Annotated[str, Option(
+        help="Contact law in place of the paper's: stress_ahead, shear_softening, bearing_limit, or "
+        "random.", show_default="the paper's")] = "",
     seed: Annotated[int, Option(help="Seed of all random numbers.")] = 0,
     strength: Annotated[float, Option(help="Factor on the effect's size (0.001 to 1000).")] = 1.0,
     sizes: Annotated[list[str] | None, Option(
@@ -50,8 +55,9 @@ def hide(
     named = read_pairs("--size", sizes, number_of, "write name=number")
     with progress("trials", quiet=quiet) as watch:
         made = gl.hide(
-            effect, out, seed=seed, strength=strength, sizes=named, noise=noise, sand_off=sand_off,
-            repetitions=repetitions, lab=lab, robot=robot, soil=soil, label=label, truth=truth, jobs=jobs,
+            effect, out, causes=causes, soil_law=soil_law, seed=seed, strength=strength, sizes=named,
+            noise=noise, sand_off=sand_off, repetitions=repetitions, lab=lab, robot=robot, soil=soil,
+            label=label, truth=truth, jobs=jobs,
             done=watch.done,
         )  # fmt: skip
     printer = Printer(as_json)
@@ -134,11 +140,17 @@ def _show_score(judged: Score, printer: Printer) -> None:
     mark = "right" if judged.right else "wrong"
     named = ", ".join(judged.named) or judged.verdict
     printer.say(f"judgement: {mark}; {MEANING[judged.outcome]} (found: {named})")
+    for group in ("right", "missed", "wrong") if len(judged.hidden) > 1 else ():
+        printer.say(f"names {group}: {', '.join(getattr(judged.names, group)) or 'none'}")
     if judged.parameters:
         printer.rows(SCORED, judged.parameters)
     for part, share in judged.gap_closed.items():
         if share is not None:
             printer.say(f"gap closed, {PARTS[part]}: {100 * share:.1f} %")
+    if judged.closed_withheld is not None:
+        printer.say(
+            f"gap closed by the saved model at the withheld speed: {100 * judged.closed_withheld:.1f} %"
+        )
 
 
 def _unit(unit: str) -> str:

@@ -12,8 +12,9 @@ import numpy.typing as npt
 
 from granite_lab import fitting
 from granite_lab.errors import EstimateError
-from granite_lab.estimation.motion import Motion, mean_known
+from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import K92Fit
+from granite_lab.logs.counters import mean_known
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model import Run
 from granite_lab.model.command import V_FLOOR

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from granite_lab.discovery.finding import Confusion, Finding, FoundEffect, Gap
+from granite_lab.fitting.fit import View
 from granite_lab.shown import jsonable, picked
 
 SCHEMA = "granite-lab/discovery/3"
@@ -14,8 +15,7 @@ SCHEMA = "granite-lab/discovery/3"
 def finding_as_json(finding: Finding, model: Path | str | None = None) -> dict[str, Any]:
     """Return the finding as the document of ``discover --json``; NaN becomes None.
 
-    What is not computed is None: the ``ceiling`` of what any force could close, and ``a_theta`` with the
-    uncertainty of soil and wheels.
+    What is not computed is None: the ``ceiling`` of what any force could close.
 
     Args:
         finding: the record.
@@ -31,7 +31,7 @@ def finding_as_json(finding: Finding, model: Path | str | None = None) -> dict[s
         **picked(finding, "closed"),
         "ceiling": None,
         **picked(finding, "remainder", "strained"),
-        "a_theta": None,
+        "a_theta": {v.by: _view(v) for v in finding.a_theta} or None,
         **picked(finding, "tolerance"),
         "latency_s": finding.latency,
         "gap": _gap(finding.gap),
@@ -51,6 +51,12 @@ def finding_as_json(finding: Finding, model: Path | str | None = None) -> dict[s
     }
     found: dict[str, Any] = jsonable(document)
     return found
+
+
+def _view(view: View) -> dict[str, Any]:
+    """Return a_θ by one view, with what its std is made of."""
+    parts = {part.name: part.contribution for part in view.parts}
+    return view.a_theta.as_json() | {"ci95": view.ci95, "unit": "s/m", "parts": parts}
 
 
 def _renamed(record: object, names: dict[str, str]) -> dict[str, Any]:

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from granite_lab.discovery.attempts import Attempts
-from granite_lab.discovery.empirical import TARGETS, TERMS
 from granite_lab.discovery.finding import (
     Candidate,
     Confusion,
@@ -34,6 +33,7 @@ from granite_lab.inference.point import SHARED
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active, Effect
+from granite_lab.model.empirical import TARGETS, TERMS
 from granite_lab.parameters import load_paper
 
 
@@ -80,7 +80,8 @@ def assemble(
             described = (*described, clock)
         else:
             found = (*found, clock)
-        active = (*active, Active(effects[clock.id], (-late.value,)))
+        offset = effects[clock.id].parameters[0]
+        active = (*active, Active(effects[clock.id], (min(max(-late.value, offset.low), offset.high),)))
         verdict = "named" if verdict == "none" else verdict
     none: list[Discrepancy] = []
     lacking = parts.of("the discrepancy", lambda: discrepancies(problem, before.fit), none)
@@ -223,13 +224,31 @@ def _numbers(problem: Problem, fit: Fit, id_: str) -> tuple[FoundParameter, ...]
 
 
 def _active(problem: Problem, fit: Fit) -> tuple[Active, ...]:
-    point = fit.point
-    own = np.mean([x[t.size :] for t, x in zip(problem.trials, point.trials, strict=True)], axis=0)
-    effects = problem.bench.world.effects
+    """Return the effects as a simulation takes them, see `_typical` for what each trial has of its own."""
+    point, effects = fit.point, problem.bench.world.effects
+    own = _typical(problem, fit)
     return tuple(
         Active(effects[id_], values)
         for id_, values in problem.setting(point.effects, point.common, np.asarray(own))
     )
+
+
+def _typical(problem: Problem, fit: Fit) -> Array:
+    """Return the numbers of effects that differ from trial to trial as one trial may have them: their mean.
+
+    A cosine and a sine have another phase in each trial, so that their means vanish: the amplitude that all
+    share, its rms over the trials, stands in the cosine.
+    """
+    private = problem.parameters(fit.point.effects, per_trial=True)
+    rows = [x[t.size :] for t, x in zip(problem.trials, fit.point.trials, strict=True)]
+    typical = np.asarray(np.mean(rows, axis=0))
+    square = np.asarray(np.mean(np.square(rows), axis=0))
+    place = {(id_, p.name): k for k, (id_, p) in enumerate(private)}
+    for id_ in fit.point.effects:
+        for pair in problem.bench.world.effects[id_.partition(".")[0]].circles:
+            c, s = (place[id_, name] for name in pair)
+            typical[c], typical[s] = min(float(np.sqrt(square[c] + square[s])), private[c][1].high), 0.0
+    return typical
 
 
 def _gap(problem: Problem, judgement: Judgement, before: Fit, after: Fit, tolerance: float) -> Gap:

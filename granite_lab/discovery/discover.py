@@ -10,7 +10,6 @@ import numpy as np
 from granite_lab.discovery.assemble import assemble
 from granite_lab.discovery.attempts import Attempts
 from granite_lab.discovery.candidates import screen
-from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.discovery.finding import Confusion, Detectable, Finding
 from granite_lab.discovery.power import detectable
 from granite_lab.discovery.search import Search, search
@@ -24,8 +23,10 @@ from granite_lab.inference.constants import LATENCY_LIMIT, OUTLIER, TOLERANCE
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.setup import at_first, baseline, nominal, trial_models
+from granite_lab.inference.stated import sand_std
 from granite_lab.logs.trial import Trial
 from granite_lab.model.effect import Effect
+from granite_lab.model.empirical import EmpiricalLaw
 from granite_lab.parameters import Robot, Soil
 from granite_lab.processes import one_thread
 
@@ -81,7 +82,7 @@ def discover(
     worlds = [under_conditions(plain, own, m) for (own, _), (m, _) in zip(readings, every, strict=True)]
     with one_thread(), Bench(worlds[0], jobs, lambda _: progress(stage[0], bench.runs), respond) as bench:
         tell("fitting the model without effects")
-        ways = [_possible(Problem(models, bench)) for models, _ in every]
+        ways = [_possible(Problem(models, bench, sand_std(soil))) for models, _ in every]
         fits = [at_first(way)[1] for way, _ in ways] if len(ways) > 1 else [0.0]
         chosen = int(np.argmin(fits))
         (problem, dropped), (trials, motions) = ways[chosen], readings[chosen]
@@ -89,7 +90,9 @@ def discover(
         strange = _outliers(problem, base)
         if strange:
             dropped += tuple((problem.trials[i].observation.name, why) for i, why in strange.items())
-            problem = Problem([t for i, t in enumerate(problem.trials) if i not in strange], bench)
+            problem = Problem(
+                [t for i, t in enumerate(problem.trials) if i not in strange], bench, problem.sand_std
+            )
             base = baseline(problem)
         found = search(problem, base, (*library, *terms), tolerance, tell)
         parts = Attempts()
@@ -149,7 +152,8 @@ def _possible(problem: Problem) -> tuple[Problem, tuple[tuple[str, str], ...]]:
         return problem, ()
     reason = "its command has no solution in the model"
     names = tuple((problem.trials[i].observation.name, reason) for i in sorted(out))
-    return Problem([t for i, t in enumerate(problem.trials) if i not in out], problem.bench), names
+    kept = [t for i, t in enumerate(problem.trials) if i not in out]
+    return Problem(kept, problem.bench, problem.sand_std), names
 
 
 def _outliers(problem: Problem, base: Fit) -> dict[int, str]:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import PhaseName
+from granite_lab.fitting.fit import View
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active
 from granite_lab.origin import NOWHERE, Origin
-from granite_lab.parameters import Robot, Soil
+from granite_lab.parameters import Robot, Soil, load_paper
 from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
@@ -262,6 +264,8 @@ class Finding(Shown):
         runs: simulations that were needed.
         failures: parts of the analysis that failed after the search, one line each, with their `tracebacks`.
         origin: where the finding comes from.
+        a_theta: by the files, with their uncertainty, and with what was found; see `discovery.exponent`.
+        simulates: speeds of Table 2 [m/s] at which the model with what was found has a solution.
     """
 
     verdict: Verdict
@@ -301,11 +305,23 @@ class Finding(Shown):
     failures: tuple[str, ...] = field(default=())
     tracebacks: tuple[str, ...] = field(default=())
     origin: Origin = NOWHERE
+    a_theta: tuple[View, ...] = ()
+    simulates: tuple[float, ...] = ()
 
     @property
     def terms(self) -> tuple[FoundEffect, ...]:
         """All that the likeliest model holds and that matters, named or not."""
         return (*self.effects, *self.description)
+
+    @property
+    def fitted_sand(self) -> dict[str, Estimate]:
+        """a_θ [s/m], and numbers of the soil that all trials share, in their units as in `Soil`."""
+        found = {}
+        for name, log in self.sand.items():
+            base = load_paper().a_theta if name == "a_theta" else float(getattr(self.soil, name))
+            value = base * math.exp(log.value)
+            found[name] = Estimate(value, value * log.std)
+        return found
 
     def __repr__(self) -> str:
         found = ", ".join(effect.id for effect in self.effects)

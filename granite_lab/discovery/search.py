@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from granite_lab.discovery.candidates import Score, Screen, rescreened, rivals, scores, screen
-from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.discovery.heldout import predict, predicts_better
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
@@ -18,6 +17,7 @@ from granite_lab.inference.gap import moved, shares, tolerated
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
+from granite_lab.model.empirical import EmpiricalLaw
 
 MOST = 6
 """Effects in a set at most."""

@@ -1,10 +1,10 @@
-"""`model.toml`: the paper's model with effects switched on, their fitted values and where they come from."""
+"""`model.toml`: the paper's model as fitted, sand, a_θ and effects, and where the numbers come from."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,14 @@ from granite_lab.errors import InputError, LabError
 from granite_lab.estimate import Estimate
 from granite_lab.files import write_text
 from granite_lab.model.effect import Active, Effect, activate
-from granite_lab.parameters import load_robot, load_soil
-from granite_lab.parameters.quantity import check_number, read_toml, toml_line, unknown_key
+from granite_lab.model.empirical import EmpiricalLaw
+from granite_lab.parameters import Soil, load_robot, load_soil
+from granite_lab.parameters.quantity import check_number, key_of, read_toml, toml_line, unknown_key
 
-SCHEMA = "granite-lab/model/1"
+SCHEMA = "granite-lab/model/3"
+OLD = ("granite-lab/model/1", "granite-lab/model/2")
+"""Schemas without `sand`, which are read, too."""
+
 LAWS = ("exponential", "constant")
 
 
@@ -51,6 +55,8 @@ class ModelFile:
         law_value: a_θ [s/m] or the constant k_92 [-].
         fitted: the effects, in the order in which their hooks apply.
         provenance: whatever tells where the values come from: version, inputs, seed.
+        sand: fitted numbers of the soil, in place of those of its file; name of the field of `Soil` to value
+            and std.
     """
 
     robot: str
@@ -59,6 +65,12 @@ class ModelFile:
     law_value: Estimate
     fitted: tuple[FittedEffect, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    sand: Mapping[str, Estimate] = field(default_factory=dict)
+
+    @property
+    def ground(self) -> Soil:
+        """The soil with the fitted numbers; raises as `load_soil` does."""
+        return replace(load_soil(self.soil), **{name: e.value for name, e in self.sand.items()})
 
     @property
     def effects(self) -> tuple[Active, ...]:
@@ -89,12 +101,12 @@ def load_model(path: Path | str, code: Path | str | None = None) -> ModelFile:
     file = Path(path)
     table = read_toml(file)
     where = str(file)
-    _known(where, table, ("schema", "robot", "soil", "k92", "provenance", "effect"))
-    if table.get("schema") != SCHEMA:
+    _known(where, table, ("schema", "robot", "soil", "sand", "k92", "provenance", "effect"))
+    if table.get("schema") not in (SCHEMA, *OLD):
         raise InputError(
             f"{where}: schema = {table.get('schema')!r} is not that of a model file", f'expected "{SCHEMA}"'
         )
-    known = library() | (load_effects(code) if code else {})
+    known = library() | {EmpiricalLaw.id: EmpiricalLaw()} | (load_effects(code) if code else {})
     rows = table.get("effect", [])
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise InputError(f"{where}: 'effect' must be a list of tables", "write [[effect]] above each")
@@ -109,7 +121,21 @@ def load_model(path: Path | str, code: Path | str | None = None) -> ModelFile:
     law, value = _read_law(where, table.get("k92"))
     robot = _catalogued(file, table, "robot", load_robot)
     soil = _catalogued(file, table, "soil", load_soil)
-    return ModelFile(robot, soil, law, value, fitted, provenance)
+    return ModelFile(robot, soil, law, value, fitted, provenance, _read_sand(where, table.get("sand", {})))
+
+
+def _read_sand(where: str, table: Any) -> dict[str, Estimate]:
+    place = f"{where}: [sand]"
+    if not isinstance(table, dict) or not all(isinstance(row, dict) for row in table.values()):
+        raise InputError(f"{place}: is not a table of numbers", "write key = { value = …, std = … }")
+    of = {key_of(f): f for f in fields(Soil) if "unit" in f.metadata}
+    _known(place, table, tuple(of))
+    found = {}
+    for key, row in table.items():
+        m, own = of[key].metadata, f"{place}: {key}"
+        _known(own, row, ("value", "std"))
+        found[of[key].name] = _read_estimate(own, row, m["unit"], m["low"], m["high"])
+    return found
 
 
 def _known(where: str, table: dict[str, Any], keys: tuple[str, ...]) -> None:
@@ -194,7 +220,7 @@ def save_model(model: ModelFile, path: Path | str) -> None:
         LabError: the file cannot be written.
     """
     lines = [
-        "# The paper's model with effects switched on. Use it with --model.",
+        "# The paper's model as fitted, with effects switched on. Use it with --model.",
         toml_line("schema", SCHEMA),
         toml_line("robot", model.robot),
         toml_line("soil", model.soil),
@@ -203,6 +229,13 @@ def save_model(model: ModelFile, path: Path | str) -> None:
         toml_line("law", model.law),
         *(toml_line(k, v) for k, v in _number(model.law_value).items()),
     ]
+    if model.sand:
+        lines += ["", "[sand]  # as fitted, in place of the soil's file"]
+        keys = {f.name: f for f in fields(Soil)}
+        lines += [
+            f"{toml_line(key_of(keys[name]), _number(e))}  # {keys[name].metadata['meaning']}"
+            for name, e in model.sand.items()
+        ]
     if model.provenance:
         lines += ["", "[provenance]"]
         lines += [toml_line(k, v) for k, v in model.provenance.items() if v is not None]

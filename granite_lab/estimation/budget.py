@@ -21,8 +21,8 @@ from granite_lab.estimate import Kind, Part
 from granite_lab.estimation import error_model as model
 from granite_lab.estimation.error_model import BA, BG, BM, PD, TAU, TH, C, D, G, K, Noise, P, S, V, X
 from granite_lab.estimation.nodes import Nodes
-from granite_lab.estimation.smoother import Smoothed, adjoint, widening
-from granite_lab.logs.standstill import ZERO_VELOCITY
+from granite_lab.estimation.smoother import Smoothed, Solution, adjoint, widening
+from granite_lab.logs.sensors.standstill import ZERO_VELOCITY
 from granite_lab.logs.trial import Array
 
 LEVEL, TURN, ONLY = "accelerometer bias with mounting tilt", "gyro bias", "bias that is there only in motion"
@@ -52,21 +52,22 @@ WALKING = {
 
 
 def slip_parts(
-    nodes: Nodes, found: Smoothed, noise: Noise, scatter: float, slip: float, rolled: Array, i: int, j: int
+    solution: Solution, noise: Noise, scatter: float, slip: float, rolled: Array, span: tuple[int, int]
 ) -> tuple[Part, ...]:
-    """Split the variance of λ_R between two nodes i < j into its sources, largest first.
+    """Split the variance of λ_R over the `span` of two nodes into its sources, largest first.
 
     Squares of the contributions add up to the variance that `outcome.robot_slip` states; parts below a
     millionth of it are left out. `slip` is λ_R, `rolled` (K,) the way of the wheels at the nodes [m].
     """
     if not math.isfinite(slip):
         return ()
+    nodes, smoothed, (i, j) = solution.nodes, solution.smoothed, span
     length = float(rolled[j] - rolled[i])
     towards = np.zeros(model.SIZE)  # λ = slipped / rolled: its gradient towards the difference of the states
     towards[[D, X, P]] = (1.0 - slip) / length, -slip / length, slip / length
-    widened = widening(found.innovations)  # as `smooth` did
-    variances = {name: widened * v for name, v in _shares(nodes, found, towards, i, j).items()}
-    variances[STEADY] = float(towards @ (found.common[j] - found.common[i])) ** 2
+    widened = widening(smoothed.innovations)  # as `smooth` did
+    variances = {name: widened * v for name, v in _shares(nodes, smoothed, towards, i, j).items()}
+    variances[STEADY] = float(towards @ (smoothed.common[j] - smoothed.common[i])) ** 2
     sources = _sources(nodes, noise, scatter)
     parts = []
     for name, variance in sorted(variances.items(), key=lambda item: -item[1]):

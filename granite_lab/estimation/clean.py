@@ -9,16 +9,15 @@ import numpy as np
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import BA
-from granite_lab.estimation.faults import Faults, Restart
 from granite_lab.estimation.motion import NAN, Motion
-from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.rest import inside
+from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.smoother import Solution
-from granite_lab.estimation.wheels import MOVING, Rolling
+from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import joined
-from granite_lab.logs.standstill import Interval
+from granite_lab.logs.sensors.faults import Restart
+from granite_lab.logs.sensors.standstill import MOVING, Interval, inside
+from granite_lab.logs.sensors.wheels import opposed
 from granite_lab.logs.trial import Correction, CurrentStream, ImuStream, Series, Trial, WheelStream
-from granite_lab.logs.wheels import opposed
 from granite_lab.parameters import GRAVITY, WHEELS, Robot
 
 AMISS = 0.05
@@ -29,11 +28,9 @@ def clean_trial(
     trial: Trial,
     robot: Robot,
     motion: Motion,
-    *,
     wheels: WheelStream | None,
     rolling: Rolling | None,
-    imu: BodyImu | None = None,
-    faults: Faults | None = None,
+    problem: Problem | None = None,
     solution: Solution | None = None,
 ) -> Trial:
     """Return the trial with everything that estimation found out about its sensors put right.
@@ -44,8 +41,8 @@ def clean_trial(
     it is dead. Constant biases, tilt and gains stay in: they are for later stages to estimate. So does a
     clock offset of a few milliseconds; of a large one `Motion.clock_left` is what remains.
 
-    `wheels` and `rolling` are the encoders with the right order and signs, `imu` is in robot axes without
-    steps; it, `faults` and `solution` are None for a log without IMU.
+    `wheels` and `rolling` are the encoders with the right order and signs; `problem` and `solution` are None
+    for a log without IMU.
     """
     moved, made = motion.clock_applied, _signs(trial.wheels, wheels)
     if moved != 0.0:
@@ -53,9 +50,8 @@ def clean_trial(
         where, std = "stamps of encoders and currents", motion.clock_offset.std
         made.append(Correction(f"offset of their clock, {how}", where, moved, std, "s"))
     stream = None
-    if imu is not None and faults is not None and solution is not None:
-        removed = bool(trial.imu and trial.imu.gravity_removed)
-        stream = _imu(made, imu, faults, solution, motion, put_back=removed)
+    if problem is not None and solution is not None:
+        stream = _imu(made, problem, solution, motion)
     currents, command = trial.currents, trial.command
     if wheels is not None and rolling is not None:
         wheels = _level(made, wheels, rolling, robot)
@@ -88,11 +84,9 @@ def _signs(logged: WheelStream | None, wheels: WheelStream | None) -> list[Corre
     return made
 
 
-def _imu(
-    made: list[Correction], imu: BodyImu, faults: Faults, solution: Solution, motion: Motion, *,
-    put_back: bool,
-) -> ImuStream:  # fmt: skip
+def _imu(made: list[Correction], problem: Problem, solution: Solution, motion: Motion) -> ImuStream:
     """Return the IMU's samples put right, and add to `made` what was done."""
+    imu, faults = problem.imu, problem.faults
     force = np.stack([imu.forward, imu.left, imu.up], axis=1)
     rate = np.stack([imu.roll_rate, imu.pitch_rate, imu.yaw_rate], axis=1)
     angle = float(np.degrees(imu.rotation.magnitude()))
@@ -101,7 +95,7 @@ def _imu(
         made.append(Correction(f"turned into robot axes, {how}", "imu", angle, NAN, "deg"))
     if imu.scale != 0.0:
         made.append(Correction("scale error taken out", "imu", imu.scale, imu.scale_std, ""))
-    if put_back:
+    if problem.stream.gravity_removed:
         force[:, 0] -= GRAVITY * np.sin(motion.pitch)
         force[:, 2] += GRAVITY * np.cos(motion.pitch)
         std = GRAVITY * float(np.sqrt(np.mean(motion.pitch_std**2)))

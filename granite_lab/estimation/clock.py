@@ -5,33 +5,34 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+from scipy.ndimage import gaussian_filter1d
 from scipy.special import softmax
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import TAU
-from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.nodes import Problem, build
+from granite_lab.estimation.nodes import build
+from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.rest import turning_of
 from granite_lab.estimation.smoother import forward, nominal_of, settle
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import joined
-from granite_lab.logs.standstill import Interval, wheels_still
+from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.standstill import Interval, wheels_still
+from granite_lab.logs.sensors.two_clocks import (
+    FARTHEST,
+    LARGEST,
+    LEAST_RAMP,
+    LONGEST_LAG,
+    RIVAL,
+    SEEN,
+    STEP,
+    changing,
+    correlate,
+)
 from granite_lab.logs.trial import Array
-
-LARGEST, FARTHEST = 0.4, 1.0
-"""Offsets up to this are searched for [s]; the latter where odometry was smoothed."""
-
-STEP = 0.005
-"""Spacing of the correlation [s]."""
-
-GIVEN = 1.0e-3
-"""Std of an offset that was given [s]."""
-
-LEAST_RAMP = 0.1
-"""Wheels that never accelerate by this much show no offset [m/s^2]."""
 
 WIDE, FINE = 0.02, 0.01
 """Spacing of the offsets whose likelihood is compared, at first and about the best of them [s]."""
@@ -42,15 +43,6 @@ TEMPER = 0.5
 LEFT_OVER, RINGS = 2.5e-3, 2.0 * float(np.pi) * 10.0
 """Std of the offset by how the body really sets off and stops in the sand [s], and by play and tyres: a
 robot that rings at 10 Hz [rad/s] follows its wheels so much later, a softer one by its period."""
-
-LONGEST_LAG = 0.25
-"""The body follows the wheels on sand by up to a quarter of a second, and never leads them [s]."""
-
-SEEN = 0.5
-"""Correlation at which the offset of smoothed odometry, or of two computers, counts as found."""
-
-RIVAL = 0.9
-"""Another offset whose correlation is this share of the largest one explains the ramps as well."""
 
 STILL, MOVED = 0.25, 0.5
 """How much of the log judges a clock offset on the standing and the moving side of a change [s]."""
@@ -74,32 +66,10 @@ FAR = LATENCY * float(np.sqrt(2.0 * UNUSUAL))
 """A smaller offset [s] is never that unusual."""
 
 
-def correlate(force: Array, wheel: Array, reach: int) -> tuple[Array, int, float]:
-    """Correlate specific force with the wheels' acceleration, both (M,) on one grid.
-
-    Returns:
-        (2 reach + 1,) the correlation at each lag of the force; the place of its largest value, and that
-        value in shares of what it can be, 0 at the end of the reach.
-    """
-    size = 2 ** int(np.ceil(np.log2(2 * force.size)))
-    values = np.fft.irfft(np.fft.rfft(force, size) * np.conj(np.fft.rfft(wheel, size)), size)
-    values = values[np.arange(-reach, reach + 1)]
-    best = int(np.argmax(values))
-    inner = best not in (0, values.size - 1)
-    whole = float(np.sqrt(np.sum(force**2) * np.sum(wheel**2)))
-    return values, best, float(values[best]) / max(whole, 1e-300) if inner else 0.0
-
-
 def ramps(rolling: Rolling) -> bool:
     """Whether the wheels' speed changes as fast as the clock offset needs it."""
     speed = rolling.speed_at(np.arange(rolling.t[0], rolling.t[-1], STEP))
     return speed.size > 1 and float(np.max(np.abs(changing(np.gradient(speed, STEP))))) >= LEAST_RAMP
-
-
-def changing(acceleration: Array) -> Array:
-    """(K,) acceleration on the grid without vibration, and without what is slower than a ramp."""
-    smooth = uniform_filter1d(acceleration, max(round(0.08 / STEP), 1))
-    return np.asarray(smooth - uniform_filter1d(smooth, round(3.0 / STEP), mode="nearest"))
 
 
 def coarse_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
@@ -163,39 +133,49 @@ def slow_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
     return Estimate(0.0)
 
 
-def find_offset(problem: Problem, *, apart: bool = False) -> tuple[Estimate, Estimate, float]:
+class Clock(NamedTuple):
+    """How far the encoders' clock lies behind the IMU's [s].
+
+    Attributes:
+        expected: what the filter is to expect, 0 for an ordinary latency.
+        shown: by onsets and stops; std NaN where nothing shows it.
+        near: about which the filter is linear.
+    """
+
+    expected: Estimate
+    shown: Estimate
+    near: float
+
+
+def find_offset(problem: Problem, *, apart: bool = False) -> Clock:
     """Find the clock offset by correlation, then by the likelihood of onsets and stops.
 
     A body that follows its wheels by tyres, play or a soft mount looks like an offset when it sets off. So
     the whole trial must prefer a large offset to an ordinary latency; and where the wheels seem to be ahead,
     the body, which never leads them, must be stiff beside. Clocks of two computers, which were `apart` by
     seconds and are brought together roughly, have no ordinary latency.
-
-    Returns:
-        the offset that the filter is to expect [s], 0 for an ordinary latency; the one that onsets and stops
-        show, std NaN where nothing shows it; and the one about which the filter is linear [s].
     """
     coarse = coarse_offset(problem.imu, problem.rolling) if problem.rolling is not None else Estimate(0.0)
     found = by_changes(problem, coarse) if np.isfinite(coarse.std) else None
     if found is None:
-        return coarse, coarse, coarse.value
+        return Clock(coarse, coarse, coarse.value)
     latency = float(np.hypot(LATENCY, problem.stamp_std))
     usual, unusual = Estimate(0.0, latency), Estimate(found.value, latency)
     if apart:
-        return found, found, found.value
+        return Clock(found, found, found.value)
     likely = found.value * latency**2 / (latency**2 + found.std**2)
     if abs(found.value) < LATEST * latency / LATENCY:
-        return usual, found, likely
+        return Clock(usual, found, likely)
     other = settle(problem, unusual, robust=False)
     # a body on a spring follows by a quarter of its period at most, whose square the compliance is
     follows = 0.5 * np.pi * float(np.sqrt(other.compliance)) + 2.0 * found.std
     lags = 0.0 < found.value < follows and other.compliance > problem.compliance
     if abs(found.value) < FAR * latency / LATENCY:
-        return usual, found, 0.0 if lags else likely
+        return Clock(usual, found, 0.0 if lags else likely)
     one = settle(problem, usual, robust=False).found.innovations
     if other.found.innovations.log_likelihood - one.log_likelihood < UNUSUAL:
-        return usual, found, 0.0
-    return (usual, usual, 0.0) if lags else (unusual, found, found.value)
+        return Clock(usual, found, 0.0)
+    return Clock(usual, usual, 0.0) if lags else Clock(unusual, found, found.value)
 
 
 def agreed(one: Estimate, other: Estimate, compliance: float) -> Estimate:

@@ -29,12 +29,12 @@ from math import factorial
 
 import numpy as np
 
-from granite_lab.estimation.faults import Faults
-from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import runs
-from granite_lab.logs.standstill import ZERO_VELOCITY
+from granite_lab.logs.sensors.faults import Faults
+from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.standstill import ZERO_VELOCITY
 from granite_lab.logs.trial import Array
 
 X, D, V, TH, BA, BG, BM, S, G, TAU, K, C, P, PD = range(14)

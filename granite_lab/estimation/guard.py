@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.health import sentence
-from granite_lab.estimation.motion import SHORTEST, Grade, Motion, mean_known
-from granite_lab.logs.counters import integral
-from granite_lab.logs.standstill import Interval
+from granite_lab.estimation.motion import SHORTEST, Motion
+from granite_lab.logs.counters import integral, mean_known
+from granite_lab.logs.sensors.doubt import Doubt, Grade
+from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.trial import WheelStream
 from granite_lab.parameters import GRAVITY, Soil
 
@@ -32,24 +33,6 @@ UNFIT = 4.0
 """Innovations this many times as large as predicted (rms) show a noise model that does not fit the log."""
 
 
-@dataclass(frozen=True)
-class Doubt:
-    """One reason why an estimate is worth less than its filter says.
-
-    Attributes:
-        reason: in plain words.
-        grade: the best that the estimate can still be.
-        std: of slip ratios that covers what is seen [-]; 0 where the std need not grow.
-        way: std of the distance after the instant `after` [s], beside its own [m].
-    """
-
-    reason: str
-    grade: Grade
-    std: float = 0.0
-    way: float = 0.0
-    after: float = math.inf
-
-
 def guard(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) -> Motion:
     """Return the motion with the grade, and the std, that everything known beside the filter allows.
 
@@ -63,10 +46,8 @@ def guard(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) -> Motion:
         return motion
     order: tuple[Grade, ...] = ("poor", "fair", "good")
     grade = min((motion.health.grade, *(doubt.grade for doubt in doubts)), key=order.index)
-    reasons = tuple(dict.fromkeys([*(doubt.reason for doubt in doubts), *motion.health.reasons]))
-    health = replace(
-        motion.health, grade=grade, good=grade == "good", reasons=reasons, verdict=sentence(grade, reasons)
-    )
+    reasons = tuple(dict.fromkeys([*map(str, doubts), *motion.health.reasons]))
+    health = replace(motion.health, grade=grade, reasons=reasons, verdict=sentence(grade, reasons))
     motion = _widened(motion, max(doubt.std for doubt in doubts))
     for doubt in doubts:
         motion = _farther(motion, doubt.way, doubt.after)
@@ -89,7 +70,7 @@ def common_gaps(motion: Motion, gaps: Sequence[Interval], wheels: WheelStream | 
             yield Doubt(
                 f"all sensors stop for {end - begin:.3g} s at {begin:.2f} s: samples are missing, or the "
                 "clock was set forward",
-                "fair", way=math.sqrt(0.5) * way, after=end,
+                grade="fair", way=math.sqrt(0.5) * way, after=end,
             )  # fmt: skip
 
 
@@ -98,14 +79,16 @@ def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
     if not np.isfinite(motion.v).any():
         return
     if motion.distance_wheels.value and not math.isfinite(motion.clock_offset.std):
-        yield Doubt("the time offset of IMU and encoders does not show", "fair")
+        yield Doubt("the time offset of IMU and encoders does not show", grade="fair")
     for kind, nis in motion.health.nis.items():
         if nis > UNFIT**2:
-            yield Doubt(f"innovations ({kind}) are {math.sqrt(nis):.1f} times as large as predicted", "poor")
+            far = f"innovations ({kind}) are {math.sqrt(nis):.1f} times as large as predicted"
+            yield Doubt(far, grade="poor")
     known = soil.slip_std < 1.0
     usual = soil.slip if known else SlipModel.steady
     if motion.slip_ratio.std > TELLING:
-        yield Doubt(f"the slip ratio is known to ± {100 * motion.slip_ratio.std:.0f} points only", "fair")
+        vague = f"the slip ratio is known to ± {100 * motion.slip_ratio.std:.0f} points only"
+        yield Doubt(vague, grade="fair")
     for slip, where in _slips(motion):
         low = -SlipModel.per_acceleration * GRAVITY * max(_downhill(motion), 0.0)
         beyond = max(low - slip.value, slip.value - 1.0)
@@ -114,13 +97,13 @@ def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
             yield Doubt(
                 f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % {where} is outside of what "
                 "rolling wheels allow",
-                "poor", 0.5 * abs(slip.value - usual),
+                grade="poor", std=0.5 * abs(slip.value - usual),
             )  # fmt: skip
         elif known and abs(slip.value - usual) > FAR * math.hypot(slip.std, soil.slip_std):
             yield Doubt(
                 f"a slip ratio of {100 * slip.value:.1f} ± {100 * slip.std:.1f} % {where} contradicts the "
                 f"soil's {100 * soil.slip:.1f} ± {100 * soil.slip_std:.1f} %",
-                "poor", 0.5 * abs(slip.value - usual),
+                grade="poor", std=0.5 * abs(slip.value - usual),
             )  # fmt: skip
 
 

@@ -9,10 +9,11 @@ import numpy as np
 from scipy.special import gammaincc
 
 from granite_lab.estimation.error_model import BA, BG, Noise, V
-from granite_lab.estimation.faults import Faults
-from granite_lab.estimation.motion import Grade, Health
+from granite_lab.estimation.motion import Health
 from granite_lab.estimation.smoother import Solution, usual
-from granite_lab.logs.standstill import Interval
+from granite_lab.logs.sensors.doubt import Grade
+from granite_lab.logs.sensors.faults import Faults
+from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.trial import Array
 
 ANCHORED, SLOW = 0.02, 0.004
@@ -34,7 +35,7 @@ WHAT = {
 
 
 @dataclass(frozen=True)
-class Consistency:
+class Statistics:
     """How the measurements of one kind met their predictions."""
 
     nis: float  # mean normalised innovation squared of those that told anything new
@@ -49,14 +50,14 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
     nodes, found, nominal = solution.nodes, solution.smoothed, solution.nominal
     came = found.innovations
     sigma = np.sqrt(came.variance)
-    kinds: dict[str, Consistency] = {}
+    kinds: dict[str, Statistics] = {}
     for kind in dict.fromkeys(came.updates.kind.tolist()):
         of_kind = came.fresh(kind)
         if not of_kind.any():
             of_kind = came.updates.kind == kind
         ratio = (came.value / sigma)[of_kind]
         nis, wild = float(np.mean(ratio**2)), float(np.mean(np.abs(ratio) > 4.0))
-        kinds[kind] = Consistency(nis, ratio.size, correlation(ratio), ljung_box(ratio), wild)
+        kinds[kind] = Statistics(nis, ratio.size, correlation(ratio), ljung_box(ratio), wild)
     std = np.sqrt(np.maximum(np.diagonal(found.P, axis1=1, axis2=2), 0.0))
 
     def spread(values: Array) -> Array:
@@ -73,7 +74,7 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
         innovation_std=sigma, nis={kind: one.nis for kind, one in kinds.items()},
         accel_bias=spread(found.x[:, BA] + nominal.accel_bias), accel_bias_std=spread(std[:, BA]),
         gyro_bias=spread(found.x[:, BG] + nominal.gyro_bias), gyro_bias_std=spread(std[:, BG]),
-        rests=rests, verdict=sentence(grade, reasons, remark), good=grade == "good", grade=grade,
+        rests=rests, verdict=sentence(grade, reasons, remark), grade=grade,
         reasons=reasons,
         whiteness={kind: one.white for kind, one in kinds.items()},
         ljung_box={kind: one.chance for kind, one in kinds.items()},
@@ -99,7 +100,7 @@ def ljung_box(ratio: Array, lags: int = 10) -> float:
 
 
 def judge_health(
-    kinds: dict[str, Consistency], rests: tuple[Interval, ...], faults: Faults, *,
+    kinds: dict[str, Statistics], rests: tuple[Interval, ...], faults: Faults, *,
     ends: tuple[float, float], pace: float, middle: float, shaken: float,
 ) -> tuple[Grade, tuple[str, ...], str]:  # fmt: skip
     """Return a grade, the reasons for it, and a remark on a good one.

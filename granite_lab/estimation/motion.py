@@ -10,6 +10,8 @@ import numpy as np
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
+from granite_lab.logs.counters import mean_known
+from granite_lab.logs.sensors.doubt import Grade
 from granite_lab.logs.trial import Array, Series, Trial
 from granite_lab.parameters import WHEELS, Variant
 from granite_lab.shown import Shown
@@ -17,7 +19,6 @@ from granite_lab.shown import Shown
 if TYPE_CHECKING:
     import pandas as pd
 
-Grade = Literal["good", "fair", "poor"]
 
 PhaseName = Literal["rest", "accelerate", "steady", "brake"]
 
@@ -27,28 +28,19 @@ SHORTEST = 0.05
 """A way of the wheels shorter than this tells no slip ratio [m]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Health:
-    """How the filter fared; what the report draws.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Consistency:
+    """How the measurements met their predictions, U scalar updates in all.
 
     Attributes:
-        t: (K,) stamps of the scalar measurement updates [s].
-        kind: (K,) which update: "zero_velocity", "zero_rate", "wheel_rest" and so on.
-        innovation: (K,) innovation in the update's unit.
-        innovation_std: (K,) its predicted std, same unit.
+        t: (U,) stamps of the updates [s].
+        kind: (U,) which update: "zero_velocity", "zero_rate", "wheel_rest" and so on.
+        innovation, innovation_std: (U,) innovation and its predicted std, in the update's unit.
         nis: mean normalised innovation squared per update kind (1 is ideal); for the zero-velocity
             updates of those that end a motion, since the ones after only repeat them.
-        accel_bias: (N,) forward accelerometer bias with tilt [m/s^2], with `accel_bias_std`.
-        gyro_bias: (N,) pitch gyro bias [rad/s], with `gyro_bias_std`.
-        rests: intervals (start, end) [s] in which the robot stood still.
-        verdict: one sentence in plain words.
-        good: the filter's own checks passed.
         whiteness: correlation of successive normalised innovations per update kind (0 is ideal).
         ljung_box: probability per update kind that white innovations would correlate as much over ten
             lags by chance; NaN for too few.
-        grade: "good"; "fair": usable within a std that had to grow; "poor": look twice.
-        reasons: for the grade, one clause each.
-        gaps, plateaus: intervals [s] of missing and of saturated IMU samples.
     """
 
     t: Array
@@ -56,93 +48,122 @@ class Health:
     innovation: Array
     innovation_std: Array
     nis: dict[str, float]
+    whiteness: dict[str, float] = field(default_factory=dict)
+    ljung_box: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Biases:
+    """Biases (N,) at the IMU's stamps, each with its std.
+
+    Attributes:
+        accel_bias, accel_bias_std: of the forward accelerometer, with tilt [m/s^2].
+        gyro_bias, gyro_bias_std: of the pitch gyro [rad/s].
+    """
+
     accel_bias: Array
     accel_bias_std: Array
     gyro_bias: Array
     gyro_bias_std: Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Health(Consistency, Biases):
+    """How the filter fared; what the report draws.
+
+    Attributes:
+        rests: intervals (start, end) [s] in which the robot stood still.
+        gaps, plateaus: intervals [s] of missing and of saturated IMU samples.
+        grade: "good"; "fair": usable within a std that had to grow; "poor": look twice.
+        reasons: for the grade, one clause each.
+        verdict: one sentence in plain words.
+    """
+
     rests: tuple[tuple[float, float], ...]
-    verdict: str
-    good: bool
-    whiteness: dict[str, float] = field(default_factory=dict)
-    ljung_box: dict[str, float] = field(default_factory=dict)
     gaps: tuple[tuple[float, float], ...] = ()
     plateaus: tuple[tuple[float, float], ...] = ()
     grade: Grade = "poor"
     reasons: tuple[str, ...] = ()
+    verdict: str
+
+    @property
+    def good(self) -> bool:
+        """The filter's own checks passed."""
+        return self.grade == "good"
 
     def __repr__(self) -> str:
         return f"Health(grade='{self.grade}')"
 
 
-@dataclass(frozen=True, eq=False)
-class Motion(Shown):
-    """The estimated motion of one trial, at the IMU's stamps (N samples).
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BodyMotion:
+    """How the body moves: R, at N stamps.
 
     Attributes:
-        trial: name of the trial.
-        virtual: the log was written by a simulator.
-        t: (N,) the log's own time [s].
-        x, x_std: (N,) distance travelled by R since the start [m].
-        v, v_std: (N,) body velocity of R [m/s].
+        x, x_std: (N,) distance travelled since the start [m].
+        v, v_std: (N,) velocity [m/s].
         pitch, pitch_std: (N,) [rad], positive nose down.
-        v_wheel: (N, 4) circumferential wheel velocity v_o [m/s], wheel order of WHEELS.
-        v_wheel_std: (N, 4) its std [m/s].
-        slip, slip_std: (N, 4) slip ratio of each wheel by (1), NaN at rest.
-        slip_velocity, slip_velocity_std: (N,) wheel minus body velocity, mean of the wheels [m/s].
-        phase: (N,) one of rest, accelerate, steady, brake.
-        slip_ratio: λ_R by (2) over the steady part.
-        distance: total distance travelled [m].
-        distance_wheels: distance without slip, as the wheels measured it [m].
-        steady: start and end of the steady part [s].
-        t_start: instant at which the command began [s], with its std.
-        clock_offset: how far the encoders' clock lies behind the IMU's [s]: their stamps are early by it,
-            and it is to be added to them; NaN std: unobservable.
-        variant: recognised or given motion of Table 2, or as measured where it is none of it.
-        variant_source: "given", "recognised" or "measured".
-        noise: noise identified from this trial, by name, with the unit in the name.
-        health: the filter's health.
-        warnings: the reader's and the estimator's doubts, one line each.
-        clock_applied: how much of `clock_offset` is in the stamps of the corrected trial already [s].
-        slip_parts: what the std of `slip_ratio` is made of; empty where it has none.
     """
 
-    trial: str
-    virtual: bool
-    t: Array
     x: Array
     x_std: Array
     v: Array
     v_std: Array
     pitch: Array
     pitch_std: Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WheelMotion:
+    """How the wheels move and slip, at N stamps, in the order of WHEELS.
+
+    Attributes:
+        v_wheel, v_wheel_std: (N, 4) circumferential velocity v_o [m/s].
+        slip, slip_std: (N, 4) slip ratio of each wheel by (1), NaN at rest.
+        slip_velocity, slip_velocity_std: (N,) wheel minus body velocity, mean of the wheels [m/s].
+    """
+
     v_wheel: Array
     v_wheel_std: Array
     slip: Array
     slip_std: Array
     slip_velocity: Array
     slip_velocity_std: Array
-    phase: tuple[PhaseName, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Totals:
+    """What a trial comes to.
+
+    Attributes:
+        steady: start and end of the steady part [s].
+        slip_ratio: λ_R by (2) over the steady part.
+        slip_parts: what its std is made of; empty where it has none.
+        distance: total distance travelled [m].
+        distance_wheels: distance without slip, as the wheels measured it [m].
+    """
+
+    steady: tuple[float, float]
     slip_ratio: Estimate
+    slip_parts: tuple[Part, ...] = ()
     distance: Estimate
     distance_wheels: Estimate
-    steady: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Clocks:
+    """How the clocks of a trial lie to each other.
+
+    Attributes:
+        t_start: instant at which the command began [s], with its std.
+        clock_offset: how far the encoders' clock lies behind the IMU's [s]: their stamps are early by it,
+            and it is to be added to them; NaN std: unobservable.
+        clock_applied: how much of `clock_offset` is in the stamps of the corrected trial already [s].
+    """
+
     t_start: Estimate
     clock_offset: Estimate
-    variant: Variant
-    variant_source: str
-    noise: dict[str, float]
-    health: Health
-    warnings: tuple[str, ...] = field(default=())
     clock_applied: float = 0.0
-    slip_parts: tuple[Part, ...] = ()
-
-    def __repr__(self) -> str:
-        slip, way = self.slip_ratio, self.distance
-        return (
-            f"Motion('{self.trial}'{', virtual' if self.virtual else ''}: {self.variant.velocity:g} m/s, "
-            f"slip ratio {slip.value:.4f} ± {slip.std:.4f}, distance {way.value:.4f} ± {way.std:.4f} m, "
-            f"{len(self.t)} samples, {self.health!r})"
-        )
 
     @property
     def clock_left(self) -> Estimate:
@@ -153,6 +174,41 @@ class Motion(Shown):
     def stamps_late(self) -> Estimate:
         """By how much the stamps of encoders and currents come after the IMU's [s]; negative: early."""
         return Estimate(-self.clock_offset.value + 0.0, self.clock_offset.std)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Motion(BodyMotion, WheelMotion, Totals, Clocks, Shown):
+    """The estimated motion of one trial, at the IMU's stamps (N samples).
+
+    Attributes:
+        trial: name of the trial.
+        virtual: the log was written by a simulator.
+        t: (N,) the log's own time [s].
+        phase: (N,) one of rest, accelerate, steady, brake.
+        variant: recognised or given motion of Table 2, or as measured where it is none of it.
+        variant_source: "given", "recognised" or "measured".
+        noise: noise identified from this trial, by name, with the unit in the name.
+        health: the filter's health.
+        warnings: the reader's and the estimator's doubts, one line each.
+    """
+
+    trial: str
+    virtual: bool
+    t: Array
+    phase: tuple[PhaseName, ...]
+    variant: Variant
+    variant_source: str
+    noise: dict[str, float]
+    health: Health
+    warnings: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        slip, way = self.slip_ratio, self.distance
+        return (
+            f"Motion('{self.trial}'{', virtual' if self.virtual else ''}: {self.variant.velocity:g} m/s, "
+            f"slip ratio {slip.value:.4f} ± {slip.std:.4f}, distance {way.value:.4f} ± {way.std:.4f} m, "
+            f"{len(self.t)} samples, {self.health!r})"
+        )
 
     def to_frame(self) -> pd.DataFrame:
         """Return the motion as a table, one row an IMU stamp, units in the column names."""
@@ -234,13 +290,6 @@ def judge(motion: Motion, trial: Trial, reference_std: float = 0.0) -> tuple[Jud
             "a reference is a column ref_v_mps or ref_x_m",
         )
     return tuple(found)
-
-
-def mean_known(values: Array) -> Array:
-    """Mean of each row, as over the wheels; NaN where none is known, without a warning."""
-    n = np.isfinite(values).sum(axis=1)
-    total = np.where(np.isfinite(values), values, 0.0).sum(axis=1)
-    return np.where(n > 0, total / np.maximum(n, 1), NAN)
 
 
 def _compare(quantity: str, t: Array, own: tuple[Array, Array, Array], reference: Series) -> Judgement:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields
 from functools import cache
 
 import numpy as np
@@ -19,13 +18,14 @@ from scipy.ndimage import (
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import error_model as model
 from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TAU, TH, Course, D, P, Pace, S, V, X
-from granite_lab.estimation.faults import UNSEEN, Faults
-from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.nominal import Nominal
-from granite_lab.estimation.wheels import MOVING, Rolling
-from granite_lab.logs.standstill import COAST, WINDOW, ZERO_VELOCITY, Interval
-from granite_lab.logs.trial import Array, part
-from granite_lab.parameters import GRAVITY, Robot
+from granite_lab.estimation.problem import Problem
+from granite_lab.estimation.wheels import Rolling
+from granite_lab.logs.sensors.faults import UNSEEN
+from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.standstill import COAST, MOVING, WINDOW, ZERO_VELOCITY
+from granite_lab.logs.trial import Array
+from granite_lab.parameters import GRAVITY
 
 REST_STEP = 0.05
 """Spacing of the nodes at standstill [s]; the IMU's samples between two are averaged."""
@@ -41,14 +41,6 @@ QUICK, CALM = 0.05, 0.15
 
 RESISTANCE = 0.1 * GRAVITY
 """What sand resists with, over mass [m/s^2]."""
-
-COMPLIANCE = 0.005
-"""Std of the displacement between wheels and body by thrust over mass [s^2], which is the reciprocal of the
-square of a natural frequency: a robot that rings at 2 Hz on its tyres, gears and mounts."""
-
-LOOSE = 1.0e-4
-"""The displacement follows thrust roughly only. It also walks by as much, and at least by this [s^2]: the
-compliance of a robot that rings at 16 Hz."""
 
 LOOSE_TIME = 0.1
 """Time over which such a walk keeps its direction [s]."""
@@ -67,54 +59,6 @@ UNEXPLAINED = 0.3
 
 BEYOND = 3.0
 """A reading that is thrown off by more than this many std of what may go unseen is no jolt of the body."""
-
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """A trial ready for the filter.
-
-    Attributes:
-        imu, rolling, robot: the sensors, and the robot that carries them.
-        rests: standstills [s].
-        faults: gaps, plateaus and restarts, over which the noise grows.
-        noise, slip: what drifts, and how much.
-        compliance: by which the displacement between wheels and body walks as thrust changes [s^2].
-        soft: std of the compliance itself [s^2].
-        louder: factors on the variance of kinds of measurements.
-        coasts: the log ends while the wheels coast to rest.
-        unseen: (N,) std of the velocity that a standstill may begin with, at its first sample [m/s].
-        jumps: (N,) square of the slip velocity's jumps per second, at the IMU's stamps [m^2/s^3].
-        spins: wheels may turn in a standstill.
-        spacing: of the nodes in motion [s]; 0: a node at each stamp.
-        stamp_std: std of a delay between the sensors' stamps, where samples shared them [s].
-    """
-
-    imu: BodyImu
-    rolling: Rolling | None
-    robot: Robot
-    rests: tuple[Interval, ...]
-    faults: Faults
-    noise: model.Noise
-    slip: model.SlipModel
-    compliance: float = LOOSE
-    soft: float = COMPLIANCE
-    louder: Mapping[str, float] = field(default_factory=dict)
-    coasts: bool = False
-    unseen: Array | None = None
-    jumps: Array | None = None
-    spins: bool = True
-    spacing: float = 0.0
-    stamp_std: float = 0.0
-
-    def cut(self, begin: float, end: float, offset: float) -> Problem:
-        """Return a part of it, from `begin` to `end` on the IMU's clock [s]."""
-        rolling, keep = self.rolling, (self.imu.t >= begin) & (self.imu.t <= end)
-        if rolling is not None:
-            stamps = rolling.t + offset
-            rolling = part(rolling, (stamps >= begin - 0.5) & (stamps <= end + 0.5))
-        rests = tuple((max(a, begin), min(b, end)) for a, b in self.rests if b > begin and a < end)
-        imu, faults = part(self.imu, keep), part(self.faults, keep)
-        return replace(part(self, keep), imu=imu, rolling=rolling, rests=rests, faults=faults, coasts=False)
 
 
 @dataclass(frozen=True, eq=False)

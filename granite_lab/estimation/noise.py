@@ -13,10 +13,9 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.estimation.error_model import Noise
-from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.nodes import SWAY, Problem, pace_of
+from granite_lab.estimation.nodes import SWAY, pace_of
 from granite_lab.estimation.nominal import Nominal
-from granite_lab.estimation.rest import inside
+from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.smoother import nominal_of, usual
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.estimation.white import (
@@ -28,7 +27,8 @@ from granite_lab.estimation.white import (
     white_in_motion,
 )
 from granite_lab.logs.counters import runs
-from granite_lab.logs.standstill import ROUNDED, Interval
+from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.standstill import ROUNDED, Interval, inside
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 
-from granite_lab.estimation.faults import Faults
-from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.rest import cumulate, inside
+from granite_lab.estimation.rest import cumulate
 from granite_lab.logs.counters import runs
-from granite_lab.logs.standstill import Interval
+from granite_lab.logs.sensors.faults import Faults
+from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.standstill import Interval, inside
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
 
@@ -73,10 +74,25 @@ class Nominal:
     vibration_left: Array | None = None
 
 
-def integrate(
-    imu: BodyImu, robot: Robot, rests: Sequence[Interval], faults: Faults, *, accel_bias: float = 0.0,
-    gyro_bias: float | None = None, pitch: float = 0.0, velocity: float = 0.0,
-) -> Nominal:  # fmt: skip
+class Start(NamedTuple):
+    """Constants from which integration starts.
+
+    Attributes:
+        accel_bias, gyro_bias: that are removed [m/s^2], [rad/s]; the gyro's is its mean at rest by default.
+        pitch, velocity: at the first sample [rad], [m/s].
+    """
+
+    accel_bias: float = 0.0
+    gyro_bias: float | None = None
+    pitch: float = 0.0
+    velocity: float = 0.0
+
+
+AT_REST = Start()
+"""A level robot that stands, whose biases are not known."""
+
+
+def integrate(imu: BodyImu, robot: Robot, rests: Sequence[Interval], faults: Faults, start: Start) -> Nominal:
     """Integrate gyro and accelerometer from the first sample on, standing still during the rests.
 
     The sensor sits at p = (p_x, p_z) from R, where with pitch rate q and yaw rate r
@@ -84,27 +100,26 @@ def integrate(
         f_x = dv/dt - g sin(pitch) + dq/dt p_z - (q^2 + r^2) p_x + bias.
 
     The velocity of the sensor, v + q p_z, takes in dq/dt without differentiating the gyro; R's
-    velocity follows from it. Biases are removed; the gyro's is by default its mean at rest. Pitch [rad] and
-    velocity [m/s] are those of the first sample.
+    velocity follows from it.
     """
     t, rest = imu.t, inside(imu.t, rests)
     forward = _patched(t, imu.forward, faults.doubt)
     gyro = _patched(t, np.nan_to_num(imu.pitch_rate), faults.rate_doubt)
     yaw = np.nan_to_num(imu.yaw_rate)
     levels = [float(np.mean(rate[rest])) if rest.any() else 0.0 for rate in (gyro, yaw)]
-    gyro_bias = levels[0] if gyro_bias is None else gyro_bias
+    gyro_bias = levels[0] if start.gyro_bias is None else start.gyro_bias
     yaw_rate = yaw - levels[1]
     roll, roll_std = roll_angle(imu, rest, robot)
     pitch_rate = ((gyro - gyro_bias) * np.cos(roll) - yaw_rate * np.sin(roll)) * imu.has_pitch_rate
-    angle = pitch + cumulate(t, pitch_rate, rest)
-    acceleration = forward + imu.gravity * np.sin(angle) - accel_bias
+    angle = start.pitch + cumulate(t, pitch_rate, rest)
+    acceleration = forward + imu.gravity * np.sin(angle) - start.accel_bias
     acceleration += (pitch_rate**2 + yaw_rate**2) * robot.imu.x
-    v_sensor = velocity + cumulate(t, acceleration, rest)
+    v_sensor = start.velocity + cumulate(t, acceleration, rest)
     pitch_rate, yaw_rate = np.where(rest, 0.0, pitch_rate), np.where(rest, 0.0, yaw_rate)
     v = v_sensor - robot.imu.z * pitch_rate
-    x = cumulate(t, v_sensor, rest) - robot.imu.z * (angle - pitch)
+    x = cumulate(t, v_sensor, rest) - robot.imu.z * (angle - start.pitch)
     return Nominal(
-        t=t, rest=rest, x=x, v=v, pitch=angle, heading_rate=yaw_rate, accel_bias=accel_bias,
+        t=t, rest=rest, x=x, v=v, pitch=angle, heading_rate=yaw_rate, accel_bias=start.accel_bias,
         gyro_bias=gyro_bias, coupling=imu.gravity * np.cos(angle), roll_std=roll_std,
     )  # fmt: skip
 

@@ -10,17 +10,18 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from granite_lab.errors import EstimateError
-from granite_lab.estimate import Estimate, Part
+from granite_lab.estimate import Estimate
 from granite_lab.estimation.budget import slip_parts
 from granite_lab.estimation.clock import LATENCY
 from granite_lab.estimation.error_model import PD, TH, V_FLOOR, D, G, P, S, V, X, std_of
-from granite_lab.estimation.motion import NAN, Health, Motion, PhaseName
-from granite_lab.estimation.nodes import QUICK, Problem
-from granite_lab.estimation.rest import find_rests, inside
+from granite_lab.estimation.motion import NAN, BodyMotion, Health, Motion, PhaseName, Totals, WheelMotion
+from granite_lab.estimation.nodes import QUICK
+from granite_lab.estimation.problem import Problem
+from granite_lab.estimation.rest import find_rests
 from granite_lab.estimation.smoother import Smoothed, Solution
-from granite_lab.estimation.wheels import MOVING, Rolling
+from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import runs
-from granite_lab.logs.standstill import Interval, bridged
+from granite_lab.logs.sensors.standstill import MOVING, Interval, bridged, inside
 from granite_lab.logs.trial import Array, Series, Trial, TrialInfo
 from granite_lab.parameters import Robot, Variant
 
@@ -33,79 +34,97 @@ BAND = 0.05
 
 
 def motion_of(
-    trial: Trial,
-    problem: Problem,
-    solution: Solution,
-    health: Health,
-    variants: Sequence[Variant],
-    warnings: tuple[str, ...],
+    trial: Trial, problem: Problem, solution: Solution, health: Health, variants: Sequence[Variant]
 ) -> Motion:
     """Add the smoothed drift to the nominal motion and derive slip, phases and variant.
 
     Raises:
         EstimateError: the velocity or its std is not a number somewhere.
     """
-    nodes, found, nominal = solution.nodes, solution.smoothed, solution.nominal
-    t, rolling, offset = nominal.t, problem.rolling, solution.offset
+    t, rolling, offset = solution.nominal.t, problem.rolling, solution.offset
+    body = body_motion(problem, solution)
+    if not np.isfinite(body.v + body.v_std).all():
+        raise EstimateError(
+            f"trial '{trial.name}': the filter has become numerically unstable",
+            "cut the log with --from and --to",
+        )
+    pace = body.v if rolling is None else rolling.speed_at(t, offset.value)
+    course = find_phases(t, pace, health.rests)
+    variant, source, doubt = recognise(course, trial.info, variants)
+    totals = totals_of(problem, solution, body, course.steady)
+    more = [doubt] if doubt else []
+    if not np.isfinite(course.steady[0]):
+        more.append("no steady part: the robot's slip ratio is not defined")
+    return Motion(
+        **vars(body), **vars(wheel_motion(problem, solution, body, health.rests)), **vars(totals),
+        trial=trial.name, virtual=trial.info.virtual, t=t, phase=course.name, variant=variant,
+        variant_source=source, t_start=command_start(trial.command, offset, course.onset),
+        clock_offset=offset, clock_applied=solution.applied, noise=problem.noise.as_dict(), health=health,
+        warnings=(*trial.warnings, *map(str, problem.doubts), *more),
+    )  # fmt: skip
 
-    def spread(values: Array) -> Array:
+
+def body_motion(problem: Problem, solution: Solution) -> BodyMotion:
+    """Return the nominal motion with the smoothed drift."""
+    nodes, drift, nominal = solution.nodes, solution.smoothed, solution.nominal
+    t = nominal.t
+
+    def at_stamps(values: Array) -> Array:
         return np.interp(t, nodes.t, values)
 
     # between sparse nodes the vibration is unknown again, so it stays in the velocity and in its std
     sparse = np.ones(t.size, dtype=bool)
     sparse[nodes.index] = False
     sparse &= ~nominal.rest
-    v = nominal.v + spread(found.x[:, V]) - np.where(sparse, 0.0, spread(found.x[:, PD]))
-    x = nominal.x + spread(found.x[:, X]) - np.where(sparse, 0.0, spread(found.x[:, P]))
+    v = nominal.v + at_stamps(drift.x[:, V]) - np.where(sparse, 0.0, at_stamps(drift.x[:, PD]))
+    x = nominal.x + at_stamps(drift.x[:, X]) - np.where(sparse, 0.0, at_stamps(drift.x[:, P]))
     omega = problem.noise.vibration_omega
     extra = np.where(sparse, problem.noise.vibration / omega, 0.0)
-    v_std = np.hypot(spread(std_of(found.P, {V: 1.0, PD: -1.0})), extra)
-    x_std = np.hypot(spread(std_of(found.P, {X: 1.0, P: -1.0})), extra / omega)
-    v_std = np.hypot(v_std, _by_latency(t, v, problem, solution))
-    if not np.isfinite(v + v_std).all():
-        raise EstimateError(
-            f"trial '{trial.name}': the filter has become numerically unstable",
-            "cut the log with --from and --to",
-        )
-    u = nodes.w * (nodes.mean_slip + found.x[:, S] + found.x[:, G])
-    u_std = np.abs(nodes.w) * std_of(found.P, {S: 1.0, G: 1.0})
-    v_wheel, v_wheel_std = wheels_at(t, rolling, offset.value)
-    ratio, ratio_std = wheel_slip(v_wheel, v_wheel_std, v, v_std)
-    rest = inside(t, health.rests)
-    ratio[rest], ratio_std[rest] = NAN, NAN
-    if rolling is not None:
-        pace = rolling.speed_at(t, offset.value)
-    else:
-        pace, u, u_std = v, np.full(u.shape, NAN), np.full(u.shape, NAN)
-    course = find_phases(t, pace, health.rests)
-    variant, source, doubt = recognise(course, trial.info, variants)
-    slip_ratio, rolled, parts = Estimate(NAN), Estimate(NAN), tuple[Part, ...]()
-    if rolling is not None:
-        travelled = nominal.x[nodes.index] + found.x[:, X] - found.x[:, P]
-        lost = nodes.lost + found.x[:, D]
-        total = float(travelled[-1] + lost[-1] - travelled[0] - lost[0])
-        rolled = Estimate(total, float(std_of(found.P[-1:], {X: 1.0, D: 1.0, P: -1.0})[0]))
-        if np.isfinite(course.steady[0]):
-            i, j = (int(np.argmin(np.abs(nodes.t - edge))) for edge in course.steady)
-            slip_ratio = robot_slip(found, travelled, lost, i, j)
-            parts = slip_parts(
-                nodes, found, problem.noise, problem.slip.scatter, slip_ratio.value, travelled + lost, i, j
-            )
-            course = replace(course, steady=(float(nodes.t[i]), float(nodes.t[j])))
-    more = [doubt] if doubt else []
-    if not np.isfinite(course.steady[0]):
-        more.append("no steady part: the robot's slip ratio is not defined")
-    return Motion(
-        trial=trial.name, virtual=trial.info.virtual, t=t, x=x - x[0], x_std=x_std, v=v, v_std=v_std,
-        pitch=nominal.pitch + spread(found.x[:, TH]), pitch_std=spread(std_of(found.P, {TH: 1.0})),
-        v_wheel=v_wheel, v_wheel_std=v_wheel_std, slip=ratio, slip_std=ratio_std, slip_velocity=spread(u),
-        slip_velocity_std=spread(u_std), phase=course.name, slip_ratio=slip_ratio,
-        distance=Estimate(float(x[-1] - x[0]), float(x_std[-1])), distance_wheels=rolled,
-        steady=course.steady, t_start=command_start(trial.command, offset, course.onset),
-        clock_offset=offset, clock_applied=solution.applied, variant=variant, variant_source=source,
-        noise=problem.noise.as_dict(),
-        health=health, warnings=(*trial.warnings, *warnings, *more), slip_parts=parts,
+    v_std = np.hypot(at_stamps(std_of(drift.P, {V: 1.0, PD: -1.0})), extra)
+    return BodyMotion(
+        x=x - x[0], x_std=np.hypot(at_stamps(std_of(drift.P, {X: 1.0, P: -1.0})), extra / omega),
+        v=v, v_std=np.hypot(v_std, _by_latency(t, v, problem, solution)),
+        pitch=nominal.pitch + at_stamps(drift.x[:, TH]), pitch_std=at_stamps(std_of(drift.P, {TH: 1.0})),
     )  # fmt: skip
+
+
+def wheel_motion(
+    problem: Problem, solution: Solution, body: BodyMotion, rests: Sequence[Interval]
+) -> WheelMotion:
+    """Return velocities and slip of the wheels, the latter NaN at rest."""
+    nodes, drift, t = solution.nodes, solution.smoothed, solution.nominal.t
+    v_wheel, v_wheel_std = wheels_at(t, problem.rolling, solution.offset.value)
+    ratio, ratio_std = wheel_slip(v_wheel, v_wheel_std, body.v, body.v_std)
+    rest = inside(t, rests)
+    ratio[rest], ratio_std[rest] = NAN, NAN
+    u = nodes.w * (nodes.mean_slip + drift.x[:, S] + drift.x[:, G])
+    u_std = np.abs(nodes.w) * std_of(drift.P, {S: 1.0, G: 1.0})
+    if problem.rolling is None:
+        u, u_std = np.full(u.shape, NAN), np.full(u.shape, NAN)
+    return WheelMotion(
+        v_wheel=v_wheel, v_wheel_std=v_wheel_std, slip=ratio, slip_std=ratio_std,
+        slip_velocity=np.interp(t, nodes.t, u), slip_velocity_std=np.interp(t, nodes.t, u_std),
+    )  # fmt: skip
+
+
+def totals_of(problem: Problem, solution: Solution, body: BodyMotion, steady: Interval) -> Totals:
+    """Return both distances, and λ_R over the `steady` part [s], which is moved to the nearest nodes."""
+    distance = Estimate(float(body.x[-1]), float(body.x_std[-1]))
+    totals = Totals(steady=steady, slip_ratio=Estimate(NAN), distance=distance, distance_wheels=Estimate(NAN))
+    if problem.rolling is None:
+        return totals
+    nodes, drift = solution.nodes, solution.smoothed
+    travelled = solution.nominal.x[nodes.index] + drift.x[:, X] - drift.x[:, P]
+    lost = nodes.lost + drift.x[:, D]
+    total = float(travelled[-1] + lost[-1] - travelled[0] - lost[0])
+    rolled = Estimate(total, float(std_of(drift.P[-1:], {X: 1.0, D: 1.0, P: -1.0})[0]))
+    totals = replace(totals, distance_wheels=rolled)
+    if not np.isfinite(steady[0]):
+        return totals
+    i, j = (int(np.argmin(np.abs(nodes.t - edge))) for edge in steady)
+    slip = robot_slip(drift, travelled, lost, i, j)
+    parts = slip_parts(solution, problem.noise, problem.slip.scatter, slip.value, travelled + lost, (i, j))
+    return replace(totals, steady=(float(nodes.t[i]), float(nodes.t[j])), slip_ratio=slip, slip_parts=parts)
 
 
 def motion_without_imu(
@@ -122,7 +141,7 @@ def motion_without_imu(
     health = Health(
         t=none, kind=(), innovation=none, innovation_std=none, nis={}, accel_bias=blank,
         accel_bias_std=blank, gyro_bias=blank, gyro_bias_std=blank, rests=rests,
-        verdict=f"{lacking}: only the wheels are known, neither body velocity nor slip.", good=False,
+        verdict=f"{lacking}: only the wheels are known, neither body velocity nor slip.",
     )  # fmt: skip
     first, last = rolling.mean[np.isfinite(rolling.speed)][[0, -1]]
     rolled = Estimate(float(last - first), rolling.step)
@@ -135,7 +154,7 @@ def motion_without_imu(
         slip_ratio=Estimate(NAN), distance=Estimate(NAN), distance_wheels=rolled,
         steady=course.steady, t_start=command_start(trial.command, Estimate(0.0), course.onset),
         clock_offset=Estimate(0.0), variant=variant, variant_source=source, noise={}, health=health,
-        warnings=(*trial.warnings, *rolling.warnings, said, *([doubt] if doubt else [])),
+        warnings=(*trial.warnings, *map(str, rolling.doubts), said, *([doubt] if doubt else [])),
     )  # fmt: skip
 
 

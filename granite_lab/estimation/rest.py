@@ -7,10 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from granite_lab.errors import EstimateError
-from granite_lab.estimation.mounting import BodyImu
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import integral, runs
-from granite_lab.logs.standstill import COAST, WINDOW, Interval, Turning, find_standstills, imu_quiet
+from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.standstill import (
+    COAST,
+    WINDOW,
+    Interval,
+    Turning,
+    find_standstills,
+    imu_quiet,
+    inside,
+)
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import ImuGrade
 
@@ -98,11 +106,3 @@ def cumulate(t: Array, rate: Array, rest: np.ndarray) -> Array:
     """(N,) integral by the trapezoidal rule from the first sample on; it stops between two at rest."""
     step = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
     return np.append(0.0, np.cumsum(np.where(rest[1:] & rest[:-1], 0.0, step)))
-
-
-def inside(t: Array, intervals: Sequence[Interval]) -> np.ndarray:
-    """(N,) True where a stamp lies in one of the intervals."""
-    mask = np.zeros(t.size, dtype=bool)
-    for begin, end in intervals:
-        mask |= (t >= begin) & (t <= end)
-    return mask

@@ -23,13 +23,13 @@ from scipy.special import ndtri
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.clock import STILL
 from granite_lab.estimation.error_model import BA, BM, TH, P, SlipModel, V, X, std_of
-from granite_lab.estimation.nodes import Nodes, Problem, build
+from granite_lab.estimation.nodes import Nodes, build
 from granite_lab.estimation.nominal import Nominal
-from granite_lab.estimation.rest import inside
+from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.smoother import Solution, forward, merged, nominal_of, settle, smooth
-from granite_lab.estimation.wheels import MOVING, Rolling
+from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import joined, runs
-from granite_lab.logs.standstill import COAST, Interval
+from granite_lab.logs.sensors.standstill import COAST, MOVING, Interval, inside
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY
 

@@ -13,8 +13,9 @@ from scipy.special import gammaincinv
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import BA, BG, SIZE, TAU, TH, UNKNOWN, C, D, Places, S, Updates
-from granite_lab.estimation.nodes import Nodes, Problem, build, pace_of
-from granite_lab.estimation.nominal import Nominal, integrate, quieten
+from granite_lab.estimation.nodes import Nodes, build, pace_of
+from granite_lab.estimation.nominal import AT_REST, Nominal, Start, integrate, quieten
+from granite_lab.estimation.problem import Problem
 from granite_lab.logs.trial import Array
 
 _blas: Any = blas  # its types want keywords, with which a call takes up to three times as long
@@ -272,18 +273,12 @@ def with_steady_slip(nodes: Nodes, found: Smoothed) -> Smoothed:
     return replace(found, P=found.P + missed[:, :, None] * missed[:, None, :], common=missed)
 
 
-def nominal_of(
-    problem: Problem, offset: float, accel_bias: float = 0.0, gyro_bias: float | None = None,
-    pitch: float = 0.0,
-) -> Nominal:  # fmt: skip
+def nominal_of(problem: Problem, offset: float, start: Start = AT_REST) -> Nominal:
     """Integrate the IMU of a trial, or of a part of one: from rest, else from the wheels' velocity."""
-    t0, velocity = problem.imu.t[0], 0.0
+    t0 = problem.imu.t[0]
     if problem.rolling is not None and not any(begin <= t0 + 0.05 for begin, _ in problem.rests):
-        velocity = float(problem.rolling.speed_at(t0, offset))
-    return integrate(
-        problem.imu, problem.robot, problem.rests, problem.faults, accel_bias=accel_bias,
-        gyro_bias=gyro_bias, pitch=pitch, velocity=velocity,
-    )  # fmt: skip
+        start = start._replace(velocity=float(problem.rolling.speed_at(t0, offset)))
+    return integrate(problem.imu, problem.robot, problem.rests, problem.faults, start)
 
 
 def settle(
@@ -300,10 +295,10 @@ def settle(
     std of NaN). All stamps of the wheels are moved by `near` [s], by default as expected. Without `robust` no
     noise grows, so that likelihoods can be compared.
     """
-    accel_bias, gyro_bias, pitch = 0.0, None, 0.0
+    start = AT_REST
     at, std = offset.value if near is None else near, offset.std if np.isfinite(offset.std) else 1e-6
     for more in range(PASSES - 1, -1, -1):
-        nominal = nominal_of(problem, at, accel_bias, gyro_bias, pitch)
+        nominal = nominal_of(problem, at, start)
         if problem.rolling is not None:
             steady = pace_of(problem.rolling, at, nominal.t).steady
             nominal = quieten(nominal, steady, problem.noise.vibration_frequency)
@@ -321,9 +316,11 @@ def settle(
         problem = replace(problem, louder={**problem.louder, **louder}, compliance=compliance)
         if not level:
             middle = x[x.shape[0] // 2]
-            accel_bias += float(middle[BA])
-            gyro_bias = nominal.gyro_bias + float(middle[BG])
-            pitch += float(x[0, TH])
+            start = Start(
+                accel_bias=start.accel_bias + float(middle[BA]),
+                gyro_bias=nominal.gyro_bias + float(middle[BG]),
+                pitch=start.pitch + float(x[0, TH]),
+            )
     return Settled(nominal, nodes, found, at, problem.compliance)
 
 

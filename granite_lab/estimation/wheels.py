@@ -6,21 +6,15 @@ Everything here is on the encoders' own clock. Distances are of the tread, angle
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
-from granite_lab.errors import EstimateError
-from granite_lab.estimation.motion import mean_known
-from granite_lab.estimation.mounting import BodyImu
-from granite_lab.logs.counters import integral, joined, runs
-from granite_lab.logs.standstill import bridged
+from granite_lab.logs.counters import integral, joined, mean_known, runs
+from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.standstill import MOVING, bridged
 from granite_lab.logs.trial import Array, WheelStream
 from granite_lab.parameters import WHEELS, Robot
-
-MOVING = 0.02
-"""Wheel velocity [m/s] above which a wheel certainly rolls."""
 
 MEET = 2.5
 """Confidence intervals of slopes reach this many std to either side."""
@@ -34,24 +28,6 @@ COUNTS = 3.0
 SHARED, SLOWEST = 0.2, 1.0e-3
 """Samples share the error of the last count for this long [s] at most, of wheels this fast [m/s] at least:
 slower ones are about to stand."""
-
-STEP = 0.01
-"""Spacing of the grid on which wheels and IMU are compared [s]."""
-
-REACH = 40
-"""Lags searched to either side, for the clocks may be that far apart [steps]."""
-
-ALIKE = 0.9
-"""Wheels whose velocities correlate this much, up to the sign, drive straight (or turn in place)."""
-
-CLEAR = 0.4
-"""Correlation with the IMU from which on a direction counts as seen."""
-
-TURNING = 0.25
-"""Gyro over yaw rate by the wheels from which on the robot really turns; skidding takes half of it."""
-
-AXES = "give its [imu] rotation in the robot's file, or let forward = 'find' look for it"
-"""What to do about an IMU whose axes are not the robot's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +44,7 @@ class Rolling:
     speed_std: Array
     by_rate: bool  # the logger gave rates; distances are their integrals and not measurements
     resolution: tuple[float, ...]  # (4,) of each distance [m] (of each velocity [m/s] if by_rate)
-    warnings: tuple[str, ...] = ()  # doubts, one line each
+    doubts: tuple[Doubt, ...] = ()
 
     @property
     def step(self) -> float:
@@ -80,7 +56,7 @@ class Rolling:
         return joined(t, self.t + offset, self.speed)
 
 
-def roll(stream: WheelStream, robot: Robot) -> Rolling:
+def rolling_of(stream: WheelStream, robot: Robot) -> Rolling:
     """Turn encoder angles into rolled distances and velocities with their std.
 
     The noise of one sample is q^2/12 (which makes q^2/(6 dt^2) in a difference) and, while rolling,
@@ -93,7 +69,7 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
     if stream.rate is not None:
         return _roll_rates(t, bridge(t, stream.rate) * robot.wheels.radius, resolution)
     distance = bridge(t, stream.angle) * robot.wheels.radius
-    increment, warnings = mask_dead(t, distance, resolution)
+    increment, doubts = mask_dead(t, distance, resolution)
     mean_step = side_mean(increment)
     lost = ~np.isfinite(mean_step)
     lost[0] = False
@@ -130,14 +106,14 @@ def roll(stream: WheelStream, robot: Robot) -> Rolling:
     return Rolling(
         t=t, distance=np.where(np.isfinite(increment), distance - first, np.nan), mean=mean,
         mean_std=mean_std, velocity=velocity, velocity_std=velocity_std, speed=speed, speed_std=speed_std,
-        by_rate=False, resolution=resolution, warnings=tuple(warnings),
+        by_rate=False, resolution=resolution, doubts=tuple(doubts),
     )  # fmt: skip
 
 
 def _roll_rates(t: Array, velocity: Array, resolution: tuple[float, ...]) -> Rolling:
     """Take logged rates, as velocities (M, 4) [m/s]; the distances are their integrals."""
     dt, none = np.diff(t, prepend=t[0]), (0.0,) * velocity.shape[1]
-    increment, warnings = mask_dead(t, np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0), none)
+    increment, doubts = mask_dead(t, np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0), none)
     velocity = np.where(np.isfinite(increment) | (dt == 0)[:, None], velocity, np.nan)
     speed = side_mean(velocity)
     known = np.isfinite(speed)
@@ -150,7 +126,7 @@ def _roll_rates(t: Array, velocity: Array, resolution: tuple[float, ...]) -> Rol
     return Rolling(
         t=t, distance=distance, mean=mean, mean_std=np.full(speed.size, np.nan), velocity=velocity,
         velocity_std=np.where(np.isfinite(velocity), floor, np.nan), speed=speed,
-        speed_std=np.full(speed.size, floor), by_rate=True, resolution=resolution, warnings=tuple(warnings),
+        speed_std=np.full(speed.size, floor), by_rate=True, resolution=resolution, doubts=tuple(doubts),
     )  # fmt: skip
 
 
@@ -165,7 +141,7 @@ def bridge(t: Array, angle: Array) -> Array:
     return filled
 
 
-def mask_dead(t: Array, distance: Array, resolution: Sequence[float]) -> tuple[Array, list[str]]:
+def mask_dead(t: Array, distance: Array, resolution: Sequence[float]) -> tuple[Array, list[Doubt]]:
     """Blank a wheel where it gives no count, or jumps, while the others roll; also warn.
 
     Args:
@@ -174,11 +150,11 @@ def mask_dead(t: Array, distance: Array, resolution: Sequence[float]) -> tuple[A
         resolution: (4,) their smallest steps [m], below which no count is expected.
 
     Returns:
-        (M, 4) increments to each sample from the one before [m], NaN where not to be used; warnings.
+        (M, 4) increments to each sample from the one before [m], NaN where not to be used; doubts.
     """
     step = np.diff(distance, axis=0, prepend=np.full((1, distance.shape[1]), np.nan))
     dt = np.diff(t, prepend=t[0] - 1.0)
-    warnings = []
+    doubts = []
     with np.errstate(invalid="ignore"):
         live = np.isfinite(step).sum(axis=1)
         wild = np.abs(step - _median(step)[:, None]) > 3.0 * dt[:, None] + 0.05
@@ -196,10 +172,9 @@ def mask_dead(t: Array, distance: Array, resolution: Sequence[float]) -> tuple[A
                 step[a : b + 1, i] = np.nan  # the sample after it may hold the missed counts at once
                 dead += silent
         if dead > 0:
-            warnings.append(
-                f"encoder {wheel} gives no counts for {dead:.2f} s while the others turn: not used there"
-            )
-    return step, warnings
+            silent_for = f"encoder {wheel} gives no counts for {dead:.2f} s while the others turn"
+            doubts.append(Doubt(silent_for, remedy="not used there"))
+    return step, doubts
 
 
 def _median(values: Array) -> Array:
@@ -267,146 +242,3 @@ def stamp_scatter(t: Array, mean: Array, speed: Array, quantum: float) -> float:
     scatter = 1.4826 * float(np.median(np.abs(contrast)))
     typical = float(np.median(np.abs(speed[fast])))
     return float(np.sqrt(max(scatter**2 - quantum**2 / 12.0 / 4.0, 0.0)) / typical)
-
-
-def check_signs(
-    wheels: WheelStream, imu: BodyImu | None, robot: Robot, *, forward_known: bool
-) -> tuple[WheelStream, tuple[str, ...]]:
-    """Turn wheels that count backwards, and exchange the sides where the gyro shows that they are.
-
-    Wheels of opposite signs either turn the robot in place, which the yaw gyro sees, or some of them
-    count backwards. Front and rear of a side cannot be told apart by the motion of the frame. If the IMU's
-    forward axis is known, it also tells forwards from backwards.
-
-    Returns:
-        the stream with corrected signs and sides; what was corrected or is doubtful.
-
-    Raises:
-        EstimateError: the IMU's axes are not those of the robot.
-    """
-    grid, speed = _speeds(wheels, robot)
-    live = np.flatnonzero(np.nan_to_num(np.abs(speed)).max(axis=0, initial=0.0) > MOVING)
-    if live.size == 0 or grid.size < 4 * REACH:
-        return wheels, ()
-    judge = imu if forward_known else None
-    said: list[str] = []
-    yaw = None
-    if imu is not None and np.isfinite(imu.yaw_rate).any():
-        yaw = joined(grid, imu.t, imu.yaw_rate - float(np.nanmedian(imu.yaw_rate)))
-    sign = _relative_signs(speed, live)
-    if (sign[live] < 0).any():
-        left, right = ({float(sign[i]) for i in live if i % 2 == side} for side in (0, 1))
-        if len(left) == len(right) == 1 and left != right:
-            if yaw is None:
-                said.append("left and right wheels turn against each other, and no yaw gyro tells why")
-                return wheels, tuple(said)
-            turn = _turn(speed, robot)
-            if abs(float(yaw @ turn) / max(float(turn @ turn), 1e-12)) > TURNING:
-                return wheels, ()
-        sign = _choose_side(sign, live, speed, judge, grid)
-        names = [WHEELS[i] for i in live if sign[i] < 0]
-        said.append(f"encoder {', '.join(names)} counts against the others: its sign was turned")
-        speed = speed * sign
-    if judge is not None and _against(judge, grid, speed):
-        sign, speed = -sign, -speed
-        said.append("the encoders count backwards, by the IMU: their signs were turned")
-    order = list(range(4))
-    if yaw is not None and float(np.std(yaw)) > 0.05:
-        turn = _turn(speed, robot)
-        if float(np.std(turn)) > 0.05 and _correlation(yaw - yaw.mean(), turn - turn.mean()) < -0.7:
-            order = [1, 0, 3, 2]
-            said.append("the sides of the encoders are exchanged, by the gyro: put right")
-    if not said:
-        return wheels, ()
-    angle, rate = (None if v is None else (v * sign)[:, order] for v in (wheels.angle, wheels.rate))
-    assert angle is not None
-    resolution = tuple(wheels.resolution[i] for i in order)
-    return replace(wheels, angle=angle, rate=rate, resolution=resolution), tuple(said)
-
-
-def _speeds(wheels: WheelStream, robot: Robot) -> tuple[Array, Array]:
-    """Even stamps (K,) [s] and the wheels' velocities there (K, 4) [m/s], smoothed, NaN without encoder."""
-    grid = np.arange(wheels.t[0], wheels.t[-1], STEP)
-    speed = np.full((grid.size, 4), np.nan)
-    for i, angle in enumerate(wheels.angle.T):
-        if grid.size > 1 and np.isfinite(angle).sum() > 2:
-            rate = np.gradient(joined(grid, wheels.t, angle), STEP)
-            speed[:, i] = uniform_filter1d(rate, 9) * robot.wheels.radius
-    return grid, speed
-
-
-def _relative_signs(speed: Array, live: np.ndarray) -> Array:
-    """(4,) signs against the first live wheel; all +1 where the wheels do not move alike."""
-    sign, moves = np.ones(4), np.nan_to_num(speed[:, live].T)
-    alike = np.array([_correlation(moves[0], one) for one in moves])
-    if np.abs(alike).min() >= ALIKE:
-        sign[live] = np.sign(alike)
-    return sign
-
-
-def _turn(speed: Array, robot: Robot) -> Array:
-    """(K,) yaw rate by the difference of the sides [rad/s], positive to the left."""
-    left, right = (np.nan_to_num(mean_known(speed[:, side::2])) for side in (0, 1))
-    return np.asarray((right - left) / (robot.chassis.track if robot.chassis else 0.5))
-
-
-def _choose_side(sign: Array, live: np.ndarray, speed: Array, imu: BodyImu | None, grid: Array) -> Array:
-    """Say which of two groups of wheels is wrong: the smaller, else by the IMU, else the one going back."""
-    ahead = int((sign[live] > 0).sum())
-    if 2 * ahead != live.size:
-        return sign if 2 * ahead > live.size else -sign
-    common = np.nan_to_num(mean_known(speed * sign))
-    if imu is not None:
-        gain, clearness = _forward_gain(imu, grid, common)
-        if clearness > CLEAR:
-            return sign if gain[0] > 0 else -sign
-    return sign if float(common.sum()) >= 0 else -sign
-
-
-def _against(imu: BodyImu, grid: Array, speed: Array) -> bool:
-    """Say whether all encoders count backwards; refuse an IMU whose x axis is not the robot's."""
-    common = np.nan_to_num(mean_known(speed))
-    gain, clearness = _forward_gain(imu, grid, common)
-    heading = np.degrees(np.arctan2(gain[1], gain[0]))
-    if clearness < CLEAR or abs(heading) < 45 or not 0.3 < np.hypot(*gain) < 3.0:
-        return False
-    if abs(heading) <= 135:
-        raise EstimateError(
-            f"the IMU is accelerated {heading:.0f} deg beside its x axis when the wheels gain speed: "
-            "its axes are not the robot's",
-            AXES,
-        )
-    if float(common.sum()) < 0:
-        return True
-    raise EstimateError(
-        "the IMU is accelerated backwards while the wheels gain speed: its x axis points backwards", AXES
-    )
-
-
-def _forward_gain(imu: BodyImu, grid: Array, speed: Array) -> tuple[Array, float]:
-    """Regress the horizontal specific force (2,) on the wheels' acceleration at the best lag.
-
-    Also how clear the matter is: the share of the force that it explains.
-    """
-    wheel = _without_trend(np.gradient(speed, STEP))
-    axes = (v if np.isfinite(v).any() else np.zeros(v.size) for v in (imu.forward, imu.left))
-    force = [_without_trend(joined(grid, imu.t, values)) for values in axes]
-    power = float(wheel @ wheel)
-    if power * STEP < 0.01:
-        return np.zeros(2), 0.0
-    lags = range(-REACH, REACH + 1)
-    gains = np.array([[float(np.roll(wheel, lag) @ f) / power for f in force] for lag in lags])
-    best = gains[int(np.argmax(np.hypot(*gains.T)))]
-    along = best / max(float(np.hypot(*best)), 1e-12)
-    common = along[0] * force[0] + along[1] * force[1]
-    return best, float(np.hypot(*best) * np.sqrt(power / max(float(common @ common), 1e-12)))
-
-
-def _without_trend(signal: Array) -> Array:
-    """Smooth over 0.1 s, and leave out what is slower than a ramp (pitch on slopes)."""
-    smooth = uniform_filter1d(signal, round(0.1 / STEP), mode="nearest")
-    return np.asarray(smooth - uniform_filter1d(smooth, round(3.0 / STEP), mode="nearest"))
-
-
-def _correlation(a: Array, b: Array) -> float:
-    return float(a @ b) / max(float(np.sqrt((a @ a) * (b @ b))), 1e-12)

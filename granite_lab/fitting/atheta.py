@@ -104,6 +104,7 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
     if left_out := int((inner.k <= 0).sum()):
         notes.append(f"{left_out} values of k_92 <= 0 cannot enter the fit of log k_92.")
     laws, remarks = fit_laws(points)
+    total, total_ci95, shared = _with_shared(fits if len(fits) == len(kept) else [], points, fit, ci95)
     published, rows, found = load_paper().a_theta, list(map(row_of, items)), iter(fit.sensitivity.tolist())
     return AThetaFit(
         a_theta=a_theta,
@@ -119,7 +120,49 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
         parts=fit.parts,
         sensitivity=tuple(next(found) if usable(row) else 0.0 for row in rows) if stated else (),
         virtual=any(isinstance(item, K92Fit) and item.virtual for item in items),
+        total=total,
+        total_ci95=total_ci95,
+        shared=shared,
     )
+
+
+def _with_shared(
+    fits: Sequence[K92Fit], points: Points, fit: _Weighted, ci95: Interval
+) -> tuple[Estimate, Interval, tuple[Part, ...]]:
+    """Return a_θ with the uncertainty of the numbers that all trials share, its interval, and the parts.
+
+    a_θ is fitted anew to the k_92 of all trials moved by one std of a number. It changes by factors: the
+    contribution of a number is the rms of both logarithms, so that the interval is one of log a_θ.
+    """
+    names = {s.name: s.std for f in fits for s in f.shared}
+    unknown = Estimate(math.nan), (math.nan, math.nan), ()
+    if not names or not fit.a > 0 or not fit.sensitivity.size:
+        return unknown
+    table = [{s.name: s for s in f.shared} for f in fits]
+    if any(own.keys() != names.keys() for own in table):
+        return unknown
+    parts = []
+    for name, std in names.items():
+        moves = [np.array([getattr(own[name], side) for own in table]) for side in ("up", "down")]
+        ratios = [math.log(_moved(points, fit, shift) / fit.a) for shift in moves]
+        whole = fit.a * math.sqrt(sum(r**2 for r in ratios) / 2)
+        parts.append(Part(name, "B", "log-normal", "1", std, whole))
+    more = math.hypot(*(part.contribution for part in parts))
+    apart = ndtri(0.975) * more / fit.a
+    sides = [math.hypot(math.log(end / fit.a) if end > 0 else math.inf, apart) for end in ci95]
+    interval = fit.a * math.exp(-sides[0]), fit.a * math.exp(sides[1])
+    return Estimate(fit.a, math.hypot(fit.std, more)), interval, tuple(parts)
+
+
+def _moved(points: Points, fit: _Weighted, shift: Array) -> float:
+    """Return a_θ with other k_92, by the same weights; what leaves the bounds counts as beyond them."""
+    low, high = K92_BOUNDS
+    k = points.k + shift
+    side = np.where(k <= low, -1, np.where(k >= high, 1, 0))
+    there = replace(points, k=np.clip(k, low, high), censored=np.where(points.inner, side, points.censored))
+    scatter = np.sqrt(np.maximum(np.diag(fit.covariance) - points.sigma**2, 0.0)) / np.exp(-fit.a * points.v)
+    a = there.a_theta(lambda m: np.asarray(np.hypot(points.sigma, scatter * m)))
+    return a if 0 < a < _FAR else max(fit.a + float(fit.sensitivity @ shift), fit.a * math.exp(-_LARGEST))
 
 
 def published_fit() -> AThetaFit:

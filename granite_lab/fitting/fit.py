@@ -25,6 +25,23 @@ if TYPE_CHECKING:
 PointRow = tuple[str, float, Estimate, Estimate]
 """(trial, velocity [m/s], k_92, λ_R); the velocity is the desired one of the steady part."""
 
+
+@dataclass(frozen=True)
+class Shift:
+    """How far an error of a number that all trials share moves k_92.
+
+    Attributes:
+        name: of the number, as a reader calls it.
+        std: of the logarithm of the number.
+        up, down: change of k_92 where the number is one std larger, or smaller.
+    """
+
+    name: str
+    std: float
+    up: float
+    down: float
+
+
 K92_BOUNDS = (0.0, 1.0)
 """The model needs k_92 >= 0 (section 5), and k_92 = 1 is the value at rest, below (4)."""
 
@@ -41,14 +58,18 @@ STATUS_NAMES: Mapping[FitStatus, str] = {
 
 SCATTER = "scatter between trials beyond these"
 
+TRIALS = "trials"
+"""The std of a_θ by the files, as a component of a larger one."""
+
 SMALL = 0.002
 """Components with a smaller share of the variance are listed as one."""
 
-LEFT_OUT: Mapping[str, str] = dict.fromkeys(
-    ("k92", "a_theta"),
-    "Not part of the stated std: errors that all trials share, of the wheel radius, of the robot's file and "
-    "of the soil's file; and effects that the model lacks.",
-) | {
+LEFT_OUT: Mapping[str, str] = {
+    "k92": "Not part of the stated std: errors that all trials share, of the wheel radius and of the files "
+    "of robot and soil; and effects that the model lacks.",
+    "a_theta": "Not part of the stated std: errors that all trials share, and effects that the model lacks.",
+    "a_theta_uncertain": "Not part of it: masses and drive of the robot's file, and effects that the model "
+    "lacks.",
     "slip": "Not part of the stated std: an error of the wheel radius in the robot's file, which all trials "
     "share. 1 % of the radius moves λ_R by nearly 1 point.",
 }
@@ -71,6 +92,7 @@ class K92Fit(Shown):
         parts: what the std of `k92` is made of; empty where it has none.
         curve: (k_92, λ_R) of the simulations, by k_92: the likelihood of `k92` goes by it.
         latency: by how much the stamps of the IMU come after those of the wheels [s].
+        shared: what the numbers of soil and wheels do to `k92`; no part of its std.
     """
 
     trial: str
@@ -88,6 +110,7 @@ class K92Fit(Shown):
     parts: tuple[Part, ...] = ()
     curve: tuple[tuple[float, float], ...] = ()
     latency: Estimate = Estimate(math.nan)  # noqa: RUF009, frozen
+    shared: tuple[Shift, ...] = ()
 
     def __repr__(self) -> str:
         return (
@@ -181,6 +204,9 @@ class AThetaFit(Shown):
             sensitivity times std of the points and of `parts` add up to the variance of `a_theta`.
         virtual: some of the logs were written by a simulator.
         origin: where the fit comes from.
+        total, total_ci95: `a_theta` with the std and the 95 % interval that hold the uncertainty of soil and
+            wheel radius, too [s/m]; NaN where the trials do not say what these do.
+        shared: what the std of `total` is made of besides that of `a_theta`.
     """
 
     a_theta: Estimate
@@ -197,6 +223,9 @@ class AThetaFit(Shown):
     sensitivity: tuple[float, ...] = ()
     virtual: bool = False
     origin: Origin = NOWHERE
+    total: Estimate = Estimate(math.nan)  # noqa: RUF009, frozen
+    total_ci95: tuple[float, float] = (math.nan, math.nan)
+    shared: tuple[Part, ...] = ()
 
     def __repr__(self) -> str:
         return (
@@ -209,6 +238,40 @@ class AThetaFit(Shown):
         columns = ("trial", "variant_mps", "k92", "k92_std", "slip_ratio", "slip_ratio_std")
         rows = [(name, v, k92.value, k92.std, slip.value, slip.std) for name, v, k92, slip in self.points]
         return frame([dict(zip(columns, row, strict=True)) for row in rows])
+
+
+ViewName = Literal["files", "uncertain", "found"]
+
+VIEWS: Mapping[ViewName, str] = {
+    "files": "files of soil and robot as they are",
+    "uncertain": "with the uncertainty of soil and wheel radius",
+    "found": "soil fitted to all sensors, with what was found",
+}
+"""What a_θ is stated by, as a reader calls it."""
+
+
+@dataclass(frozen=True)
+class View:
+    """a_θ by one of the `VIEWS`.
+
+    Attributes:
+        a_theta, ci95: value with std, and 95 % interval [s/m].
+        parts: what the std is made of, where that is known.
+    """
+
+    by: ViewName
+    a_theta: Estimate
+    ci95: tuple[float, float]
+    parts: tuple[Part, ...] = ()
+
+
+def views_of(fit: AThetaFit) -> tuple[View, ...]:
+    """Return a_θ by the files as they are, and with their uncertainty where the trials say what that does."""
+    found = (View("files", fit.a_theta, fit.ci95),)
+    if not fit.shared:
+        return found
+    own = Part(TRIALS, "A", "normal", "s/m", fit.a_theta.std, fit.a_theta.std)
+    return (*found, View("uncertain", fit.total, fit.total_ci95, _ranked([own, *fit.shared])))
 
 
 @dataclass(frozen=True)

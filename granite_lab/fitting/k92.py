@@ -20,11 +20,12 @@ from scipy.optimize import brentq
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation.motion import Motion
-from granite_lab.fitting.fit import K92_BOUNDS, FitStatus, K92Fit
+from granite_lab.fitting.fit import K92_BOUNDS, FitStatus, K92Fit, Shift
 from granite_lab.inference.bench import RAKED, SAND, Bench, World
 from granite_lab.inference.constants import RAKING, SAND_STD, TOLERANCE
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.setup import baseline, trial_models
+from granite_lab.inference.stated import radius_std, sand_std
 from granite_lab.logs.trial import Trial
 from granite_lab.model import Run, simulate
 from granite_lab.model.command import peak_velocity, steady_interval, steady_part
@@ -37,6 +38,17 @@ LEAST_K92 = 1e-3
 
 RAKED_AS = ("k_φ, from raking to raking", "c, from raking to raking")
 """The parameters of the sand that change with the raking besides a_θ, as a budget calls them."""
+
+SHARED_AS = {
+    "frictional_modulus": "k_φ, of the soil",
+    "cohesion": "c, of the soil",
+    "shear_modulus": "K, of the soil",
+    "friction_angle": "φ, of the soil",
+    "exponent": "n, of the soil",
+    "tyre_friction": "μ_s, of tyre and soil",
+    "radius": "wheel radius",
+}
+"""Numbers that all trials share, as a budget calls them."""
 
 WIDE = 1.0
 """Std of the prior of log a_θ: flat beside the few percent that one trial tells."""
@@ -213,7 +225,35 @@ def _by_slip(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
         std_measurement=std_measurement,
         parts=(*(part.times(1 / slope) for part in sources), *sand) if known else (),
         curve=tuple(sorted({k: curve[k] for k in (*curve, *near.tolist())}.items())),
+        shared=_shared(motion, robot, soil, effects, curve, k92),
     )
+
+
+def _shared(
+    motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active], curve: SlipCurve, k92: float
+) -> tuple[Shift, ...]:
+    """Return how far errors of the soil's numbers and of the wheel radius move the k_92 of a trial.
+
+    λ_R is measured with the radius of the robot's file, too.
+    """
+    interval, slope, found = slip_interval(motion), curve.slope(k92), []
+
+    def slip_of(factor: float, name: str) -> float:
+        of, on = robot, soil
+        if name == "radius":
+            of = replace(robot, wheels=replace(robot.wheels, radius=factor * robot.wheels.radius))
+        else:
+            on = replace(soil, **{name: factor * getattr(soil, name)})
+        return simulated_slip(simulate(motion.variant, of, on, k92=k92, effects=effects), interval)
+
+    stds = dict(zip(SAND[1:], sand_std(soil)[1:], strict=True)) | {"radius": radius_std(robot)}
+    for name, std in stds.items():
+        moved = []
+        for factor in (math.exp(std), math.exp(-std)):
+            seen = (1 - motion.slip_ratio.value) * (1 - 1 / factor) if name == "radius" else 0.0
+            moved.append((seen - (slip_of(factor, name) - curve[k92])) / slope)
+        found.append(Shift(SHARED_AS[name], std, *moved))
+    return tuple(found)
 
 
 def _with_trajectory(

@@ -8,7 +8,7 @@ from dataclasses import replace
 from types import ModuleType
 
 from granite_lab.errors import UsageError
-from granite_lab.hidden import drive, outside, soil, tyre, vehicle
+from granite_lab.hidden import drive, outside, soil, soil_law, tyre, vehicle
 from granite_lab.hidden.influence import Influence
 from granite_lab.hidden.model import Setup, Truth
 from granite_lab.hidden.parts import Sizes, Trapezoid
@@ -25,6 +25,12 @@ LIBRARY = _held_by(soil, tyre, drive, vehicle)
 
 OUTSIDE = _held_by(outside)
 """Influences that no effect of the library describes."""
+
+LAWS = _held_by(soil_law)
+"""Influences that stand in place of the paper's contact law."""
+
+UNKNOWN_TO_LIBRARY = {*OUTSIDE, soil_law.BearingLimit.id}
+"""Ids of all influences that no effect of the library describes."""
 
 TWINS: tuple[frozenset[str], ...] = (
     frozenset({"contact_angle_lag", "contact_angle_actual_speed"}),
@@ -46,7 +52,7 @@ def influence(name: str) -> type[Influence]:
     Raises:
         UsageError: there is none of that name.
     """
-    known = LIBRARY | OUTSIDE
+    known = LIBRARY | OUTSIDE | LAWS
     if name not in known:
         close = difflib.get_close_matches(name, known, n=1)
         raise UsageError(

@@ -38,6 +38,10 @@ class Ground:
 
     A number of the soil may differ from wheel to wheel: an array (wheels,) then. The pressure (8) grows
     by the factor 1 + harden log(1 + v sin(theta) / harden_speed) where the arc moves into the soil.
+
+    A part `moved` of the normal stress is greatest at the angle (ahead + ahead_slip |λ|) θ_1 and falls from
+    there to zero at -θ_2 along a straight line. The pressure is bounded by `bearing` [Pa], where that is not
+    zero. The shear stress has the peak and the residual value of `oida` where `residual` is below 1.
     """
 
     r: float
@@ -52,6 +56,12 @@ class Ground:
     c_t: float
     harden: float = 0.0
     harden_speed: float = 1.0
+    moved: float = 0.0
+    ahead: float = 0.0
+    ahead_slip: float = 0.0
+    bearing: float = 0.0
+    residual: float = 1.0
+    peak: float = 1.0
 
     @cached_property
     def packed(self) -> tuple[Array, Array]:
@@ -60,7 +70,8 @@ class Ground:
         soil = np.empty((4, max(map(np.size, rows))))
         soil[0], soil[1], soil[2], soil[3] = rows
         numbers = self.r, self.b, self.tan_phi, self.mu_s, self.c_t, self.harden, self.harden_speed
-        return soil, np.array(numbers)
+        law = self.moved, self.ahead, self.ahead_slip, self.bearing, self.residual, self.peak
+        return soil, np.array([*numbers, *law])
 
 
 @dataclass(frozen=True)
@@ -74,6 +85,23 @@ class Contact:
     F: Array
     M: Array
     normal: Array
+
+
+def oida(j: Array, residual: float, peak: float) -> Array:
+    """Return the share of the strength that a shear displacement mobilises.
+
+    It is 1 at K_w, near the peak, and falls to K_r. Oida (1979), as in Wong, Theory of Ground Vehicles,
+    4th ed., 2008, section 2.4.3:
+    K_r (1 + (1 / (K_r (1 - 1/e)) - 1) exp(1 - j / K_w)) (1 - exp(-j / K_w)).
+
+    Args:
+        j: displacements, not negative [m].
+        residual: K_r, residual over greatest shear stress.
+        peak: K_w, where the shear stress is greatest [m].
+    """
+    x = j / peak
+    rise = 1.0 / (residual * (1.0 - np.exp(-1.0))) - 1.0
+    return np.asarray(-residual * (1.0 + rise * np.exp(1.0 - x)) * np.expm1(-x))
 
 
 def smoothstep(s: Array | float) -> Array:
@@ -172,7 +200,8 @@ def forces_of_arrays(soil: Array, numbers: Array, arcs: Array, motion: Array, ru
         motion: (4, wheels) v_o, v, z0 and dz0 of `Stance`.
         rule: (2, N) nodes and weights of the quadrature on [-1, 1].
     """
-    r, b, tan_phi, mu_s, c_t, harden, harden_speed, k92, floor = numbers
+    r, b, tan_phi, mu_s, c_t, harden, harden_speed = numbers[:7]
+    moved, ahead, ahead_slip, bearing, residual, peak, k92, floor = numbers[7:]
     (v_o, v, z0, dz0), (nodes, weights) = motion, rule
     n, k, c, K = soil[:, :, None]
     slip, share = slip_and_share(v_o, v, NearRest("floor" if floor > 0 else "parabola", abs(floor)))
@@ -180,14 +209,24 @@ def forces_of_arrays(soil: Array, numbers: Array, arcs: Array, motion: Array, ru
     half = 0.5 * (1.0 + k92) * front  # (4)
     arc = front - half + half * nodes
     sin, cos = np.sin(arc), np.cos(arc)
-    z = np.maximum(np.maximum(z0, 0.0)[:, None] - arcs[:, None] * (1.0 - cos), 0.0)  # (7)
-    sigma = k * z**n  # (8), (9)
+    depth = np.maximum(z0, 0.0)[:, None]
+    sigma = k * np.maximum(depth - arcs[:, None] * (1.0 - cos), 0.0) ** n  # (7)-(9)
+    if moved:
+        top = (ahead + ahead_slip * np.abs(slip))[:, None] * front
+        highest = np.maximum(depth - arcs[:, None] * (1.0 - np.cos(np.maximum(arc, top))), 0.0)
+        line = np.minimum((arc + k92 * front) / (k92 * front + top), 1.0)
+        sigma += moved * (k * highest**n * line - sigma)
+    if bearing:
+        sigma = bearing * np.tanh(sigma / bearing)
     if harden:
         sigma *= 1.0 + harden * np.log1p(np.abs(v)[:, None] / harden_speed * np.maximum(sin, 0.0))
     reach = np.sin(front) - sin
     j = arcs[:, None] * (share[:, None] * (front - arc - reach) + slip[:, None] * reach)  # (6)
     limit = np.minimum(mu_s * sigma, c + sigma * tan_phi)  # (10)
-    tau = np.sign(j) * limit * -np.expm1(-np.abs(j) / K)  # (11)
+    share = -np.expm1(-np.abs(j) / K)  # of the limit that is mobilised, (11)
+    if residual < 1.0:
+        share = oida(np.abs(j), residual, peak)
+    tau = np.sign(j) * limit * share
     parts = np.stack([sigma * cos + tau * sin, sigma * sin, tau * cos, tau])
     W, R, F, S = b * arcs * (parts * (half * weights)).sum(axis=2)  # (12)-(15)
     normal = np.where(z0 > 0, np.maximum(W + c_t * dz0, 0.0), 0.0)  # (17), never pulls
@@ -196,7 +235,8 @@ def forces_of_arrays(soil: Array, numbers: Array, arcs: Array, motion: Array, ru
 
 def forces_by_loops(soil: Array, numbers: Array, arcs: Array, motion: Array, rule: Array) -> Array:
     """Do the same as `forces_of_arrays`, written for a compiler."""
-    r, b, tan_phi, mu_s, c_t, harden, harden_speed, k92, floor = numbers
+    r, b, tan_phi, mu_s, c_t, harden, harden_speed = numbers[:7]
+    moved, ahead, ahead_slip, bearing, residual, peak, k92, floor = numbers[7:]
     v_o, v, z0, dz0 = motion
     out = np.zeros((6, v.size))
     for i in range(v.size):
@@ -222,12 +262,24 @@ def forces_by_loops(soil: Array, numbers: Array, arcs: Array, motion: Array, rul
             if z <= 0.0:
                 continue
             sigma = k * z**n
+            if moved != 0.0:
+                crest = (ahead + ahead_slip * abs(slip)) * front
+                highest = max(z0[i] - radius * (1.0 - math.cos(max(arc, crest))), 0.0)
+                line = min((arc + k92 * front) / (k92 * front + crest), 1.0)
+                sigma += moved * (k * highest**n * line - sigma)
+            if bearing != 0.0:
+                sigma = bearing * math.tanh(sigma / bearing)
             if harden != 0.0:
                 sigma *= 1.0 + harden * math.log1p(abs(v[i]) / harden_speed * max(sin, 0.0))
             reach = top - sin
             j = radius * (share * (front - arc - reach) + slip * reach)
             limit = min(mu_s * sigma, c + sigma * tan_phi)
-            tau = math.copysign(limit * -math.expm1(-abs(j) / K), j)
+            mobilised = -math.expm1(-abs(j) / K)
+            if residual < 1.0:
+                x = abs(j) / peak
+                rise = 1.0 / (residual * (1.0 - math.exp(-1.0))) - 1.0
+                mobilised = -residual * (1.0 + rise * math.exp(1.0 - x)) * math.expm1(-x)
+            tau = math.copysign(limit * mobilised, j)
             w = b * radius * half * weight
             out[1, i] += w * (sigma * cos + tau * sin)
             out[2, i] -= w * sigma * sin

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -11,10 +11,19 @@ import numpy as np
 
 from granite_lab import __version__
 from granite_lab.errors import EstimateError
-from granite_lab.hidden.catalogue import LIBRARY, influence, model_of
-from granite_lab.hidden.chance import lot
+from granite_lab.hidden.catalogue import UNKNOWN_TO_LIBRARY, influence, model_of
+from granite_lab.hidden.chance import lot, scaled
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.lab import Lab, lab_of
+from granite_lab.hidden.mixture import (
+    ATTEMPTS,
+    LEAST,
+    STRONGER,
+    motion_of,
+    reopened,
+    stronger,
+    withheld_variant,
+)
 from granite_lab.hidden.model import Setup
 from granite_lab.hidden.parts import Trapezoid, exponential_k92
 from granite_lab.hidden.sensors import louder, read_currents, read_imu, read_wheels
@@ -83,12 +92,10 @@ def make_set(
         LabError: a process died.
     """
     lab = lab_of(wish.lab, wish.seed, robot, soil)
-    names = chosen(wish)
-    sizes = drawn(wish, names)
-    # Sand drawn off its file may be too weak for the slope, drag or speed at hand; it is drawn again then.
-    for attempt in range(8 if wish.sand_off else 1):
-        ground, off = sand(wish, lab.soil.real, attempt)
-        plans = _plans(wish, lab, ground, sizes)
+    for plans, off in _draws(wish, lab):
+        counts = reopened(plans, _under) if wish.effect == "mixture" else {}
+        if any(share < LEAST for share in counts.values()):
+            continue
         made = []
         for one in shared_out(_make, plans, len(plans), "made a trial", jobs=jobs):
             if one is None:
@@ -96,10 +103,46 @@ def make_set(
             made.append(one)
             done(one[0].name)
         if len(made) == len(plans):
-            return made, _answer(wish, lab, sizes, off, plans)
+            answer = _answer(wish, off, plans)
+            return made, answer | _of_mixture(plans[0], off, counts) if counts else answer
     raise EstimateError(
-        "the robot sinks to its axles with the hidden effect", "choose a smaller --strength or another --seed"
+        "the robot sinks to its axles with the hidden effect, or a cause of a mixture does not count",
+        "choose a smaller --strength or another --seed",
     )
+
+
+def _draws(wish: Wish, lab: Lab) -> Iterator[tuple[list[Plan], dict[str, float]]]:
+    """Yield the plans of a set and the factors on its sand, drawn anew where the last were of no use.
+
+    Sand drawn off its file may be too weak for the slope, drag or speed at hand. Of a mixture all is drawn
+    again; a second draw of the same causes has those stronger that did not count.
+    """
+    mixed = wish.effect == "mixture"
+    for attempt in range(ATTEMPTS if mixed else 8 if wish.sand_off else 1):
+        names = chosen(wish, attempt if mixed else 0)
+        sizes = drawn(wish, names, attempt if mixed else 0)
+        ground, off = sand(wish, lab.soil.real, attempt)
+        plans = _plans(wish, lab, ground, sizes)
+        if mixed:
+            counts = reopened(plans, _under)
+            if not counts or min(counts.values()) < LEAST / STRONGER**2:
+                continue
+            for name, share in counts.items():
+                sizes[name] = stronger(name, sizes[name], share)
+            plans = _plans(wish, lab, ground, sizes)
+        yield plans, off
+
+
+def _under(plan: Plan, active: Sequence[str]) -> Trial:
+    """Make a trial under some of its causes alone.
+
+    Raises:
+        RuntimeError: the robot digs itself in.
+    """
+    made = make_trial(replace(plan, sizes={name: plan.sizes[name] for name in active}))
+    if made is None:
+        raise RuntimeError("the robot digs itself in")
+    return made[0]
 
 
 def _plans(wish: Wish, lab: Lab, ground: Soil, sizes: Mapping[str, Mapping[str, float]]) -> list[Plan]:
@@ -115,6 +158,16 @@ def _plans(wish: Wish, lab: Lab, ground: Soil, sizes: Mapping[str, Mapping[str, 
         of_trial = {name: influence(name).of_trial(size, rng) for name, size in sizes.items()}
         plans.append(Plan(wish, lab, of_trial, *raking, variant, repetition, seed))
     return plans
+
+
+def _of_mixture(plan: Plan, off: Mapping[str, float], counts: Mapping[str, float]) -> dict[str, Any]:
+    """Return what the answer of a mixture holds beside: what each cause reopens, the withheld motion."""
+    variant, lab = withheld_variant(plan.wish.seed, plan.wish.variants or load_variants()), plan.lab
+    ground = scaled(lab.soil.real, off)
+    setup = Setup(lab.robot.real, ground, exponential_k92(lab.a_theta), lab.near_rest)
+    command = Trapezoid(variant.velocity, variant.acceleration, variant.distance)
+    truth = model_of(tuple(plan.sizes), setup, command, plan.sizes)
+    return {"reopens": dict(counts), "withheld": motion_of(truth, variant)}
 
 
 def _make(plans: list[Plan], k: int) -> tuple[Trial, pd.DataFrame] | None:
@@ -187,13 +240,8 @@ def true_motion(plan: Plan, command: Trapezoid, body: Body) -> pd.DataFrame:
     return frame
 
 
-def _answer(
-    wish: Wish,
-    lab: Lab,
-    sizes: Mapping[str, Mapping[str, float]],
-    off: Mapping[str, float],
-    plans: list[Plan],
-) -> dict[str, Any]:
+def _answer(wish: Wish, off: Mapping[str, float], plans: list[Plan]) -> dict[str, Any]:
+    lab, sizes = plans[0].lab, plans[0].sizes
     grade = lab.robot.real.imu_grade
     late = lab.logger.behind(grade.rate) if grade is not None else 0.0
     effects = [
@@ -201,7 +249,7 @@ def _answer(
             "id": name,
             "title": influence(name).title,
             "account": influence(name).account,
-            "library": name in LIBRARY,
+            "library": name not in UNKNOWN_TO_LIBRARY,
             "parameters": {
                 size.name: {
                     # whoever sees only the stamps sees the IMU's lateness in the offset of the clocks
@@ -218,6 +266,7 @@ def _answer(
         "schema": "granite-lab/sealed/1",
         "version": __version__,
         "asked": wish.effect,
+        "soil_law": wish.soil_law,
         "seed": wish.seed,
         "strength": wish.strength,
         "noise": wish.noise,

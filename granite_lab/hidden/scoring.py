@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ MEANING = {
     "missed": "an effect is hidden, none was found",
     "false_alarm": "nothing is hidden, an effect was found",
     "abstained": "a gap was found, no effect was named",
+    "idle": "no effect was named and nothing was closed, although much could be",
 }
 
 LARGEST_SET = 3
@@ -32,6 +33,9 @@ LARGEST_SET = 3
 
 REMAINDER = 0.1
 """Share of the gap from which on a discovery must say that it is left: what closes less is small."""
+
+CEILING = 0.3
+"""Share of the gap that any forces could close, from which on an answer that closes nothing is a miss."""
 
 SCHEMA = "granite-lab/discovery/3"
 
@@ -66,6 +70,21 @@ class ParameterScore:
 
 
 @dataclass(frozen=True)
+class Names:
+    """Effects counted one by one. A set of twins names one effect; of a hidden one it may be any member.
+
+    Attributes:
+        right: hidden effects that were named.
+        missed: hidden effects of the library that were not.
+        wrong: named effects, by the first of each set, that are not hidden.
+    """
+
+    right: tuple[str, ...]
+    missed: tuple[str, ...]
+    wrong: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Score:
     """How a discovery fared.
 
@@ -76,6 +95,9 @@ class Score:
         set_size: names in the largest set that holds a hidden effect.
         parameters: of the effects named rightly.
         gap_closed: share of the gap that closed, for "train" and "held_out".
+        names: of the hidden effects of the library and of those named: rightly named, missed, wrongly named.
+        closed_withheld: share of the gap that the saved model closes at a speed that no trial shows; None
+            where no such motion is in the answer, or no model was saved.
     """
 
     outcome: str
@@ -86,6 +108,8 @@ class Score:
     set_size: int
     parameters: tuple[ParameterScore, ...]
     gap_closed: Mapping[str, float | None]
+    names: Names
+    closed_withheld: float | None = None
 
 
 def read_finding(place: Path) -> dict[str, Any]:
@@ -128,12 +152,16 @@ def read_finding(place: Path) -> dict[str, Any]:
     return document
 
 
-def score(answer: Mapping[str, Any], finding: Mapping[str, Any]) -> Score:
+def score(
+    answer: Mapping[str, Any], finding: Mapping[str, Any], closed_withheld: float | None = None
+) -> Score:
     """Judge a discovery by a sealed answer.
 
     Args:
         answer: as `granite_lab.hidden.sealed` opens it.
-        finding: as `discover --json` prints it, of which `verdict`, `effects`, `gap` and `remainder` count.
+        finding: as `discover --json` prints it, of which `verdict`, `effects`, `gap`, `closed`, `ceiling` and
+            `remainder` count.
+        closed_withheld: share of the gap that the saved model closes at the speed that was withheld.
     """
     effects = finding.get("effects", []) if finding["verdict"] in ("named", "partly named") else []
     hidden = tuple(effect["id"] for effect in answer["effects"])
@@ -143,6 +171,8 @@ def score(answer: Mapping[str, Any], finding: Mapping[str, Any]) -> Score:
     left = _number(finding.get("remainder"))
     if outside and outcome in ("right", "twin_set"):
         outcome = "with_remainder" if left is not None and left >= REMAINDER else "partial"
+    if outcome == "abstained" and _idle(finding):
+        outcome = "idle"
     right = outcome in ("right", "twin_set", "with_remainder") or (outcome == "abstained" and bool(outside))
     found = {effect["id"]: effect.get("parameters") or {} for effect in effects}
     closed = {part: _closed(finding.get("gap") or {}, part) for part in ("train", "held_out")}
@@ -160,7 +190,42 @@ def score(answer: Mapping[str, Any], finding: Mapping[str, Any]) -> Score:
             if effect["id"] in found and name in found[effect["id"]]
         ),
         gap_closed=closed if left is None else closed | {"held_out": 1 - left},
+        names=_names(effects, inside),
+        closed_withheld=closed_withheld,
     )
+
+
+def matched(effects: Sequence[Mapping[str, Any]], hidden: Sequence[str]) -> dict[str, int]:
+    """Return the place of the set that names each hidden effect; each set stands for one of them.
+
+    The name in front of a set counts before the twins behind it.
+    """
+    heads = [str(effect["id"]) for effect in effects]
+    free, places = list(range(len(effects))), {}
+    for name in sorted(hidden, key=lambda n: n not in heads):
+        holds = [k for k in free if heads[k] == name] or [k for k in free if name in _set_of(effects[k])]
+        if holds:
+            free.remove(holds[0])
+            places[name] = holds[0]
+    return places
+
+
+def _names(effects: Sequence[Mapping[str, Any]], hidden: Sequence[str]) -> Names:
+    """Count the named effects against the hidden ones of the library."""
+    places = matched(effects, hidden)
+    return Names(
+        right=tuple(sorted(places)),
+        missed=tuple(name for name in hidden if name not in places),
+        wrong=tuple(str(e["id"]) for k, e in enumerate(effects) if k not in places.values()),
+    )
+
+
+def _idle(finding: Mapping[str, Any]) -> bool:
+    """Tell whether a discovery closes nothing although it states that much could be closed."""
+    ceiling = finding.get("ceiling")
+    most = _number(ceiling.get("value") if isinstance(ceiling, Mapping) else ceiling)
+    closed = (finding.get("closed") or {}).get("trials") or {}
+    return most is not None and most >= CEILING and (_number(closed.get("value")) or 0.0) < REMAINDER
 
 
 def _set_of(effect: Mapping[str, Any]) -> set[str]:
@@ -177,27 +242,20 @@ def _judge(
         return "false_alarm", 0
     if verdict == "unknown" or not effects:
         return "abstained", 0
+    places = matched(effects, hidden)
     heads = [str(effect["id"]) for effect in effects]
-    free, sizes, by_head, lost = list(range(len(effects))), [], True, []
-    # a set may stand for one hidden effect only; the name in front counts before the twins behind it
-    for name in sorted(hidden, key=lambda n: n not in heads):
-        first = [k for k in free if heads[k] == name]
-        held = first or [k for k in free if name in _set_of(effects[k])]
-        if not held:
-            lost.append(name)
-            continue
-        free.remove(held[0])
-        sizes.append(len(_set_of(effects[held[0]])))
-        by_head &= bool(first)
-    largest = max(sizes, default=0)
+    free = [k for k in range(len(effects)) if k not in places.values()]
+    lost = [name for name in hidden if name not in places]
+    largest = max((len(_set_of(effects[k])) for k in places.values()), default=0)
     if lost:
         if len(free) == len(lost) and all(any(near(heads[k], n) for n in lost) for k in free):
             return "near_twin", largest
-        return ("partial" if sizes and not free else "wrong_name"), largest
+        return ("partial" if places and not free else "wrong_name"), largest
     if free:
         return ("spurious" if hidden else "wrong_name"), largest
     if largest > LARGEST_SET:
         return "vague", largest
+    by_head = all(heads[k] == name for name, k in places.items())
     return ("right" if by_head else "twin_set"), largest
 
 

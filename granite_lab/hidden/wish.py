@@ -4,17 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 
 from granite_lab.errors import UsageError
-from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, TWINS, influence
+from granite_lab.hidden.catalogue import LAWS, LIBRARY, OUTSIDE, TWINS, influence
 from granite_lab.hidden.chance import factors, lot, magnitude, scaled
 from granite_lab.hidden.influence import Size
 from granite_lab.parameters import Soil, Variant
 
-LOTS = ("random", "none", "outside", "pair")
-"""What may stand in place of an id: a lot among the library's, none, a lot outside the library, two."""
+LOTS = ("random", "none", "outside", "pair", "mixture")
+"""What may stand in place of an id: a lot of the library, none, a lot outside it, two of it, several."""
+
+CAUSES = 2, 5
+"""Fewest and most causes of a mixture."""
+
+FOREIGN = 0.25
+"""Share of the mixtures in which one cause is outside the library; an assumption."""
 
 SAND_OFF = ("friction_angle", "shear_modulus", "exponent", "tyre_friction")
 """φ, K, n and μ_s, which a set may have off the soil's file."""
@@ -35,6 +42,8 @@ class Wish:
         repetitions: of each variant; None: as the laboratory says, else 3.
         variants: those of Table 2 when empty.
         label: with which the trials' names begin.
+        causes: of a mixture, two to five.
+        soil_law: id of a contact law other than the paper's, or ``random``; none where it is empty.
     """
 
     effect: str
@@ -47,15 +56,30 @@ class Wish:
     repetitions: int | None = None
     variants: tuple[Variant, ...] = ()
     label: str = "hidden"
+    causes: int = 3
+    soil_law: str = ""
 
 
-def chosen(wish: Wish) -> tuple[str, ...]:
-    """Return the ids that are hidden, sorted.
+def chosen(wish: Wish, attempt: int = 0) -> tuple[str, ...]:
+    """Return the ids that are hidden, sorted; `attempt` counts the draws of a mixture that were of no use.
 
     Raises:
         UsageError: an id is not known, or given twice.
     """
-    rng = lot(wish.seed, 1, 0)
+    rng = lot(wish.seed, 1, attempt)
+    names = _effects(wish, rng)
+    if not wish.soil_law:
+        return names
+    law = str(rng.choice(sorted(LAWS))) if wish.soil_law == "random" else wish.soil_law
+    if law not in LAWS:
+        raise UsageError(f"unknown contact law '{law}'", f"known: {', '.join(LAWS)}, random")
+    if law in names:
+        raise UsageError(f"'{law}' is named twice", "name it once")
+    return tuple(sorted([*names, law]))
+
+
+def _effects(wish: Wish, rng: np.random.Generator) -> tuple[str, ...]:
+    """Return the ids that are hidden beside a contact law."""
     if wish.effect == "none":
         return ()
     if wish.effect == "random":
@@ -67,19 +91,31 @@ def chosen(wish: Wish) -> tuple[str, ...]:
             two = sorted(str(name) for name in rng.choice(sorted(LIBRARY), 2, replace=False))
             if frozenset(two) not in TWINS:
                 return tuple(two)
+    if wish.effect == "mixture":
+        return _mixture(wish.causes, rng)
     names = [name.strip() for name in wish.effect.split("+")]
     if len(set(names)) < len(names):
         raise UsageError(f"--effect {wish.effect}: an effect is named twice", "name each effect once")
     return tuple(sorted(influence(name).id for name in names))
 
 
-def drawn(wish: Wish, names: Sequence[str]) -> dict[str, dict[str, float]]:
+def _mixture(causes: int, rng: np.random.Generator) -> tuple[str, ...]:
+    """Draw several causes of which no two are twins."""
+    while True:
+        names = [str(name) for name in rng.choice(sorted(LIBRARY), causes, replace=False)]
+        if rng.random() < FOREIGN:
+            names[0] = str(rng.choice(sorted(OUTSIDE)))
+        if not any(frozenset(two) in TWINS for two in combinations(names, 2)):
+            return tuple(sorted(names))
+
+
+def drawn(wish: Wish, names: Sequence[str], attempt: int = 0) -> dict[str, dict[str, float]]:
     """Return the sizes of each hidden effect by id.
 
     Raises:
         UsageError: a given size belongs to none of them, or lies outside its bounds.
     """
-    rng, given, found = lot(wish.seed, 2, 0), dict(wish.sizes), {}
+    rng, given, found = lot(wish.seed, 2, attempt), dict(wish.sizes), {}
     for name in names:
         sizes = {}
         for size in influence(name).declared:

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import SIGNALS
 from granite_lab.inference.binning import Binning, Stream, at_edges_or_between
-from granite_lab.logs.imu_checks import mounted
+from granite_lab.logs.sensors.imu import mounted
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import duration, phase_of
 from granite_lab.parameters import GRAVITY, Robot, Variant

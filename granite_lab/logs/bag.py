@@ -15,7 +15,7 @@ from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.files import is_folder, readable, refuse_special
 from granite_lab.logs.layouts import Column, Layout
 from granite_lab.logs.quantities import ROS, WORDS, wheels_named, words
-from granite_lab.logs.stamps import ticks_too_rarely
+from granite_lab.logs.sensors.stamps import ticks_too_rarely
 from granite_lab.logs.table import Table
 from granite_lab.logs.trial import Array
 

@@ -87,3 +87,10 @@ def quantum(raw: Array) -> float:
         if np.abs(multiples - whole).max() < 0.02 and grid:
             return float(np.median(steps[whole == whole.min()]) / whole.min())
     return 0.0
+
+
+def mean_known(values: Array) -> Array:
+    """Mean of each row, as over the wheels; NaN where none is known, without a warning."""
+    n = np.isfinite(values).sum(axis=1)
+    total = np.where(np.isfinite(values), values, 0.0).sum(axis=1)
+    return np.where(n > 0, total / np.maximum(n, 1), np.nan)

@@ -25,7 +25,7 @@ from granite_lab.logs.quantities import (
     gravity_unit,
     words,
 )
-from granite_lab.logs.stamps import SECONDS, ticks_too_rarely, unit_factor
+from granite_lab.logs.sensors.stamps import SECONDS, ticks_too_rarely, unit_factor
 from granite_lab.logs.table import Table
 from granite_lab.logs.trial import Array
 

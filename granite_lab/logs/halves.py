@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.clock import row_stamps
 from granite_lab.logs.layouts import Maps, given_maps
 from granite_lab.logs.quantities import ACCELERATION, CURRENTS, ENCODERS, RATE
+from granite_lab.logs.sensors.clock import row_stamps
 from granite_lab.logs.source import Source, read_source, recognise
 
 _IN_COMMON = 0.5  # share of the shorter log in which both run, of two halves of a trial

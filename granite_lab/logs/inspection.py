@@ -20,12 +20,12 @@ from granite_lab.logs.quantities import (
     ColumnReport,
 )
 from granite_lab.logs.reader import assemble
+from granite_lab.logs.sensors.stamps import GAP_PERIODS
+from granite_lab.logs.sensors.standstill import standstills
+from granite_lab.logs.sensors.wheels import MotionGuess, look
 from granite_lab.logs.source import read_source, recognise
-from granite_lab.logs.stamps import GAP_PERIODS
-from granite_lab.logs.standstill import standstills
 from granite_lab.logs.table import Table, open_table
 from granite_lab.logs.trial import Array, Trial, is_bag, name_of, parts_of
-from granite_lab.logs.wheels import MotionGuess, look
 from granite_lab.parameters import load_robot
 from granite_lab.parameters.quantity import toml
 

@@ -26,6 +26,7 @@ from granite_lab.logs.quantities import (
     resembling,
     words,
 )
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.table import Table, numbered
 from granite_lab.parameters import CATALOGUE, Robot, names
 from granite_lab.parameters.catalogue import find
@@ -126,7 +127,7 @@ class Log:
     robot: Robot  # its wheels, motors, IMU and how that is mounted
     where: str  # the file, for messages
     columns: Mapping[str, Binding]  # channel to the column that feeds it
-    doubts: list[str]
+    doubts: list[Doubt]
     units: dict[str, str] = field(default_factory=dict)  # of channels whose column has another than it said
 
     def name(self, channel: str) -> str:
@@ -145,7 +146,11 @@ class Log:
     def convert(self, channels: Sequence[str], unit: str, why: str) -> None:
         """Keep the unit that the columns of some channels turned out to have, and warn of it."""
         self.units.update((channel, unit) for channel in channels if channel in self.columns)
-        self.doubts.append(f"{why}; converted")
+        self.doubt(why, remedy="converted")
+
+    def doubt(self, what: str, where: str = "", remedy: str = "") -> None:
+        """Add a warning, of a column or sensor, with what to do about it."""
+        self.doubts.append(Doubt(what, where, remedy))
 
     def refuse(self, channels: str | tuple[str, ...], what: str, hint: str = OUT) -> InputError:
         """Return the error that names the columns of some channels."""

@@ -10,17 +10,21 @@ from typing import Any
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.aliasing import resolve_aliases
 from granite_lab.logs.canonical import trial_info
-from granite_lab.logs.imu_checks import check_units, refuse_axes, with_forward_axis
 from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, match, no_match
 from granite_lab.logs.quantities import SENSORS
-from granite_lab.logs.source import Source, read_source, recognise
-from granite_lab.logs.stamps import describe_gaps, outside_gaps
-from granite_lab.logs.standstill import coasting, rolls, standstills, turning_of
-from granite_lab.logs.streams import interval, read_streams
-from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, name_of, part, parts_of, sidecar
-from granite_lab.logs.wheels import (
+from granite_lab.logs.sensors.aliasing import resolve_aliases
+from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.imu import check_units, refuse_axes, with_forward_axis
+from granite_lab.logs.sensors.stamps import doubt_gaps, gaps_in, outside_gaps
+from granite_lab.logs.sensors.standstill import (
+    LONGEST_GAP,
+    rolls,
+    standstills,
+    turning_of,
+    unbridged,
+)
+from granite_lab.logs.sensors.wheels import (
     check_currents,
     check_wheels,
     look,
@@ -28,6 +32,9 @@ from granite_lab.logs.wheels import (
     report_absent,
     without_free_wheels,
 )
+from granite_lab.logs.source import Source, read_source, recognise
+from granite_lab.logs.streams import Streams, interval, read_streams
+from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, name_of, part, parts_of, sidecar
 from granite_lab.parameters import Robot, load_robot
 
 # What is taken from a file that was given for one purpose.
@@ -36,9 +43,10 @@ _ROLES: dict[str, tuple[str, ...]] = {
     "encoders": ("wheels", "currents", "command"),
     "currents": ("currents",),
     "reference": ("reference_x", "reference_v"),
+    "": ("acceleration", "rate", "wheels", "currents", "command", "reference_x", "reference_v"),
 }
-_STREAMS = ("imu", "wheels", "currents", "command", "reference_x", "reference_v")
-_BRIDGED = 0.5  # longest gap [s] in the IMU that estimation bridges while the robot moves
+_BESIDE = ("currents", "command", "reference_x", "reference_v")  # what a trial takes as a file holds it
+_STREAMS = ("imu", "wheels", *_BESIDE)
 
 # The files of a trial, with what each was given for ("": for nothing in particular).
 Files = Sequence[tuple[str, Source]]
@@ -118,16 +126,16 @@ def assemble(
         InputError: the samples cannot be used.
         UsageError: unknown robot.
     """
-    doubts: list[str] = []
+    doubts: list[Doubt] = []
     sources = [source for _, source in files]
     name, the_robot = _robot(sources, robot, info, doubts)
-    merged, columns = _merge(files, [read_streams(source, the_robot, window) for source in sources])
+    streams, columns = _merge(files, [read_streams(source, the_robot, window) for source in sources])
     doubts += [doubt for source in sources for doubt in source.doubts]
     log = Log(
         the_robot, str(path), columns, doubts, {k: u for s in reversed(sources) for k, u in s.units.items()}
     )
-    said = [s.metadata | {"soil": _beside(s, s.metadata.get("soil", ""))} for s in sources]
-    imu, wheels, clean = _imu(merged, path, doubts), merged.pop("wheels", None), None
+    metadata = [s.metadata | {"soil": _beside(s, s.metadata.get("soil", ""))} for s in sources]
+    imu, wheels, clean = _imu(streams, path, doubts), streams.wheels, None
     if imu is not None:
         imu, clean = check_units(with_forward_axis(imu, log) if whole else imu, log)
     if wheels is not None:
@@ -135,10 +143,10 @@ def assemble(
         wheels = check_wheels(resolve_aliases(wheels, imu, log), imu, log)
     trial = Trial(
         name=name_of(path),
-        info=trial_info(said, info, name),
+        info=trial_info(metadata, info, name),
         imu=imu,
         wheels=wheels,
-        **{kind: merged[kind] for kind in _STREAMS if kind in merged},
+        **{kind: getattr(streams, kind) for kind in _BESIDE},
         inputs=tuple(dict.fromkeys(file for source in sources for file in source.inputs)),
         layout=" + ".join(dict.fromkeys(source.match.layout.name for source in sources)),
         units=log.units,
@@ -146,7 +154,7 @@ def assemble(
     trial = _checked(trial, clean, log) if whole else trial
     doubts += _across(trial)
     trial = _longest_stretch(trial, the_robot, doubts) if whole else trial
-    return dataclasses.replace(trial, warnings=tuple(dict.fromkeys(doubts)))
+    return dataclasses.replace(trial, doubts=tuple(dict.fromkeys(doubts)))
 
 
 def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
@@ -170,15 +178,15 @@ def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
 
 
 def _robot(
-    sources: Sequence[Source], given: str | Path | None, info: TrialInfo | None, doubts: list[str]
+    sources: Sequence[Source], given: str | Path | None, info: TrialInfo | None, doubts: list[Doubt]
 ) -> tuple[str | None, Robot]:
     """Decide which robot the log is of; without a word from anyone it is the laboratory's own."""
     named = [_beside(source, source.metadata.get("robot", "")) for source in sources]
     named += [source.match.layout.robot for source in sources]
-    said = given or (info.robot if info else None) or next(filter(None, named), None)
-    if said:
-        return str(said), load_robot(str(said))
-    doubts.append("the log does not name its robot: taken as 'granite'")
+    chosen = given or (info.robot if info else None) or next(filter(None, named), None)
+    if chosen:
+        return str(chosen), load_robot(str(chosen))
+    doubts.append(Doubt("the log does not name its robot", remedy="taken as 'granite'"))
     return None, load_robot("granite")
 
 
@@ -188,39 +196,39 @@ def _beside(source: Source, name: str) -> str:
     return str(path) if name.endswith(".toml") and path.is_file() else name
 
 
-def _merge(files: Files, parts: Sequence[dict[str, Any]]) -> tuple[dict[str, Any], dict[str, Binding]]:
+def _merge(files: Files, parts: Sequence[Streams]) -> tuple[Streams, dict[str, Binding]]:
     """Take each sensor from the file that was given for it, else from the first file that has it."""
-    merged: dict[str, Any] = {}
+    merged = Streams()
     columns = {b.channel: b for _, s in reversed(files) for b in reversed(s.match.bindings)}
-    for (role, source), one in zip(files, parts, strict=True):
-        found = [kind for kind in _ROLES.get(role, one) if kind in one]
-        if role and not found:
+    for (role, source), streams in zip(files, parts, strict=True):
+        kinds = [kind for kind in _ROLES[role] if streams.holds(kind)]
+        if role and not kinds:
             hint = f"its layout was taken as '{source.match.layout.name}'"
             raise source.refuse(f"given as --{role}, but nothing in it is of that kind", hint)
-        removed = source.match.layout.gravity_removed or source.metadata.get("imu_gravity_removed", False)
-        for kind in found:
+        for kind in kinds:
             # An acceleration with gravity in it is worth more than one without.
-            better = kind == "acceleration" and merged.get("removed", False) and not removed
-            if role or better or kind not in merged:
-                merged[kind] = one[kind]
-                columns |= {b.channel: b for b in reversed(source.bindings(*SENSORS[kind].channels))}
+            better = kind == "acceleration" and merged.gravity_removed and not streams.gravity_removed
+            if role or better or not merged.holds(kind):
+                taken: dict[str, Any] = {kind: getattr(streams, kind)}
                 if kind == "acceleration":
-                    merged["removed"] = removed
+                    taken["gravity_removed"] = streams.gravity_removed
+                merged = dataclasses.replace(merged, **taken)
+                columns |= {b.channel: b for b in reversed(source.bindings(*SENSORS[kind].channels))}
     return merged, columns
 
 
-def _imu(merged: dict[str, Any], path: Path, doubts: list[str]) -> ImuStream | None:
+def _imu(streams: Streams, path: Path, doubts: list[Doubt]) -> ImuStream | None:
     """Put accelerometer and gyroscope on common stamps."""
-    sensors = {"accelerometer": merged.get("acceleration"), "gyroscope": merged.get("rate")}
-    present = {what: samples for what, samples in sensors.items() if samples is not None}
+    sensors = {"accelerometer": streams.acceleration, "gyroscope": streams.rate}
+    present = {name: samples for name, samples in sensors.items() if samples is not None}
     if not present:
         return None
-    for what, samples in sensors.items():
+    for name, samples in sensors.items():
         if samples is None:
-            doubts.append(f"no {what} in the log")
+            doubts.append(Doubt(f"no {name} in the log"))
         elif absent := [axis for axis, v in zip("xyz", samples.values.T, strict=True) if np.isnan(v).all()]:
-            doubts.append(f"{what}: no axis {', '.join(absent)} in the log")
-    acc, gyro = (sensors[what] or next(iter(present.values())) for what in sensors)
+            doubts.append(Doubt(f"no axis {', '.join(absent)} in the log", name))
+    acc, gyro = (sensors[name] or next(iter(present.values())) for name in sensors)
     both, a, g = np.intersect1d(acc.t, gyro.t, assume_unique=True, return_indices=True)
     if len(both) > 0.5 * min(len(acc.t), len(gyro.t)):
         t, force, rate = both, acc.values[a], gyro.values[g]
@@ -228,14 +236,15 @@ def _imu(merged: dict[str, Any], path: Path, doubts: list[str]) -> ImuStream | N
         inside = (acc.t >= gyro.t[0]) & (acc.t <= gyro.t[-1])
         if np.count_nonzero(inside) < 2:
             raise _nothing_in_common(path, "accelerometer", acc.t, "gyroscope", gyro.t)
-        doubts.append("the gyroscope has stamps of its own; interpolated to the accelerometer's")
+        apart = "the gyroscope has stamps of its own"
+        doubts.append(Doubt(apart, remedy="interpolated to the accelerometer's"))
         inside &= outside_gaps(acc.t, gyro.t)
         t, force = acc.t[inside], acc.values[inside]
         rate = np.column_stack([np.interp(t, gyro.t, column) for column in gyro.values.T])
     force = force if "accelerometer" in present else np.full_like(force, np.nan)
     rate = rate if "gyroscope" in present else np.full_like(rate, np.nan)
     late = max(acc.std, gyro.std)
-    return ImuStream(t, force, rate, merged.get("removed", False), stamp_std=late)
+    return ImuStream(t, force, rate, streams.gravity_removed, stamp_std=late)
 
 
 def _nothing_in_common(path: Path, one: str, t: Array, other: str, s: Array) -> InputError:
@@ -245,47 +254,44 @@ def _nothing_in_common(path: Path, one: str, t: Array, other: str, s: Array) -> 
     return InputError(f"{path}: {one} {first} and {other} {second} have no time in common", hint)
 
 
-def _across(trial: Trial) -> list[str]:
+def _across(trial: Trial) -> list[Doubt]:
     """Return doubts about gaps and about sensors that hardly overlap; with no time in common, refuse them."""
     streams = {"IMU": trial.imu, "encoders": trial.wheels, "motor currents": trial.currents}
-    found = {what: stream.t for what, stream in streams.items() if stream is not None}
-    doubts = [text for what, t in found.items() if (text := describe_gaps(t, what))]
-    first, base = next(iter(found.items()), ("", np.zeros(0)))
-    for what, t in list(found.items())[1:]:
+    stamps = {name: stream.t for name, stream in streams.items() if stream is not None}
+    doubts = [doubt for name, t in stamps.items() if (doubt := doubt_gaps(t, name))]
+    first, base = next(iter(stamps.items()), ("", np.zeros(0)))
+    for name, t in list(stamps.items())[1:]:
         shared = min(t[-1], base[-1]) - max(t[0], base[0])
         if shared <= 0:
-            raise _nothing_in_common(trial.inputs[0].path, first, base, what, t)
+            raise _nothing_in_common(trial.inputs[0].path, first, base, name, t)
         if shared < 0.5 * min(np.ptp(t), np.ptp(base)):
-            doubts.append(f"{first} and {what} have only {shared:.2f} s in common")
+            doubts.append(Doubt(f"{first} and {name} have only {shared:.2f} s in common"))
     return doubts
 
 
-def _longest_stretch(trial: Trial, robot: Robot, doubts: list[str]) -> Trial:
+def _longest_stretch(trial: Trial, robot: Robot, doubts: list[Doubt]) -> Trial:
     """Cut a trial at gaps in its IMU that are too long to bridge; keep the longest stretch with a rest."""
     if trial.imu is None:
         return trial
-    t = trial.imu.t
-    gaps = [(float(t[i]), float(t[i + 1])) for i in np.flatnonzero(np.diff(t) > _BRIDGED)]
+    t, gaps = trial.imu.t, gaps_in(trial.imu.t, LONGEST_GAP)
     still = standstills(trial, robot) if gaps else []
     wheels = turning_of(trial.wheels, robot) if trial.wheels is not None and trial.wheels.t.size > 2 else None
-    resting = [
-        any(begin <= a and b <= end for begin, end in still) or coasting(wheels, a, b) for a, b in gaps
-    ]
-    gaps = [gap for gap, at_rest in zip(gaps, resting, strict=True) if not at_rest]
+    gaps = unbridged(gaps, still, wheels)
     if not gaps:
         return trial
     stretches = zip([float(t[0]), *(b for _, b in gaps)], [*(a for a, _ in gaps), float(t[-1])], strict=True)
 
     def worth(stretch: tuple[float, float]) -> tuple[bool, float]:
-        resting = any(min(end, stretch[1]) - max(begin, stretch[0]) > _BRIDGED for begin, end in still)
+        resting = any(min(end, stretch[1]) - max(begin, stretch[0]) > LONGEST_GAP for begin, end in still)
         return resting, stretch[1] - stretch[0]
 
     begin, end = max(stretches, key=worth)
     missing = ", ".join(f"{a:.3f} to {b:.3f} s" for a, b in gaps[:3]) + (", …" if len(gaps) > 3 else "")
-    doubts.append(
-        f"no IMU samples while the robot moved: {missing}: the log is cut there and only its longest stretch "
-        f"with a rest is used, {begin:.3f} to {end:.3f} s; --from and --to choose another"
+    used = (
+        f"the log is cut there and only its longest stretch with a rest is used, {begin:.3f} to {end:.3f} s"
     )
+    lost = f"no IMU samples while the robot moved: {missing}"
+    doubts.append(Doubt(lost, remedy=f"{used}; --from and --to choose another"))
     logged = {name: stream for name in _STREAMS if (stream := getattr(trial, name)) is not None}
     inside = {name: (stream.t >= begin) & (stream.t <= end) for name, stream in logged.items()}
     kept: dict[str, Any] = dict.fromkeys(_STREAMS)  # hardly any sample is none

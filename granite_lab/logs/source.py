@@ -18,6 +18,7 @@ from granite_lab.logs.counters import Mask
 from granite_lab.logs.layouts import Binding, Layout, Match, all_layouts, best, match, no_match
 from granite_lab.logs.quantities import DATE, ENCODERS, by_name
 from granite_lab.logs.rows import is_number
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.table import Table, open_table
 from granite_lab.logs.trial import Array, InputFile, is_bag, sidecar
 
@@ -31,7 +32,7 @@ class Source:
     kept: Array  # (N,) the row of data each value came from
     metadata: Metadata  # what the file and its sidecar say
     inputs: tuple[InputFile, ...]  # the file and its sidecar
-    doubts: list[str]  # warnings are added here
+    doubts: list[Doubt]  # warnings are added here
     units: dict[str, str] = field(
         default_factory=dict
     )  # channels to units found right, where another was said
@@ -41,9 +42,9 @@ class Source:
         """Where the file is."""
         return self.match.table.path
 
-    def doubt(self, text: str) -> None:
-        """Add a warning about the file."""
-        self.doubts.append(f"{self.path.name}: {text}")
+    def doubt(self, what: str, where: str = "", remedy: str = "") -> None:
+        """Add a warning about the file, or a place in it, with what to do about it."""
+        self.doubts.append(Doubt(what, where, remedy).of(self.path.name))
 
     def refuse(self, what: str, hint: str) -> InputError:
         """Return the error that names the file."""
@@ -139,7 +140,7 @@ def read_source(
     metadata = collect(table.comments, table.path, doubts, sides)
     inputs = tuple(InputFile(file, sha256(file)) for file in (table.path, *sides))
     kept = np.arange(len(next(iter(columns.values()))), dtype=np.float64)
-    source = Source(found, columns, kept, metadata, inputs, doubts)
+    source = Source(found, columns, kept, metadata, inputs, [Doubt(text) for text in doubts])
     source = source if whole.all() else source.only(whole)
     if selector:
         chosen = source.columns[selector[0]] == selector[1]

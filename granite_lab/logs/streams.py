@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple, overload
 
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.clock import one_line, row_stamps, sampled
 from granite_lab.logs.counters import Mask, integral, runs
-from granite_lab.logs.encoders import Wheel, convert
 from granite_lab.logs.layouts import Binding
 from granite_lab.logs.quantities import ENCODERS, SENSORS
+from granite_lab.logs.sensors.clock import one_line, row_stamps, sampled
+from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.encoders import Wheel, convert
+from granite_lab.logs.sensors.stamps import tidy
 from granite_lab.logs.source import Source
-from granite_lab.logs.stamps import tidy
 from granite_lab.logs.trial import Array, CurrentStream, Series, WheelStream
 from granite_lab.parameters import Robot
 
-ZERO = "every sample is 0: taken as not measured"  # how a warning of a dead channel ends
+ZERO, UNMEASURED = "every sample is 0", "taken as not measured"  # doubt about a dead channel, its remedy
 WINDOW = 5  # samples through which a line is laid to get a speed
 _MANY = 100  # an axis that is zero in fewer samples than these may just be at rest
 _A, _E2 = 6378137.0, 6.69437999014e-3  # semi-major axis [m] and squared eccentricity of WGS 84
@@ -37,12 +39,35 @@ class Samples(NamedTuple):
     std: float = 0.0
 
 
-def read_streams(source: Source, robot: Robot, window: tuple[float, float] | None) -> dict[str, Any]:
+@dataclass(frozen=True, eq=False)
+class Streams:
+    """What one file, or all files of a trial, hold of each sensor; None: nothing.
+
+    Attributes:
+        acceleration, rate: of the IMU, still apart, for their stamps may differ.
+        gravity_removed: the logger took gravity out of the acceleration.
+        wheels, currents, command, reference_x, reference_v: as in a `Trial`.
+    """
+
+    acceleration: Samples | None = None
+    rate: Samples | None = None
+    gravity_removed: bool = False
+    wheels: WheelStream | None = None
+    currents: CurrentStream | None = None
+    command: Series | None = None
+    reference_x: Series | None = None
+    reference_v: Series | None = None
+
+    def holds(self, kind: str) -> bool:
+        """Say whether there is something of a kind of sensor."""
+        return getattr(self, kind) is not None
+
+
+def read_streams(source: Source, robot: Robot, window: tuple[float, float] | None) -> Streams:
     """Turn the columns of a file into streams; of a window [s, the log's time], only its samples are taken.
 
-    The robot gives wheel radius and counts per revolution where units need them. Returns kind of a sensor to
-    what the file holds of it; accelerometer and gyroscope are still apart, for their stamps may differ. What
-    had to be done is added to the source's doubts; clock, samples or units that cannot be used are refused.
+    The robot gives wheel radius and counts per revolution where units need them. What had to be done is added
+    to the source's doubts; clock, samples or units that cannot be used are refused.
     """
     t = row_stamps(source)
     if window is not None:
@@ -56,24 +81,31 @@ def read_streams(source: Source, robot: Robot, window: tuple[float, float] | Non
         source, t = source.only(inside), t[inside]
     t, doubts = one_line(source, t)
     source.doubts.extend(doubts)
-    streams, said = dict[str, Any](), dict[str, list[str]]()
+    logged, wheels, by_stamps = dict[str, Samples | None](), None, dict[Doubt, list[str]]()
     for kind in _KINDS:
-        samples = _samples(source, t, kind, said)
+        samples = _samples(source, t, kind, by_stamps)
         if samples is not None and kind in ("acceleration", "rate"):
             samples = _complete(source, samples, kind)
-        if samples is not None:
-            streams[kind] = _wheels(source, samples, robot) if kind == "wheels" else samples
-    for doubt, sensors in said.items():
-        source.doubt(f"{', '.join(sensors)}: {doubt}")
-    if "currents" in streams:
-        streams["currents"] = CurrentStream(streams["currents"].t, streams["currents"].values)
-    if "command" in streams:
-        streams["command"] = _series(streams["command"])
-    return streams | _reference(source, streams)
+        if samples is not None and kind == "wheels":
+            wheels = _wheels(source, samples, robot)
+        logged[kind] = samples
+    source.doubts.extend(d.of(f"{source.path.name}: {', '.join(names)}") for d, names in by_stamps.items())
+    currents = logged["currents"]
+    removed = source.match.layout.gravity_removed or bool(source.metadata.get("imu_gravity_removed"))
+    return Streams(
+        acceleration=logged["acceleration"], rate=logged["rate"], wheels=wheels,
+        gravity_removed=removed,
+        currents=currents and CurrentStream(currents.t, currents.values), command=_series(logged["command"]),
+        **_reference(source, logged["globe"], logged["reference_x"], logged["reference_v"]),
+    )  # fmt: skip
 
 
-def _series(samples: Samples) -> Series:
-    return Series(samples.t, samples.values[:, 0])
+@overload
+def _series(samples: Samples) -> Series: ...
+@overload
+def _series(samples: Samples | None) -> Series | None: ...
+def _series(samples: Samples | None) -> Series | None:
+    return samples and Series(samples.t, samples.values[:, 0])
 
 
 def interval(window: tuple[float, float]) -> str:
@@ -84,19 +116,19 @@ def interval(window: tuple[float, float]) -> str:
     return f"after {start} s" if math.isinf(window[1]) else f"between {start} and {end} s"
 
 
-def _samples(source: Source, t: Array, kind: str, said: dict[str, list[str]]) -> Samples | None:
+def _samples(source: Source, t: Array, kind: str, by_stamps: dict[Doubt, list[str]]) -> Samples | None:
     """Return the samples of a sensor in the order of time, NaN for what was not logged.
 
-    Encoders stay in the file's units, for a wrap is a number of counts. Doubts about stamps are `said`, each
-    with the sensors that it is about.
+    Encoders stay in the file's units, for a wrap is a number of counts. Doubts about stamps are added to
+    `by_stamps`, each with the sensors that it is about.
     """
-    what, channels = SENSORS[kind].name, SENSORS[kind].channels
+    name, channels = SENSORS[kind].name, SENSORS[kind].channels
     bindings = source.bindings(*channels)
     if not bindings:
         return None
     places = np.flatnonzero(sampled(source, channels))
     if len(places) == 0:
-        source.doubt(f"{what}: all cells are empty")
+        source.doubt("all cells are empty", name)
         return None
     values = np.full((len(places), len(channels)), np.nan)
     for binding in bindings:
@@ -105,20 +137,20 @@ def _samples(source: Source, t: Array, kind: str, said: dict[str, list[str]]) ->
             column = column * binding.factor
             column = np.nancumsum(column) if binding.spec.increment else column
         values[:, channels.index(binding.channel)] = column
-    doubts: list[str] = []
+    doubts: list[Doubt] = []
 
     def where(row: int) -> str:
         return source.place(int(places[row]))
 
     try:
-        stamps = tidy(t[places], values, what, where, doubts)
+        stamps = tidy(t[places], values, name, where, doubts)
     except InputError:
         if kind in _TIMED:
             raise
         doubts.clear()
-        stamps = tidy(t[places], values, what, where, doubts, spread=False)
+        stamps = tidy(t[places], values, name, where, doubts, spread=False)
     for doubt in doubts:
-        said.setdefault(doubt, []).append(what)
+        by_stamps.setdefault(doubt, []).append(name)
     return Samples(stamps.t, values[stamps.rows], stamps.std)
 
 
@@ -128,11 +160,11 @@ def _complete(source: Source, samples: Samples, kind: str) -> Samples | None:
     An axis that is zero from beginning to end is not measured: so messages of ROS say it. A sample in which
     an axis is missing that is logged elsewhere is left out.
     """
-    what, channels, (t, values, std) = SENSORS[kind].name, SENSORS[kind].channels, samples
+    name, channels, (t, values, std) = SENSORS[kind].name, SENSORS[kind].channels, samples
     idle = [k for k, axis in enumerate(values.T) if (axis == 0).all()]
     if len(t) >= _MANY and idle and (kind != "acceleration" or len(idle) == len(channels)):
-        names = ", ".join(f"'{source.bindings(channels[k])[0].name}'" for k in idle)
-        source.doubt(f"{what}: {names}: {ZERO}")
+        columns = ", ".join(f"'{source.bindings(channels[k])[0].name}'" for k in idle)
+        source.doubt(ZERO, f"{name}: {columns}", UNMEASURED)
         if len(idle) == len(channels):
             return None
         values = values.copy()
@@ -144,11 +176,11 @@ def _complete(source: Source, samples: Samples, kind: str) -> Samples | None:
         return Samples(t, values, std)
     if len(t) - count < 2:
         few = f"{len(t) - count} samples have all their axes, expected at least two"
-        raise source.refuse(f"{what}: {few}", "the axes of a sensor belong in one row")
+        raise source.refuse(f"{name}: {few}", "the axes of a sensor belong in one row")
     first, last = _longest(holes, t)
     axis = source.bindings(channels[int(np.flatnonzero(logged & np.isnan(values[first]))[0])])[0].name
     stretch = f"the longest stretch from t = {t[first]:.3f} s to {t[last]:.3f} s"
-    source.doubt(f"{what}: {count} samples without '{axis}' were left out, {stretch}")
+    source.doubt(f"{count} samples without '{axis}' were left out, {stretch}", name)
     return Samples(t[~holes], values[~holes], std)
 
 
@@ -167,24 +199,23 @@ def _wheels(source: Source, samples: Samples, robot: Robot) -> WheelStream:
         raw = samples.values[:, wheel]
         seen = np.isfinite(raw)
         if not seen.any():
-            source.doubt(f"{column} is empty; that wheel is taken as without encoder")
+            source.doubt(f"{column} is empty", remedy="that wheel is taken as without encoder")
             continue
         limits = Wheel.of(robot, _counts(source, binding, robot))
-        said: list[str] = []
+        doubts: list[Doubt] = []
         try:
-            found = convert(samples.t[seen], raw[seen], binding.unit, binding.spec, limits, said)
+            turning = convert(samples.t[seen], raw[seen], binding.unit, binding.spec, limits, doubts)
         except InputError as error:
             raise source.refuse(f"{column}: {error.message}", error.hint) from None
-        angle[seen, wheel], resolution[wheel], spans[wheel] = found.angle, found.resolution, found.span
-        rate[seen, wheel] = np.nan if found.rate is None else found.rate
-        for doubt in said:
-            source.doubt(f"{column}: {doubt}")
+        angle[seen, wheel], resolution[wheel], spans[wheel] = turning.angle, turning.resolution, turning.span
+        rate[seen, wheel] = np.nan if turning.rate is None else turning.rate
+        source.doubts.extend(doubt.of(f"{source.path.name}: {column}") for doubt in doubts)
         if not seen.all():
             first, last = _longest(~seen, samples.t)
             begin, end = samples.t[first], samples.t[last]
             # In a log where each wheel has rows of its own, holes are the rule and short.
             if end - begin > 0.1 and (last - first) > 0.02 * len(seen):
-                source.doubt(f"{column}: no sample from t = {begin:.3f} s to {end:.3f} s")
+                source.doubt(f"no sample from t = {begin:.3f} s to {end:.3f} s", column)
     rates = np.isfinite(rate).any()
     if stated := source.metadata.get("enc_step_radps" if rates else "enc_step_rad"):
         resolution = [stated] * len(ENCODERS)
@@ -203,10 +234,11 @@ def _counts(source: Source, binding: Binding, robot: Robot) -> float:
     return counts
 
 
-def _reference(source: Source, streams: dict[str, Any]) -> dict[str, Series]:
-    """Take the external reference out of the streams; return it as distance and speed along the path."""
-    globe, plane, speed = (streams.pop(kind, None) for kind in _KINDS[-3:])
-    place, found = globe or (plane if source.bindings("ref_y") else None), dict[str, Series]()
+def _reference(
+    source: Source, globe: Samples | None, plane: Samples | None, speed: Samples | None
+) -> dict[str, Series]:
+    """Return the external reference as distance and speed along the path."""
+    place, path = globe or (plane if source.bindings("ref_y") else None), dict[str, Series]()
     if place is not None:
         whole = np.isfinite(place.values).all(axis=1)
         if np.count_nonzero(whole) < 2:
@@ -217,12 +249,12 @@ def _reference(source: Source, streams: dict[str, Any]) -> dict[str, Series]:
             x, y = _metres(latitude=x, longitude=y)
         # Speed over a few samples in each direction: the noise of places at rest adds up to no distance.
         along = np.hypot(slope(stamps, x), slope(stamps, y))
-        found = {"reference_x": Series(stamps, integral(stamps, along)), "reference_v": Series(stamps, along)}
+        path = {"reference_x": Series(stamps, integral(stamps, along)), "reference_v": Series(stamps, along)}
     elif plane is not None:
-        found["reference_x"] = way = _series(plane)
+        path["reference_x"] = way = _series(plane)
         if len(plane.t) > WINDOW:
-            found["reference_v"] = Series(way.t, slope(way.t, way.value))
-    return found if speed is None else found | {"reference_v": _series(speed)}
+            path["reference_v"] = Series(way.t, slope(way.t, way.value))
+    return path if speed is None else path | {"reference_v": _series(speed)}
 
 
 def slope(t: Array, x: Array, window: int = WINDOW) -> Array:

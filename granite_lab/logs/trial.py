@@ -14,6 +14,7 @@ import numpy.typing as npt
 from granite_lab.errors import UsageError
 from granite_lab.files import is_folder
 from granite_lab.logs.quantities import WORDS
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.parameters import WHEELS
 
 Array = npt.NDArray[np.float64]
@@ -153,7 +154,7 @@ class Trial:
         imu, wheels, currents: None where the log has none.
         command: commanded velocity [m/s].
         reference_x, reference_v: external reference [m], [m/s]; judges the estimate, never enters it.
-        warnings: every doubt the reader had, one line each.
+        doubts: every one that the reader had.
         layout: name of the column map that was used.
         corrections: what estimation changed.
         units: of channels whose column is in another unit than was said.
@@ -167,11 +168,16 @@ class Trial:
     command: Series | None = None
     reference_x: Series | None = None
     reference_v: Series | None = None
-    warnings: tuple[str, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
     inputs: tuple[InputFile, ...] = ()
     layout: str = "canonical"
     corrections: tuple[Correction, ...] = ()
     units: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The doubts, one line each."""
+        return tuple(dict.fromkeys(map(str, self.doubts)))
 
 
 def is_bag(path: Path) -> bool:

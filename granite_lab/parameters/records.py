@@ -25,6 +25,7 @@ class Wheels:
     radius: float = quantity("m", 0.01, 1.0, "wheel radius", "r")
     width: float = quantity("m", 0.005, 1.0, "width of the tyre tread (both tyres of a dual)", "b", 0.1)
     lugs: float = quantity("", 0, 200, "tread lugs on the circumference", "", 24.0)
+    radius_std: float = quantity("m", 0, 0.1, "std of the wheel radius (0: not stated)", "", 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,6 +161,12 @@ class Soil:
     friction_angle: float = quantity("deg", 5, 60, "angle of internal friction", "φ")
     shear_modulus: float = quantity("m", 1e-4, 0.5, "shear deformation parameter", "K")
     tyre_friction: float = quantity("", 0.05, 2.0, "static friction between tyre and soil", "μ_s")
+    exponent_std: float = quantity("", 0, 1, "std of n (0: not stated, as for all below)", "", 0.0)
+    frictional_modulus_std: float = quantity("Pa/m^n", 0, 1e9, "std of k_φ", "", 0.0)
+    cohesion_std: float = quantity("Pa", 0, 1e6, "std of c", "", 0.0)
+    friction_angle_std: float = quantity("deg", 0, 30, "std of φ", "", 0.0)
+    shear_modulus_std: float = quantity("m", 0, 0.5, "std of K", "", 0.0)
+    tyre_friction_std: float = quantity("", 0, 1, "std of μ_s", "", 0.0)
     slip: float = quantity("", 0.0, 0.5, "slip ratio expected of steady driving", "", 0.025)
     slip_std: float = quantity("", 0.001, 1.0, "its std, 1 where any slip is possible", "", 1.0)
     source: str = ""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from granite_lab.discovery.finding import Finding
-from granite_lab.fitting.fit import AThetaFit
+from granite_lab.fitting.fit import TRIALS, AThetaFit, View, views_of
 from granite_lab.parameters import by_speed, load_paper
 from granite_lab.reporting.channels import ChannelAnswer, channels_of
 from granite_lab.reporting.names import (
@@ -28,6 +28,7 @@ from granite_lab.rounding import (
     Number,
     chance,
     decided,
+    interval,
     percent,
     significant,
     times,
@@ -102,10 +103,12 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
         alike, differ = finding.verdict == "none", _differ(finding, gap_pair(finding)[0])
         verdict, tone = ("Yes", "good") if alike else ("No", "fair")
         questions = [Answer("model", "Does the paper's model explain the sensors?", verdict, differ, tone)]
+        questions += [law_answer(None, finding)] if finding.a_theta else []
     questions.append(missing_answer(finding, result.unsearched))
     questions += [closes_answer(finding)] if finding else []
     questions.append(_trust(result, finding))
-    steps = next_steps(finding, model, folder or result.name) if finding else ()
+    own = dict(result.source.options).get("effects", "")
+    steps = next_steps(finding, model, folder or result.name, own) if finding else ()
     return Answers(
         _lead(result, speeds), _virtual(result), (*questions, *_next(steps)), steps, speeds, a_theta, agrees,
         channels, paper.a_theta,
@@ -211,11 +214,14 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
     """Say whether a_θ agrees with the paper's; a finding says whether the model lacks something."""
     number, agrees = a_theta_of(fit)
     question = f"Does a_θ agree with the paper's {load_paper().a_theta:g} s/m?"
+    views = finding.a_theta if finding is not None and finding.a_theta else views_of(fit) if fit else ()
+    depends = _depends(views)
     if fit is None or number is None:
-        return Answer("a_theta", question, "Not known", "a_θ needs a trial in which k_92 could be fitted.")
+        text = depends or "a_θ needs a trial in which k_92 could be fitted."
+        return Answer("a_theta", question, "See below" if depends else "Not known", text)
     text = (
-        f"a_θ = {number.with_std} s/m, 95 % interval {number.interval} s/m, from "
-        f"{plural(len(fit.points), 'trial')}."
+        f"By the files of soil and robot as they are, a_θ = {number.with_std} s/m, 95 % interval "
+        f"{number.interval} s/m, from {plural(len(fit.points), 'trial')}.{depends}"
     )
     if agrees is None:
         few = _speeds_of(fit)
@@ -224,10 +230,28 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
     if agrees:
         return Answer("a_theta", question, "Yes", text, "good")
     way = "above" if number.value > fit.published else "below"
-    text += f" It is {percent(abs(number.value / fit.published - 1))} {way} the paper's."
+    text += f" By the files it is {percent(abs(number.value / fit.published - 1))} {way} the paper's."
     if finding is not None and finding.effects:
-        text += " k_92 is fitted with the paper's model, so that what is missing can cause this."
-    return Answer("a_theta", question, "No", text, "fair")
+        text += " k_92 is fitted with the paper's model there, so that what is missing can cause this."
+    held = any(v.ci95[0] <= fit.published <= v.ci95[1] for v in views if v.by != "files")
+    return Answer("a_theta", question, "Not by these files alone" if held else "No", text, "fair")
+
+
+def _depends(views: Sequence[View]) -> str:
+    """Say how far a_θ depends on the files of soil and robot, and on what was found; empty if not known."""
+    by = {v.by: v for v in views}
+    text = ""
+    if (wide := by.get("uncertain")) is not None:
+        most = next(part.name for part in wide.parts if part.name != TRIALS)
+        ends = interval(*wide.ci95, "s/m")
+        text += f" With the uncertainty of soil and wheel radius, most of it of {most}: {ends}."
+    if (found := by.get("found")) is not None:
+        number = decided(found.a_theta.value, found.a_theta.std, *found.ci95)
+        text += (
+            " With the soil fitted to all sensors and what was found in the model: "
+            f"{number.with_std} s/m, {number.interval} s/m."
+        )
+    return text
 
 
 def model_answer(channels: Sequence[ChannelAnswer], finding: Finding | None = None) -> Answer:
@@ -346,7 +370,7 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
         elif finding.effects:
             doubts.append("nothing could be left out of the fit, so that no prediction tests it")
     doubt = [f"Doubts: {'; '.join(doubts)}."] if doubts else []
-    radius = " Not included: an error of the wheel radius (1 % of it is 1 point of slip)." if n else ""
+    radius = " The slip holds no error of the wheel radius (1 % of it is 1 point of slip)." if n else ""
     text = " ".join([*grounds, *doubt, f"Valid for these speeds, this robot and this sand.{radius}"])
     verdict, tone = ("With care", "fair") if doubts else ("Well, for trials like these", "good")
     return Answer("trust", "How far can this be trusted?", verdict, text, tone)

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from granite_lab.discovery.empirical import TARGETS, TERMS
 from granite_lab.discovery.finding import Candidate, Finding, FoundEffect, FoundParameter, Status
 from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import EffectParameter
+from granite_lab.model.empirical import TARGETS, TERMS
 from granite_lab.rounding import decided, plus_minus, tidy_unit, with_unit
 
 SENSORS = {
@@ -42,6 +42,9 @@ STATUS: Mapping[Status, str] = {
 
 PREFIXED = ("s", "m", "rad", "m/N", "rad/(N m)")
 """Units that take a milli or a micro in front."""
+
+TYPICAL = 0.5
+"""Speed at which a model is simulated first where it can be [m/s]: within those of Table 2."""
 
 MUCH = 0.2
 """Share of the gap that is left from which on something else may be missing."""
@@ -240,9 +243,13 @@ def law_formulas(finding: Finding) -> tuple[str, ...]:
     return tuple(f"{target.words} = {sums[name]}" for name, target in TARGETS.items() if name in sums)
 
 
-def next_steps(finding: Finding, model: Path | str | None, folder: str) -> tuple[str, ...]:
-    """Say what to do with a finding, most useful first; a command ends its sentence."""
-    plan = f"granite-lab plan-next {_pasted(folder)}"
+def next_steps(finding: Finding, model: Path | str | None, folder: str, effects: str = "") -> tuple[str, ...]:
+    """Say what to do with a finding, most useful first; a command ends its sentence.
+
+    `effects` is the user's own effect file that the search was given; empty where there is none.
+    """
+    given = f" --effects {_pasted(effects)}" if effects else ""
+    plan = f"granite-lab plan-next {_pasted(folder)}{given}"
     own = "granite-lab discover TRIALS --effects my_effect.py"
     again = "Drive two trials or more at each of three speeds, then search again."
     steps = [again] if finding.provisional else []
@@ -270,11 +277,12 @@ def next_steps(finding: Finding, model: Path | str | None, folder: str) -> tuple
     steps += [f"Plan the trial that tells {one} from {others}: {plan}" for one, others in twins.items()]
     if finding.remainder > MUCH:
         steps.append(f"More is missing than was found. Try an effect of your own: {own}")
-    if model and len(faults) < len(finding.effects):
+    if model and finding.simulates and len(faults) < len(finding.effects):
+        speed = min(finding.simulates, key=lambda v: abs(v - TYPICAL))
         steps.append(
             "Simulate with what was found; at other speeds and on other sand that is a guess until a trial "
-            f"confirms it: granite-lab simulate --model {_pasted(f'{folder}/{Path(model).name}')} --variant "
-            "0.5"
+            f"confirms it: granite-lab simulate --model {_pasted(f'{folder}/{Path(model).name}')}{given} "
+            f"--variant {speed:g}"
         )
     return (*steps, *([] if twins else [f"Plan the trial that lowers the largest std: {plan}"]))
 

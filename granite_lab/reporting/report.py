@@ -12,6 +12,7 @@ from pathlib import Path
 
 from granite_lab.columns import FilledTable
 from granite_lab.discovery.finding import Finding
+from granite_lab.fitting.fit import views_of
 from granite_lab.origin import Source
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import answers as decide
@@ -166,6 +167,8 @@ def study_report(result: StudyResult, *, model: Path | str | None = None, folder
 def _slip(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
     fit, paper = result.a_theta, load_paper()
     yield _gallery(plot_results.slip_figure(decided, paper), plot_results.k92_figure(decided, fit, paper))
+    if result.finding is None and fit is not None:
+        yield tables.A_THETA.fill(views_of(fit), virtual=bool(decided.virtual))
     yield _fold(
         "k_92 over slip, and laws compared",
         _gallery(plot_results.k92_over_slip(decided, fit, paper)),
@@ -200,6 +203,7 @@ def _missing(finding: Finding) -> Iterator[Maybe]:
     )
     yield _gallery(plot_search.gap_figure(finding), plot_search.candidates_figure(finding))
     yield search_tables.effects_table(finding, finding.effects)
+    yield tables.A_THETA.fill(finding.a_theta, virtual=finding.virtual) if finding.a_theta else None
     if finding.description:
         yield (
             "The rest is described, not explained: these terms predict trials that were left out, but are no "

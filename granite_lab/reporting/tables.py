@@ -9,11 +9,21 @@ from typing import NamedTuple
 from granite_lab.columns import Cell, Column, FilledTable, Table, good, number, share, words
 from granite_lab.estimate import Estimate, Part, mean_over
 from granite_lab.fitting import fit as records
-from granite_lab.fitting.fit import K92_FITS, K92_STEADY, K92_TRAJECTORY, LAW_NAMES, AThetaFit, K92Fit, Law
+from granite_lab.fitting.fit import (
+    K92_FITS,
+    K92_STEADY,
+    K92_TRAJECTORY,
+    LAW_NAMES,
+    VIEWS,
+    AThetaFit,
+    K92Fit,
+    Law,
+    View,
+)
 from granite_lab.logs.trial import InputFile
 from granite_lab.reporting.speeds import Speed
 from granite_lab.results import StudyResult, TrialResult, shown_path
-from granite_lab.rounding import NONE, places, significant, tidy_unit
+from granite_lab.rounding import NONE, interval, places, significant, tidy_unit
 
 
 def law_table(fit: AThetaFit, virtual: bool) -> FilledTable:
@@ -97,6 +107,7 @@ BUDGETS = {
     "slip": ("slip ratio λ_R", "points", 100.0),
     "k92": ("contact-angle ratio k_92", "–", 1.0),
     "a_theta": ("a_θ", "s/m", 1.0),
+    "a_theta_uncertain": ("a_θ with soil and wheel radius", "s/m", 1.0),
 }
 """Quantity with a budget: in words, unit of the contributions, and the factor to it."""
 
@@ -120,8 +131,21 @@ def budget_tables(result: StudyResult, speeds: Sequence[Speed]) -> list[FilledTa
         budgets["a_theta"].append(
             records.of_a_theta(result.a_theta, [r.comparison.fit for r in result.trials])
         )
+        wide = [records.Budget(math.nan, v.a_theta, v.parts) for v in records.views_of(result.a_theta)[1:]]
+        budgets["a_theta_uncertain"] += wide
     there = {what: [b for b in own if b is not None] for what, own in budgets.items()}
     return [_budget_table(what, own, result.virtual) for what, own in there.items() if own]
+
+
+A_THETA = Table[View](
+    "a_theta",
+    "a_θ, and how far it depends on the files and on what is missing",
+    Column("by", lambda v: VIEWS[v.by]),
+    Column("a_θ", lambda v: v.a_theta, "a_theta a_theta_std", unit="s/m"),
+    Column("95 % interval", lambda v: Cell(interval(*v.ci95), v.ci95), "low95 high95", unit="s/m"),
+    note="The std of soil and wheel radius are those of their files (keys with “_std”), else those of the "
+    "literature.",
+)
 
 
 class Component(NamedTuple):
@@ -148,7 +172,7 @@ def _budget_table(what: str, of: Sequence[records.Budget], virtual: bool) -> Fil
     def sensitivity(row: Component) -> Cell:
         return number(row.part.sensitivity if row.part.unit else math.nan, 2, scale=scale)
 
-    each = what != "a_theta"
+    each = not what.startswith("a_theta")
     mean = "Mean over the trials of a speed. " if each else ""
     return Table[Component](
         f"budget_{what}",

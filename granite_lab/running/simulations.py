@@ -7,12 +7,12 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.effects import library
 from granite_lab.errors import LabError
 from granite_lab.inference.bench import Respond, Task, World
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Effect
+from granite_lab.model.empirical import EmpiricalLaw
 from granite_lab.running.cache import fingerprint
 from granite_lab.running.codec import decode, encode
 from granite_lab.running.each import Execution, connected, run_on

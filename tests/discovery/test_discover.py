@@ -7,19 +7,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from granite_lab import study_folder
+from granite_lab.api.model import simulate as by_command
 from granite_lab.discovery import discover as module
-from granite_lab.discovery import empirical
 from granite_lab.discovery.discover import discover
 from granite_lab.discovery.finding import Finding
 from granite_lab.effects import get, library
+from granite_lab.effects.model_file import load_model
 from granite_lab.errors import EstimateError
 from granite_lab.estimation import correct
+from granite_lab.inference.bench import SAND, SIGNALS, Task, World
 from granite_lab.inference.constants import TOLERANCE
 from granite_lab.logs import read_trial
 from granite_lab.logs.trial import Trial
+from granite_lab.model import empirical, simulate
 from granite_lab.model.command import duration
 from granite_lab.model.effect import Effect
-from granite_lab.parameters import Robot, load_robot, load_soil
+from granite_lab.model.simulator import integrate
+from granite_lab.model.symbols import model_parameters
+from granite_lab.options import Options
+from granite_lab.parameters import Robot, load_robot, load_soil, variant_of
 from tests.truth import faults
 
 OUTSIDE = Path(__file__).parent.parent / "data" / "outside"
@@ -223,3 +230,24 @@ def test_a_latency_that_no_logger_has_is_named(short_law: None) -> None:
     (offset,) = late.effects[0].parameters
     std = float(np.hypot(offset.estimate.std, plain.latency.std))
     assert abs(offset.estimate.value + plain.latency.value - 0.03) < 3 * std
+
+
+def test_the_saved_model_simulates_what_the_fit_predicts(good: Finding, tmp_path: Path) -> None:
+    """Sand, a_θ and all terms come back from the file, so that responses and `simulate` are the same."""
+    trials = [correct(trial, load_robot())[0] for trial in logs("o03", PAIR)]
+    path = study_folder.save_model_of(good, Options(), trials, tmp_path)
+    model, command = load_model(path), variant_of(0.5)
+    assert good.active
+    assert all(abs(good.sand[name].value) > 0 for name in ("a_theta", "shear_modulus"))
+    world = World(good.robot, good.soil, (command,), {**library(), "empirical": empirical.EmpiricalLaw()})
+    sand = tuple(good.sand[name].value for name in SAND)
+    fitted = world.respond(Task(0, sand, tuple((a.id, a.values) for a in good.active)))
+    assert fitted is not None
+    p = model_parameters(load_robot(model.robot), model.ground, command, a_theta=model.a_theta or 0.0)
+    signals = integrate(p, model.effects, world.accuracy, SIGNALS)
+    for row, name in zip(fitted, SIGNALS, strict=True):
+        assert signals[name] == pytest.approx(row, abs=1e-6 * float(np.abs(row).max()))
+    run = by_command(0.5, model=path)
+    assert run.soil.friction_angle == pytest.approx(good.fitted_sand["friction_angle"].value, rel=1e-12)
+    straight = simulate(command, good.robot, run.soil, a_theta=model.a_theta, effects=good.active)
+    assert run["v_mps"] == pytest.approx(straight["v_mps"], abs=1e-6)

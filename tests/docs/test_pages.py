@@ -40,6 +40,9 @@ ELSEWHERE = {
     ". .venv/bin/activate": "the tests run in an environment already",
     "granite-lab study runs": "tests/logs/test_other_files.py",
     "granite-lab study runs --map maps": "tests/logs/test_other_files.py",
+    "granite-lab hide --effect mixture --causes 3 --soil-law random --seed 7 --out sets/mixture-7": (
+        "takes a minute: tests/hidden/test_hidden_sets.py"
+    ),
     "granite-lab view reports/my-sand": "opens a window: tests/recording",
     "granite-lab view reports/mylab --trial run07": "opens a window: tests/recording",
     "granite-lab view reports/mylab --trial run07 --web": "serves until Ctrl+C: tests/recording",

@@ -2,7 +2,9 @@
 
 import json
 import math
+import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -147,7 +149,8 @@ WOUND = {
 REACTION = FittedEffect(get("drive_reaction"), {"share": Estimate(0.97)})
 FITTED = (FittedEffect(get("tyre_windup"), WOUND, ("clock_offset",)), REACTION)
 TOLD = {"version": "0.1.0", "trials": ['a "quoted".csv', "ß.csv"], "seed": 7, "inputs": {"a.csv": "12ab"}}
-MODEL = ModelFile("granite", "dry_sand", "exponential", Estimate(4.87, 0.04), FITTED, TOLD)
+GROUND = {"friction_angle": Estimate(28.4, 0.6), "frictional_modulus": Estimate(1.6e6, 4e4)}
+MODEL = ModelFile("granite", "dry_sand", "exponential", Estimate(4.87, 0.04), FITTED, TOLD, GROUND)
 
 
 def test_a_model_comes_back_as_it_was_written(tmp_path: Path) -> None:
@@ -159,6 +162,36 @@ def test_a_model_comes_back_as_it_was_written(tmp_path: Path) -> None:
     assert [a.id for a in back.effects] == ["tyre_windup", "drive_reaction"]
     assert back.effects[0].as_dict() == {"compliance": 2.1e-3, "retardation": 0.012, "tread_share": 0.18}
     assert (back.k92, back.a_theta) == (None, 4.87)
+    assert (back.ground.friction_angle, back.ground.frictional_modulus) == (28.4, 1.6e6)
+    assert back.ground.shear_modulus == SOIL.shear_modulus
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_model_of_an_earlier_version_is_read(tmp_path: Path, version: int) -> None:
+    path = tmp_path / "model.toml"
+    save_model(replace(MODEL, sand={}), path)
+    path.write_text(path.read_text().replace("granite-lab/model/3", f"granite-lab/model/{version}"))
+    assert load_model(path).ground == SOIL
+    path.write_text(path.read_text().replace(f"granite-lab/model/{version}", "granite-lab/model/9"))
+    with pytest.raises(InputError, match="schema = 'granite-lab/model/9' is not that of a model file"):
+        load_model(path)
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ("friction_angle = { value = 30.0 }", "unknown key 'friction_angle'"),
+        ("friction_angle_deg = { value = 90.0 }", "value = 90 is out of range"),
+        ("friction_angle_deg = { std = 1.0 }", "'value' is missing"),
+        ("friction_angle_deg = 30.0", "is not a table of numbers"),
+    ],
+)
+def test_a_wrong_number_of_the_sand_is_told(tmp_path: Path, row: str, said: str) -> None:
+    path = tmp_path / "model.toml"
+    save_model(replace(MODEL, sand={}), path)
+    path.write_text(f"{path.read_text()}\n[sand]\n{row}\n")
+    with pytest.raises(InputError, match=re.escape(said)):
+        load_model(path)
 
 
 @settings(max_examples=200, deadline=None)

@@ -15,14 +15,14 @@ import pytest
 
 from benchmarks.estimation_cell import Cell, Score, score
 from granite_lab.estimation import Motion, estimate
-from granite_lab.estimation.mounting import BodyImu, to_body
 from granite_lab.estimation.nodes import MOST, choose
 from granite_lab.estimation.noise import stamp_noise
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.files import write_table
 from granite_lab.hidden.sensors import Logger
 from granite_lab.logs import read_trial, write_canonical
-from granite_lab.logs.imu_checks import mounted
+from granite_lab.logs.sensors.imu import mounted
+from granite_lab.logs.sensors.mounting import BodyImu, to_body
 from granite_lab.logs.trial import ImuStream
 from granite_lab.parameters import load_robot
 from tests.truth import TruthTrial, faults, generate

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from granite_lab.estimation import correct
-from granite_lab.estimation.gross_clock import gross_offset
-from granite_lab.estimation.mounting import to_body
 from granite_lab.logs import read_trial
+from granite_lab.logs.sensors.mounting import to_body
+from granite_lab.logs.sensors.two_clocks import gross_offset
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import load_robot
 from tests.truth import field

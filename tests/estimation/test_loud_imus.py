@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from granite_lab.estimation import estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.logs import read_trial
-from granite_lab.logs.pitch_rate import contradicted
+from granite_lab.logs.sensors.pitch_rate import contradicted
 from granite_lab.logs.trial import ImuStream
 from granite_lab.parameters import GRAVITY, load_robot
 from tests.soak import SOAK

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimation import Motion, estimate
-from granite_lab.estimation.faults import find_faults
-from granite_lab.estimation.mounting import BodyImu, level, to_body
-from granite_lab.estimation.nominal import integrate, roll_angle
-from granite_lab.estimation.wheels import check_signs
-from granite_lab.logs.imu_checks import mounted as orientation
+from granite_lab.estimation.nominal import AT_REST, integrate, roll_angle
+from granite_lab.logs.sensors.faults import find_faults
+from granite_lab.logs.sensors.imu import mounted as orientation
+from granite_lab.logs.sensors.mounting import BodyImu, level, to_body
+from granite_lab.logs.sensors.signs import check_signs
 from granite_lab.logs.trial import ImuStream, WheelStream
 from tests.truth import faults
 from tests.truth.trials import TruthTrial, generate, robot
@@ -111,10 +111,10 @@ def test_lever_arm_is_taken_out(x: float, z: float) -> None:
     imu = to_body(stream, orientation(one))
     none = np.zeros(stream.t.size)
     found = find_faults(imu, stream, one.imu_grade, none > 0.0, none)
-    nominal = integrate(imu, one, [(0.0, 0.9), (3.1, 4.0)], found)
+    nominal = integrate(imu, one, [(0.0, 0.9), (3.1, 4.0)], found, AT_REST)
     assert nominal.v == pytest.approx(v[every], abs=5e-4)
     assert nominal.x == pytest.approx(way[every], abs=5e-4)
-    blind = integrate(imu, robot(x=0.0, z=0.0), [(0.0, 0.9), (3.1, 4.0)], found)
+    blind = integrate(imu, robot(x=0.0, z=0.0), [(0.0, 0.9), (3.1, 4.0)], found, AT_REST)
     assert np.abs(blind.v - v[every]).max() > 5e-3
 
 

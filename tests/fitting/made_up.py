@@ -26,7 +26,11 @@ VELOCITY_STD = 0.003
 """Std of the velocity [m/s], correlated over 2 s, where none is given."""
 
 NOTHING = np.zeros(0)
-HEALTHY = Health(NOTHING, (), NOTHING, NOTHING, {}, NOTHING, NOTHING, NOTHING, NOTHING, (), "made up", True)
+HEALTHY = Health(
+    t=NOTHING, kind=(), innovation=NOTHING, innovation_std=NOTHING, nis={}, accel_bias=NOTHING,
+    accel_bias_std=NOTHING, gyro_bias=NOTHING, gyro_bias_std=NOTHING, rests=(), grade="good",
+    verdict="made up",
+)  # fmt: skip
 
 
 def draw_soil(rng: np.random.Generator) -> Soil:

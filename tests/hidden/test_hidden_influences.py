@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, influence, model_of
-from granite_lab.hidden.contact import NearRest, clenshaw_curtis, forces_by_loops, forces_of_arrays
+from granite_lab.hidden.catalogue import LAWS, LIBRARY, OUTSIDE, influence, model_of
+from granite_lab.hidden.contact import NearRest, clenshaw_curtis, forces_by_loops, forces_of_arrays, oida
 from granite_lab.hidden.model import ANGLE, OMEGA, VX, Setup, Truth
 from granite_lab.hidden.parts import Trapezoid, exponential_k92
 from granite_lab.parameters import load_robot, load_soil
@@ -71,7 +71,7 @@ def widened(truth: Truth, y: np.ndarray) -> np.ndarray:
     return full
 
 
-@pytest.mark.parametrize("name", sorted((LIBRARY | OUTSIDE).keys() - set(RESTRUCTURED)))
+@pytest.mark.parametrize("name", sorted((LIBRARY | OUTSIDE | LAWS).keys() - set(RESTRUCTURED)))
 def test_without_size_the_rates_are_those_of_the_plain_model(name: str) -> None:
     truth, base, r = model(name, scale=0.0), model(), plain()
     for t in (-0.3, 0.05, 0.3, 1.5, 2.7, 3.3):
@@ -97,7 +97,7 @@ def test_a_hundredth_of_the_size_moves_the_robot_by_less_than_a_fifth_of_the_who
     assert little < 0.2 * whole
 
 
-@pytest.mark.parametrize("names", [(), *((name,) for name in sorted(LIBRARY | OUTSIDE))], ids="+".join)
+@pytest.mark.parametrize("names", [(), *((name,) for name in sorted(LIBRARY | OUTSIDE | LAWS))], ids="+".join)
 def test_the_robot_rests_until_it_is_told_to_move(names: tuple[str, ...]) -> None:
     truth = model(*names)
     rates = truth.derivative(-1.0, truth.rest())
@@ -367,3 +367,35 @@ def test_wheels_of_another_radius_roll_further_by_it() -> None:
     r = run_of(truth)
     assert mean(r, "omega") == pytest.approx(mean(plain(), "omega"), rel=1e-3)
     assert mean(r, "v") == pytest.approx(1.01 * mean(plain(), "v"), rel=2e-3)
+
+
+def test_the_shear_stress_of_oida_has_its_peak_at_one_and_ends_at_the_residual_value() -> None:
+    j = np.linspace(0.0, 0.05, 5001)
+    share = oida(j, 0.6, 0.02)
+    assert share[0] == 0.0
+    assert float(oida(np.array([0.02]), 0.6, 0.02)[0]) == pytest.approx(1.0, rel=1e-12)
+    assert share.max() == pytest.approx(1.0, abs=0.002)  # his peak is where j is K_w for K_r of 0.66 alone
+    assert j[share.argmax()] == pytest.approx(0.02, abs=0.002)
+    assert float(oida(np.array([1.0]), 0.6, 0.02)[0]) == pytest.approx(0.6, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", sorted(LAWS))
+def test_each_contact_law_is_the_same_in_arrays_and_in_loops(name: str) -> None:
+    truth, r = typical(name)
+    y = r.state[np.flatnonzero(steady(r))[50]]
+    at = truth.stance(1.5, y)
+    soil, numbers = truth.soil(1.5, y, at).packed
+    arguments = (
+        soil, np.concatenate([numbers, [truth.k92(1.5, y), 0.02]]), numbers[:1],
+        np.stack([at.v_o, at.v, at.z0, at.dz0]), clenshaw_curtis(32),
+    )  # fmt: skip
+    assert forces_by_loops(*arguments) == pytest.approx(forces_of_arrays(*arguments), rel=1e-9)
+    plain_numbers = np.concatenate([model().ground.packed[1], [truth.k92(1.5, y), 0.02]])
+    other = forces_of_arrays(soil, plain_numbers, *arguments[2:])
+    assert np.abs(other[1:5] / forces_of_arrays(*arguments)[1:5] - 1).max() > 0.01
+
+
+def test_stress_ahead_of_the_lowest_point_resists_more_and_bounded_pressure_sinks_deeper() -> None:
+    ahead, bounded = (typical(name)[1] for name in ("stress_ahead", "bearing_limit"))
+    assert (mean(ahead, "current") > mean(plain(), "current")).all()
+    assert (mean(bounded, "sinkage") > mean(plain(), "sinkage")).all()

@@ -11,10 +11,11 @@ import pytest
 
 from granite_lab.api.hidden import hide, reveal
 from granite_lab.errors import EstimateError, UsageError
-from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, TWINS, model_of
+from granite_lab.hidden.catalogue import LAWS, LIBRARY, OUTSIDE, TWINS, model_of
 from granite_lab.hidden.contact import faster, forces_by_loops, forces_of_arrays
 from granite_lab.hidden.lab import Filed, Lab, bench, drives, lab_of, wild
 from granite_lab.hidden.making import make_set
+from granite_lab.hidden.mixture import LEAST, share_closed
 from granite_lab.hidden.model import Setup
 from granite_lab.hidden.parts import Trapezoid, exponential_k92
 from granite_lab.hidden.sealed import open_answer
@@ -382,3 +383,29 @@ def test_the_offset_of_the_clocks_is_told_as_the_stamps_show_it() -> None:
     told = answer["effects"][0]["parameters"]["offset"]["value"]
     assert told == pytest.approx(-0.03 - late)
     assert late > 0.001
+
+
+def test_a_mixture_holds_as_many_causes_as_asked_no_twins_and_a_contact_law() -> None:
+    for causes in (2, 5):
+        drawings = [chosen(Wish("mixture", seed, causes=causes, soil_law="random")) for seed in range(60)]
+        assert all(len(set(names) - LAWS.keys()) == causes and set(names) & LAWS.keys() for names in drawings)
+        assert not [pair for names in drawings for pair in TWINS if pair <= set(names)]
+        foreign = sum(bool(set(names) & OUTSIDE.keys()) for names in drawings)
+        assert 5 <= foreign <= 28  # a quarter of 60, three std about it
+    assert chosen(Wish("none", 1, soil_law="bearing_limit")) == ("bearing_limit",)
+    with pytest.raises(UsageError, match="unknown contact law 'rock'"):
+        chosen(Wish("none", 1, soil_law="rock"))
+
+
+def test_each_cause_of_a_mixture_reopens_a_tenth_of_the_gap_and_a_speed_is_withheld() -> None:
+    _, answer = one("mixture", seed=3, causes=2)
+    assert {effect["id"] for effect in answer["effects"]} == answer["reopens"].keys()
+    assert min(answer["reopens"].values()) >= LEAST
+    withheld = answer["withheld"]
+    assert abs(withheld["velocity"] - SHORT[0].velocity) >= 0.04
+    true = {"t_s": np.array(withheld["t"]), "v_mps": np.array(withheld["v"])}
+    true["current"] = np.array(withheld["current"])
+    half = {key: 0.9 * value if key != "t_s" else value for key, value in true.items()}
+    quarter = {key: 0.95 * value if key != "t_s" else value for key, value in true.items()}
+    assert share_closed(withheld, half, true) == 1.0
+    assert share_closed(withheld, half, quarter) == pytest.approx(0.5)

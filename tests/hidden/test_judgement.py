@@ -272,3 +272,36 @@ def test_a_sealed_answer_that_lacks_something_is_told_in_one_line(
     assert unseal(seal(_answer()), "x") == _answer()
     (tmp_path / "sealed.bin").write_bytes(seal(_answer(**changes)))
     refused(lab("reveal", tmp_path), 3, f"sealed.bin: the sealed answer holds {said}")
+
+
+def test_several_names_are_counted_one_by_one() -> None:
+    hidden = [
+        {"id": name, "library": name != "unknown", "parameters": {}}
+        for name in ("tyre_windup", "multi_pass", "bulldozing", "unknown")
+    ]
+    named = [
+        {"id": "tyre_windup"},
+        {"id": "rolling_drag", "indistinguishable_from": ["bulldozing"]},
+        {"id": "com_offset"},
+    ]
+    document = {"verdict": "partly named", "effects": named, "remainder": 0.3}
+    names = score({"effects": hidden}, document, 0.7).names
+    assert names.right == ("bulldozing", "tyre_windup")
+    assert names.missed == ("multi_pass",)
+    assert names.wrong == ("com_offset",)
+
+
+@pytest.mark.parametrize(
+    ("ceiling", "closed", "right"), [(0.5, 0.0, False), (0.5, 0.4, True), (0.1, 0.0, True)]
+)
+def test_an_answer_that_closes_nothing_although_much_could_be_closed_is_a_miss(
+    ceiling: float, closed: float, right: bool
+) -> None:
+    answer = {"effects": [{"id": "unknown", "library": False, "parameters": {}}]}
+    document = {
+        "verdict": "unknown", "effects": [], "ceiling": {"value": ceiling},
+        "closed": {"trials": {"value": closed, "std": 0.01}},
+    }  # fmt: skip
+    judged = score(answer, document)
+    assert judged.right is right
+    assert judged.outcome == ("abstained" if right else "idle")

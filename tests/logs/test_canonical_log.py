@@ -125,3 +125,13 @@ def test_metadata_of_comments_sidecar_and_caller_in_this_order(tmp_path: Path) -
     assert trial.info.extra == {"operator": "Jan", "weather": "wet", "a_max_mps": "2.0"}
     assert any("did you mean 'a_max_mps2'" in line for line in trial.warnings)
     assert [file.path.name for file in trial.inputs] == ["trial.csv", "trial.toml"]
+
+
+@pytest.mark.parametrize("name", ["t_ns", "time_ns", "timestamp_ns", "stamp_ns"])
+def test_a_column_of_time_may_have_any_of_the_usual_names_with_its_unit(tmp_path: Path, name: str) -> None:
+    rows = "".join(f"{1_760_000_000_000_000_000 + 10_000_000 * k},0,0,9.81,0,0,0\n" for k in range(50))
+    columns = "imu_ax_mps2,imu_ay_mps2,imu_az_mps2,imu_gx_radps,imu_gy_radps,imu_gz_radps"
+    path = tmp_path / "log.csv"
+    path.write_text(f"{name},{columns}\n{rows}")
+    t = read_trial(path).imu.t
+    assert np.diff(t) == pytest.approx(0.01, abs=1e-6)

@@ -13,12 +13,13 @@ from hypothesis import strategies as st
 
 from granite_lab.errors import InputError
 from granite_lab.logs import inspect_logs, read_trial
-from granite_lab.logs.clock import set_back
 from granite_lab.logs.counters import quantum, unwrap
-from granite_lab.logs.encoders import Wheel, convert
 from granite_lab.logs.layouts import Column
 from granite_lab.logs.quantities import find_unit
-from granite_lab.logs.stamps import describe_gaps, tidy, unit_factor
+from granite_lab.logs.sensors.clock import set_back
+from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.encoders import Wheel, convert
+from granite_lab.logs.sensors.stamps import doubt_gaps, tidy, unit_factor
 from tests.corpus import cli
 from tests.logs import make
 
@@ -26,11 +27,11 @@ T = np.arange(1000) / 100
 
 
 def tidied(t: np.ndarray, values: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    doubts: list[str] = []
+    doubts: list[Doubt] = []
     values = np.zeros((len(t), 1)) if values is None else values
     assert set_back(t, values) == []
     stamps = tidy(t, values, "x", lambda row: f"row {row}", doubts)
-    return stamps.t, stamps.rows, doubts
+    return stamps.t, stamps.rows, [*map(str, doubts)]
 
 
 @given(st.data())
@@ -103,8 +104,8 @@ def test_dates_name_their_own_unit(unit: str, scale: float) -> None:
 
 def test_gaps_are_counted_from_three_periods_on() -> None:
     t = np.delete(T, [100, 101, 500, 501, 502, 503])
-    assert describe_gaps(np.delete(T, [100]), "x") == ""
-    text = describe_gaps(t, "x")
+    assert doubt_gaps(np.delete(T, [100]), "x") is None
+    text = str(doubt_gaps(t, "x"))
     assert "the longest 0.050 s at t = 4.990 s" in text
 
 
@@ -241,7 +242,7 @@ def test_a_reset_is_not_taken_for_a_wrap_but_taken_out_and_said() -> None:
     assert unwrap(counts, [2.0**16, 2.0**32])[1] == 0
     t = np.arange(len(counts)) / 100
     angle = convert(t, counts, COUNTS, PLAIN, Wheel(10_000, 0.1), doubts := []).angle
-    assert any("starts anew" in doubt for doubt in doubts)
+    assert any("starts anew" in str(doubt) for doubt in doubts)
     np.testing.assert_allclose(np.diff(angle), 50 * 2 * np.pi / 10_000)
 
 
@@ -252,7 +253,7 @@ def test_a_reading_thrown_off_leaves_the_angle_after_it_as_it_was() -> None:
     t = np.arange(len(counts)) / 100
     angle = convert(t, counts, COUNTS, PLAIN, Wheel(10_000, 0.1), doubts := []).angle
     np.testing.assert_allclose(angle, true * 2 * np.pi / 10_000)
-    assert any("2 readings thrown off" in doubt for doubt in doubts)
+    assert any("2 readings thrown off" in str(doubt) for doubt in doubts)
 
 
 @pytest.mark.parametrize("width", [2 * np.pi, 2**16 * 2 * np.pi / 106_000], ids=["a turn", "counts"])

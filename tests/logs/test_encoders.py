@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 
 from granite_lab.errors import InputError
 from granite_lab.logs import read_trial
-from granite_lab.logs.encoders import Wheel, convert, lattice
 from granite_lab.logs.layouts import Column
 from granite_lab.logs.quantities import find_unit
+from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.encoders import Wheel, convert, lattice
 from granite_lab.logs.trial import Trial
 from tests.logs import make
 
@@ -122,8 +123,9 @@ def test_a_counter_that_changes_its_step_too_much_is_refused(tmp_path: Path) -> 
 def rate_of(raw: np.ndarray, hz: float, unit: str = "counts/s", wrap: float = 0.0, per_rev: float = 106_000):
     """Read rates (N,) logged at `hz`; return what is read, and the doubts."""
     t = np.arange(len(raw)) / hz
-    spec, doubts = Column(to=(), wrap=wrap), list[str]()
-    return convert(t, raw, find_unit(unit), spec, Wheel(per_rev, make.RADIUS, 60.0), doubts), doubts
+    spec, doubts = Column(to=(), wrap=wrap), list[Doubt]()
+    read = convert(t, raw, find_unit(unit), spec, Wheel(per_rev, make.RADIUS, 60.0), doubts)
+    return read, [*map(str, doubts)]
 
 
 def speeds(hz: float, speed: float) -> np.ndarray:

@@ -174,7 +174,7 @@ def test_what_is_zero_throughout_is_not_measured(columns: list[str], left: str, 
     """As in messages of ROS; what remains is estimated, and said to be less."""
     found = gl.ingest(make.changed(tmp_path, SAMPLE, times(0, *columns)), jobs=1)[0]
     said = " ".join(found.motion.warnings)
-    assert "every sample is 0: taken as not measured" in said
+    assert "every sample is 0; taken as not measured" in said
     assert all(name in said for name in columns)
     assert left in said
     assert np.isnan(found.motion.distance.value) == (columns == FORCE)

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 import granite_lab as gl
 from granite_lab.errors import InputError
 from granite_lab.logs import inspect_logs, read_trial
-from granite_lab.logs.clock import set_back, set_forward
-from granite_lab.logs.stamps import sampling_period, tidy
+from granite_lab.logs.sensors.clock import set_back, set_forward
+from granite_lab.logs.sensors.stamps import sampling_period, tidy
 from granite_lab.logs.trial import Trial
 from tests.corpus import cli
 from tests.logs import make

@@ -7,7 +7,7 @@ import pytest
 
 import granite_lab as gl
 from granite_lab.logs import inspect_logs
-from granite_lab.logs.standstill import (
+from granite_lab.logs.sensors.standstill import (
     ZERO_VELOCITY,
     Turning,
     find_standstills,

@@ -13,6 +13,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Health
 from granite_lab.fitting import fit_a_theta
 from granite_lab.fitting.fit import K92Fit
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.trial import InputFile
 from granite_lab.model.run import Run
 from granite_lab.model.simulator import simulate
@@ -59,7 +60,7 @@ def made_up_trial(
     trial = shifted_time(trial, later)
     current = 1.1 * trial.currents.current  # a gain that is off, so that something differs
     trial = dataclasses.replace(
-        trial, info=dataclasses.replace(trial.info, virtual=virtual), warnings=warnings,
+        trial, info=dataclasses.replace(trial.info, virtual=virtual), doubts=tuple(map(Doubt, warnings)),
         currents=dataclasses.replace(trial.currents, current=current),
         inputs=(InputFile(Path(f"data/samples/{name}.csv"), f"{zlib.crc32(name.encode()):064x}"),),
     )  # fmt: skip
@@ -76,7 +77,7 @@ def made_up_health(t: np.ndarray, stop: float, seed: int) -> Health:
         innovation=rng.normal(0, 1e-3, 2 * len(updates)), innovation_std=np.full(2 * len(updates), 1e-3),
         nis={"zero_velocity": 1.02, "zero_rate": 0.97}, accel_bias=0.02 + 1e-4 * np.sin(t),
         accel_bias_std=np.full(n, 2e-3), gyro_bias=np.full(n, -0.001), gyro_bias_std=np.full(n, 1e-4),
-        rests=rests, verdict="The innovations are white and as large as predicted.", good=True,
+        rests=rests, verdict="The innovations are white and as large as predicted.", grade="good",
     )  # fmt: skip
 
 
@@ -107,7 +108,7 @@ def rename(result: StudyResult, name: str) -> StudyResult:
     c = first.comparison
     motion = replace(c.motion, trial=name, warnings=(f"line 3: {name}",))
     comparison = replace(c, motion=motion, fit=replace(c.fit, trial=name, notes=(name,)))
-    trial = replace(first.trial, name=name, warnings=(name,), inputs=(InputFile(Path(name), "00"),))
+    trial = replace(first.trial, name=name, doubts=(Doubt(name),), inputs=(InputFile(Path(name), "00"),))
     a_theta = result.a_theta
     if a_theta is not None:
         a_theta = replace(a_theta, points=((name, *a_theta.points[0][1:]), *a_theta.points[1:]))

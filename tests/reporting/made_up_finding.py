@@ -3,7 +3,6 @@
 import numpy as np
 
 from granite_lab.discovery import finding as records
-from granite_lab.discovery.empirical import EmpiricalLaw
 from granite_lab.discovery.finding import (
     Candidate,
     Disagreement,
@@ -16,6 +15,7 @@ from granite_lab.effects import library
 from granite_lab.estimate import Estimate
 from granite_lab.model.command import duration, phase_of
 from granite_lab.model.effect import Active, activate
+from granite_lab.model.empirical import EmpiricalLaw
 from granite_lab.parameters import Variant, load_robot, load_soil, variant_of
 
 CHANNELS = {
@@ -125,6 +125,7 @@ def made_up_finding(
         active=active,
         virtual=virtual,
         runs=100,
+        simulates=(0.2, 0.3, 0.5, 0.7),
     )  # fmt: skip
 
 

@@ -16,10 +16,10 @@ import numpy as np
 
 from granite_lab.errors import InputError
 from granite_lab.logs.counters import integral, joined, runs, short_way
-from granite_lab.logs.imu_checks import mounted
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import ENCODERS
-from granite_lab.logs.stamps import GAP_PERIODS
+from granite_lab.logs.sensors.imu import mounted
+from granite_lab.logs.sensors.stamps import GAP_PERIODS
 from granite_lab.logs.trial import Array, ImuStream, WheelStream
 
 _CLEAR = 0.25  # a step up to this share of the range is read the short way round
@@ -56,8 +56,8 @@ def resolve_aliases(wheels: WheelStream, imu: ImuStream | None, log: Log) -> Whe
         if share > _NEARLY:
             fits = f", which {witness} confirms" if witness else ""
             moved = f"moves by up to {share:.0%} of its range from sample to sample"
-            read = f"read as a motion that goes on{fits}; log faster"
-            log.doubts.append(f"{log.column(ENCODERS[i])}: the counter {moved}: {read}")
+            read = f"read as a motion that goes on{fits}"
+            log.doubt(f"the counter {moved}: {read}", log.column(ENCODERS[i]), "log faster")
         angle[known, i] = chosen
     return dataclasses.replace(wheels, angle=angle)
 

@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
-from granite_lab.logs.standstill import step_of
+from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.standstill import step_of
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, Robot
 
@@ -86,13 +87,13 @@ class Levelled:
     Attributes:
         stream, imu: the samples in the sensor's and in the robot's axes, scaled and levelled.
         robot: with the std of the accelerometer's scale that is left.
-        doubts: what was put right, and how much that leaves open; one line each.
+        doubts: what was put right, and how much that leaves open.
     """
 
     stream: ImuStream
     imu: BodyImu
     robot: Robot
-    doubts: tuple[str, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
 
 
 def by_gravity(stream: ImuStream, imu: BodyImu, still: np.ndarray, robot: Robot) -> Levelled:
@@ -112,7 +113,7 @@ def by_gravity(stream: ImuStream, imu: BodyImu, still: np.ndarray, robot: Robot)
     size = float(np.linalg.norm(mean))
     if stream.gravity_removed or not 0.8 * GRAVITY < size < 1.2 * GRAVITY:  # an axis is missing, too
         return Levelled(stream, imu, robot)
-    doubts, bias = [], grade.accel_bias / GRAVITY
+    doubts, bias = list[Doubt](), grade.accel_bias / GRAVITY
     up = imu.rotation.apply(mean / size)
     tilt = float(np.arccos(np.clip(up[2], -1.0, 1.0)))
     usual = float(np.hypot(bias, np.radians(robot.imu.tilt)))
@@ -125,17 +126,15 @@ def by_gravity(stream: ImuStream, imu: BodyImu, still: np.ndarray, robot: Robot)
         left = abs(excess) * float(np.sqrt(1.0 - share))
         scale = Estimate(share * excess, float(np.hypot(left, grade.accel_scale)))
         stream = replace(stream, specific_force=stream.specific_force / (1.0 + scale.value))
-        doubts.append(
-            f"the specific force at standstill is {size:.2f} m/s^2, not {GRAVITY:g}: taken for a scale error "
-            f"of {100.0 * scale.value:.1f} ± {100.0 * scale.std:.1f} %"
-        )
+        seen = f"the specific force at standstill is {size:.2f} m/s^2, not {GRAVITY:g}"
+        taken = f"taken for a scale error of {100.0 * scale.value:.1f} ± {100.0 * scale.std:.1f} %"
+        doubts.append(Doubt(seen, remedy=taken, grade="fair"))
     rotation, levelled = imu.rotation, imu.levelled
     if tilted:
         rotation, levelled = level(stream, still, rotation), True
         scale = replace(scale, std=float(np.hypot(scale.std, 1.0 - np.cos(tilt))))
-        doubts.append(
-            f"the IMU is {np.degrees(tilt):.1f} deg off level at standstill: levelled, as on level ground"
-        )
+        seen = f"the IMU is {np.degrees(tilt):.1f} deg off level at standstill"
+        doubts.append(Doubt(seen, remedy="levelled, as on level ground", grade="fair"))
     if not doubts:
         return Levelled(stream, imu, robot)
     imu = replace(to_body(stream, rotation, levelled=levelled), scale=scale.value, scale_std=scale.std)

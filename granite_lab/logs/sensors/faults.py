@@ -8,11 +8,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from granite_lab.estimation.mounting import BodyImu
-from granite_lab.estimation.rest import inside
 from granite_lab.logs.counters import runs
-from granite_lab.logs.imu_checks import rail
-from granite_lab.logs.standstill import Interval, bridged
+from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.imu import rail
+from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.stamps import gaps_in
+from granite_lab.logs.sensors.standstill import Interval, bridged, inside
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, ImuGrade
 
@@ -33,6 +34,25 @@ class Faults:
     thrown: Array  # (N,) by how much they are [m/s^2]
     restarts: tuple[Restart, ...] = ()  # biases that changed
 
+    def doubts(self) -> list[Doubt]:
+        """Return what is wrong, in words."""
+        grows = "uncertainty grows there"
+        doubts = []
+        if self.gaps:
+            total = sum(end - begin for begin, end in self.gaps)
+            doubts.append(
+                Doubt(f"{len(self.gaps)} gaps in the IMU's samples, {total:.3f} s in all", remedy=grows)
+            )
+        if self.plateaus:
+            doubts.append(Doubt(f"the IMU stands at its limit {len(self.plateaus)} times", remedy=grows))
+        if self.spikes.any():
+            thrown = f"{np.count_nonzero(self.spikes)} single readings of the IMU are thrown off"
+            doubts.append(Doubt(thrown, remedy="replaced"))
+        for restart in self.restarts:
+            place = f"in the gap at {restart.begin:.2f} s" if restart.gap else f"after {restart.begin:.2f} s"
+            doubts.append(Doubt(f"the IMU's biases changed {place}, as after a restart", remedy=grows))
+        return doubts
+
     def hide(self, begin: float, end: float) -> bool:
         """Whether samples are missing or at their limit in an interval [s]."""
         return any(a < end and b > begin for a, b in (*self.gaps, *self.plateaus))
@@ -52,7 +72,7 @@ def find_faults(
     """
     t = imu.t
     bad = ~np.isfinite(imu.forward)
-    gaps = [(float(t[i]), float(t[i + 1])) for i in np.flatnonzero(np.diff(t) > 3.0 * imu.period)]
+    gaps = gaps_in(t)
     for a, b in runs(bad):
         if b - a > 2:
             gaps.append((float(t[max(a - 1, 0)]), float(t[min(b, t.size - 1)])))
@@ -105,7 +125,7 @@ def find_restarts(
     Pitch may differ between two standstills, so only what it cannot explain counts. A restart is looked for
     in the gaps first. The stream is in the sensor's axes.
     """
-    found = []
+    restarts = []
     places = [inside(stream.t, [rest]) & ~doubt for rest in rests]
     if not all(at.any() for at in places):
         return ()
@@ -135,8 +155,8 @@ def find_restarts(
         if len(within) == 1:  # then it is known when, and the standstills tell by how much
             gyro = 3.0 * float(usual_turn)
         for k, (a, b) in enumerate(within or [(begin, end)]):
-            found.append(Restart(a, b, accel, gyro, step if k == 0 else (0.0, 0.0, 0.0), bool(within)))
-    return tuple(found)
+            restarts.append(Restart(a, b, accel, gyro, step if k == 0 else (0.0, 0.0, 0.0), bool(within)))
+    return tuple(restarts)
 
 
 def _level(values: Array) -> tuple[Array, float]:

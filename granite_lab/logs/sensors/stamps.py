@@ -11,6 +11,7 @@ import numpy as np
 from granite_lab.errors import InputError
 from granite_lab.logs.counters import Mask, Rows
 from granite_lab.logs.quantities import DATE, factors
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.trial import Array
 
 GAP_PERIODS = 3.0  # a gap is a step of more than this many median periods
@@ -94,7 +95,7 @@ def _first(where: Where, row: int) -> str:
 
 
 def tidy(
-    t: Array, values: Array, what: str, where: Where, doubts: list[str], *, spread: bool = True
+    t: Array, values: Array, what: str, where: Where, doubts: list[Doubt], *, spread: bool = True
 ) -> Stamps:
     """Put stamps (N,) [s] in order: drop missing ones, sort late ones, spread or drop equal ones.
 
@@ -107,7 +108,7 @@ def tidy(
     rows, lost = np.flatnonzero(np.isfinite(t)), np.flatnonzero(~np.isfinite(t))
     if len(lost):
         first = _first(where, int(lost[0]))
-        doubts.append(f"{len(lost)} samples without a time stamp were left out {first}")
+        doubts.append(Doubt(f"{len(lost)} samples without a time stamp were left out {first}"))
     stamps = t[rows]
     back = np.flatnonzero(np.diff(stamps) < 0) + 1
     if len(back) > 0.5 * len(stamps):
@@ -119,7 +120,7 @@ def tidy(
         first = _first(where, int(rows[back[0]]))
         order = np.argsort(stamps, kind="stable")
         rows, stamps = rows[order], stamps[order]
-        doubts.append(f"{late} samples were not in the order of time {first}; sorted")
+        doubts.append(Doubt(f"{late} samples were not in the order of time {first}", remedy="sorted"))
     found = _apart(stamps, values[rows], what, lambda row: where(int(rows[row])), doubts, spread)
     if len(found.t) < 2:
         count = "a single stamp" if len(found.t) else "no sample"
@@ -129,7 +130,7 @@ def tidy(
     return Stamps(found.t, rows[found.rows], found.std)
 
 
-def _apart(t: Array, values: Array, what: str, where: Where, doubts: list[str], spread: bool) -> Stamps:
+def _apart(t: Array, values: Array, what: str, where: Where, doubts: list[Doubt], spread: bool) -> Stamps:
     """Give samples that share a stamp (N,), in order, stamps of their own; copies are dropped."""
     new = np.concatenate(([True], np.diff(t) > 0))[: len(t)]
     if new.all():
@@ -144,13 +145,11 @@ def _apart(t: Array, values: Array, what: str, where: Where, doubts: list[str], 
     if shared := int(np.count_nonzero(keep & ~new)):
         late = f"; all may be off by {1e3 * std:.3g} ms" if std else ""
         first = _first(where, int(tied[0]))
-        doubts.append(
-            f"{shared} samples ({shared / len(t):.0%}) have the stamp of another one {first}: "
-            f"spread evenly over the time between stamps{late}"
-        )
+        same = f"{shared} samples ({shared / len(t):.0%}) have the stamp of another one {first}"
+        doubts.append(Doubt(same, remedy=f"spread evenly over the time between stamps{late}"))
     if len(copies := np.flatnonzero(~keep)):
         first = _first(where, int(copies[0]))
-        doubts.append(f"{len(copies)} duplicate stamps {first}; the first of each was kept")
+        doubts.append(Doubt(f"{len(copies)} duplicate stamps {first}", remedy="the first of each was kept"))
     return Stamps(apart[keep], np.flatnonzero(keep), std)
 
 
@@ -217,15 +216,21 @@ def ticks_too_rarely(t: Array) -> bool:
     return shared and float(np.median(np.diff(ticks))) > LONGEST_BATCH
 
 
-def describe_gaps(t: Array, what: str) -> str:
-    """Return a warning about gaps longer than `GAP_PERIODS` median periods, or nothing."""
+def gaps_in(t: Array, longest: float | None = None) -> list[tuple[float, float]]:
+    """Return the gaps [s] of stamps (N,): steps beyond `longest` [s], or `GAP_PERIODS` median periods."""
     steps = np.diff(t)
-    gaps = np.flatnonzero(steps > GAP_PERIODS * np.median(steps))
-    if len(gaps) == 0:
-        return ""
-    worst = gaps[np.argmax(steps[gaps])]
+    gaps = np.flatnonzero(steps > (GAP_PERIODS * float(np.median(steps)) if longest is None else longest))
+    return [(float(t[i]), float(t[i + 1])) for i in gaps]
+
+
+def doubt_gaps(t: Array, name: str) -> Doubt | None:
+    """Return the doubt about the gaps in a sensor's stamps (N,), if there are any."""
+    gaps = gaps_in(t)
+    if not gaps:
+        return None
+    begin, end = max(gaps, key=lambda gap: gap[1] - gap[0])
     count = "one gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
-    return f"{what}: {count}, the longest {steps[worst]:.3f} s at t = {t[worst]:.3f} s"
+    return Doubt(f"{count}, the longest {end - begin:.3f} s at t = {begin:.3f} s", name)
 
 
 def outside_gaps(at: Array, t: Array) -> Mask:

@@ -93,7 +93,7 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
             rate = None if wheels.rate is None else wheels.rate * factor
             resolution = tuple(step * factor for step in wheels.resolution)
             return dataclasses.replace(wheels, angle=wheels.angle * factor, rate=rate, resolution=resolution)
-        log.doubts.append(f"the wheels {gain}: check wheel radius, counts per revolution and units")
+        log.doubt(f"the wheels {gain}", remedy="check wheel radius, counts per revolution and units")
     return wheels
 
 
@@ -130,7 +130,7 @@ def _without_dead(wheels: WheelStream, imu: ImuStream | None, log: Log) -> Wheel
         return wheels
     for name, stands in zip(WHEELS, still, strict=True):
         if stands:
-            log.doubts.append(f"encoder {name} stands still while the others turn: not connected? left out")
+            log.doubt(f"encoder {name} stands still while the others turn: not connected?", remedy="left out")
     angle, rate = (None if x is None else np.where(still, np.nan, x) for x in (wheels.angle, wheels.rate))
     assert angle is not None
     return dataclasses.replace(wheels, angle=angle, rate=rate)
@@ -145,7 +145,7 @@ def report_absent(log: Log) -> None:
     one_side = len({name[1] for name in left}) == 1
     turning = "; how the robot turns the wheels do not tell" if one_side else ""
     slip = f"the robot's slip is by {', '.join(left)} alone"
-    log.doubts.append(f"no encoder {', '.join(absent)} in the log: no slip of these wheels, {slip}{turning}")
+    log.doubt(f"no encoder {', '.join(absent)} in the log: no slip of these wheels, {slip}{turning}")
 
 
 def refuse_counts_and_speed(wheels: WheelStream, log: Log) -> None:
@@ -193,7 +193,7 @@ def without_free_wheels(wheels: WheelStream, log: Log) -> WheelStream:
             ratio = float(np.median(top[mine] / middle[mine]))
             since = f"from t = {wheels.t[long[0][0]]:.2f} s on"
             fast = f"the wheel turns {ratio:.2g} times as fast as the others {since}"
-            log.doubts.append(f"{log.column(channel)}: {fast}: off the ground? left out there")
+            log.doubt(f"{fast}: off the ground?", log.column(channel), "left out there")
     return dataclasses.replace(wheels, angle=angle)
 
 
@@ -220,9 +220,8 @@ def check_currents(currents: CurrentStream, wheels: WheelStream | None, log: Log
     values = np.nan_to_num(values)
     power = np.mean(values[going] * np.sign(speed[going])[:, None], axis=0)
     for i in opposed(values, power, live):
-        remedy = "its sign is wrong; say scale = -1 in a column map"
-        what = "the current flows against the other motors'"
-        log.doubts.append(f"{log.column(CURRENTS[i])}: {what}: {remedy}")
+        what = "the current flows against the other motors': its sign is wrong"
+        log.doubt(what, log.column(CURRENTS[i]), "say scale = -1 in a column map")
     return currents
 
 

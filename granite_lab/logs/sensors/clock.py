@@ -13,8 +13,9 @@ from granite_lab.logs.counters import Mask, Rows, unwrap
 from granite_lab.logs.dates import RANGES
 from granite_lab.logs.layouts import Binding
 from granite_lab.logs.quantities import DATE, ENCODERS, SENSORS
+from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.stamps import GAP_PERIODS, SECONDS, ticks_too_rarely, unit_factor
 from granite_lab.logs.source import Source
-from granite_lab.logs.stamps import GAP_PERIODS, SECONDS, ticks_too_rarely, unit_factor
 from granite_lab.logs.trial import Array
 
 _WRAPS = (2.0**16, 2.0**24, 2.0**32)  # ranges of counters that loggers use as clocks
@@ -44,10 +45,9 @@ def row_stamps(source: Source) -> Array:
         logged = logged * factor + source.columns[part.place] * part.factor
         factor = 1.0
     for block in _stray_rows(source, logged):
-        source.doubts.append(
-            f"{source.place(int(block[0]))}: {column}: {len(block)} stamps from here on "
-            f"leave the time line (to {logged[block[0]]:.10g}) and come back: left out"
-        )
+        away = f"{len(block)} stamps from here on leave the time line (to {logged[block[0]]:.10g})"
+        where = f"{source.place(int(block[0]))}: {column}"
+        source.doubts.append(Doubt(f"{away} and come back", where, "left out"))
         logged = logged.copy()
         logged[block] = np.nan
     raw, known = logged.copy(), np.isfinite(logged)
@@ -55,7 +55,7 @@ def row_stamps(source: Source) -> Array:
     ranges = (binding.spec.wrap,) if binding.spec.wrap else usual
     raw[known], wraps, width = unwrap(logged[known], ranges, slack=0.0)
     if wraps:
-        source.doubt(f"the clock wrapped {wraps} times at {width:.0f}; unwrapped")
+        source.doubt(f"the clock wrapped {wraps} times at {width:.0f}", remedy="unwrapped")
     for kind in _KINDS:
         rows = sampled(source, SENSORS[kind].channels) & np.isfinite(raw)
         if np.count_nonzero(rows) < 3:
@@ -65,7 +65,7 @@ def row_stamps(source: Source) -> Array:
         except InputError as error:
             raise source.refuse(f"{column}: {error.message}", error.hint) from None
         if doubt:
-            source.doubt(f"{column}: {doubt}")
+            source.doubt(doubt, column)
             if not source.bindings("t_add"):
                 source.units["t"] = next(unit for unit, size in SECONDS.items() if size == factor)
         break
@@ -89,7 +89,8 @@ def _chosen(source: Source) -> Binding:
     for clock, t, on in zip(clocks[:best], logged, runs, strict=False):
         if len(t):
             fault = "ticks too rarely" if on else f"is {t[0] / clock.factor:.10g} throughout"
-            source.doubt(f"column '{clock.name}' {fault}: the stamps are those of '{clocks[best].name}'")
+            used = f"the stamps are those of '{clocks[best].name}'"
+            source.doubt(f"column '{clock.name}' {fault}", remedy=used)
     return clocks[best]
 
 
@@ -230,7 +231,7 @@ def set_forward(t: Array, counts: Array) -> list[int]:
     return found
 
 
-def one_line(source: Source, t: Array) -> tuple[Array, list[str]]:
+def one_line(source: Source, t: Array) -> tuple[Array, list[Doubt]]:
     """Return the stamps of all rows (N,) [s] as if the clock had never been set, and warnings.
 
     A clock that was set back or forward is seen in the order of the file, sensor by sensor, before anything
@@ -239,12 +240,12 @@ def one_line(source: Source, t: Array) -> tuple[Array, list[str]]:
     Raises:
         InputError: the clock starts over, or counters do not go on where it was set.
     """
-    t, said = t.copy(), list[str]()
+    t, doubts = t.copy(), list[Doubt]()
     for _ in range(_MOST_STEPS):
         series = _series(source, t)
         cuts = [(rows[cut - 1], rows[cut]) for rows, cut in _first_steps(source, t, series)]
         if not cuts:
-            return t, said
+            return t, doubts
         between = np.arange(*min(cuts)) + 1
         between = between[np.isfinite(t[between])]
         change = np.diff(t[between], prepend=t[min(cuts)[0]])
@@ -256,10 +257,8 @@ def one_line(source: Source, t: Array) -> tuple[Array, list[str]]:
         _refuse_step(source, t, row, best, steps)
         t[row:] -= best.size
         way, place = "back" if best.size < 0 else "forward", Path(source.place(row)).name
-        said.append(
-            f"{place}: the clock was set {way} by {abs(best.size):.4g} ± {best.std:.1g} s; "
-            "the stamps from there on are joined to those before"
-        )
+        what = f"the clock was set {way} by {abs(best.size):.4g} ± {best.std:.1g} s"
+        doubts.append(Doubt(what, place, "the stamps from there on are joined to those before"))
     raise source.refuse(f"the clock was set more than {_MOST_STEPS} times", "choose another time column")
 
 

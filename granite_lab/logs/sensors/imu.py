@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from granite_lab.errors import InputError
 from granite_lab.logs.counters import Mask, runs
 from granite_lab.logs.layouts import Log
-from granite_lab.logs.pitch_rate import contradicted
 from granite_lab.logs.quantities import ACCELERATION, RATE, SENSORS, STANDARD_GRAVITY, factors, gravity_unit
+from granite_lab.logs.sensors.pitch_rate import contradicted
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, Robot
 
@@ -103,7 +103,7 @@ def with_forward_axis(imu: ImuStream, log: Log) -> ImuStream:
         return imu
     axis = "xyz"[int(np.argmax(needed))]
     why = f"axis {axis} is not in the log, and it points forward or may"
-    log.doubts.append(f"accelerometer: {why}: the accelerometer is not used")
+    log.doubt(why, "accelerometer", "the accelerometer is not used")
     return dataclasses.replace(imu, specific_force=np.full_like(imu.specific_force, np.nan))
 
 
@@ -144,9 +144,11 @@ def _acceleration(removed: bool, seen: Windows, log: Log) -> tuple[float, bool]:
     g, spread = float(np.median(norm[calm])), float(np.median(seen.spread[calm]))
     if abs(g / STANDARD_GRAVITY - 1) < 0.12:
         if removed:
-            log.doubts.append("gravity is declared as removed, but the accelerometer measures it; it is used")
+            log.doubt(
+                "gravity is declared as removed, but the accelerometer measures it", remedy="it is used"
+            )
         elif abs(g / STANDARD_GRAVITY - 1) > 0.06:
-            log.doubts.append(f"the accelerometer reads {g:.2f} m/s^2 at rest, expected 9.81: scale error?")
+            log.doubt(f"the accelerometer reads {g:.2f} m/s^2 at rest, expected 9.81: scale error?")
         return 1.0, False
     if removed:
         return 1.0, True
@@ -161,7 +163,7 @@ def _acceleration(removed: bool, seen: Windows, log: Log) -> tuple[float, bool]:
         return change, False
     if g < 0.8:
         gone = "the logger has removed gravity, so that pitch cannot be levelled"
-        log.doubts.append(f"the accelerometer reads {g:.2g} m/s^2 at rest: {gone}")
+        log.doubt(f"the accelerometer reads {g:.2g} m/s^2 at rest: {gone}")
         return 1.0, True
     what = f"{log.where}: {reads}, expected 9.81 m/s^2, 1 g, 1000 mg or, with gravity removed, 0"
     own = log.column(*(channel for channel in ACCELERATION if channel in log.columns))
@@ -187,7 +189,7 @@ def _rate(rate: Array, removed: bool, seen: Windows | None, log: Log) -> float:
         log.convert(RATE, found, f"the gyroscope, declared in {declared}, is in {found} ({why})")
         return sizes[found] / sizes[declared]
     if too_large:
-        log.doubts.append(f"the gyroscope, declared in {declared}, reads far too much ({why}): wrong unit?")
+        log.doubt(f"the gyroscope, declared in {declared}, reads far too much ({why}): wrong unit?")
     return 1.0
 
 
@@ -227,11 +229,12 @@ def _report_rails(imu: ImuStream, log: Log) -> None:
             if np.isnan(column).all():
                 continue
             if np.ptp(column) == 0 and len(column) > 10:
-                log.doubts.append(f"{what} {axis}: constant at {column[0]:g} {unit}: not connected?")
+                log.doubt(f"constant at {column[0]:g} {unit}: not connected?", f"{what} {axis}")
             elif (at_rail := (np.abs(column) >= 0.999 * limit) | rail(column)).any():
-                log.doubts.append(
-                    f"{what} {axis}: saturated at {column[at_rail][0]:.4g} {unit} in {int(at_rail.sum())} "
-                    f"samples, first at t = {imu.t[int(np.argmax(at_rail))]:.3f} s"
+                log.doubt(
+                    f"saturated at {column[at_rail][0]:.4g} {unit} in {int(at_rail.sum())} samples, first at "
+                    f"t = {imu.t[int(np.argmax(at_rail))]:.3f} s",
+                    f"{what} {axis}",
                 )
 
 

@@ -5,25 +5,37 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation import mounting
-from granite_lab.estimation.clock import (
-    GIVEN,
-    LARGEST,
-    LEAST_RAMP,
-    LONGEST_LAG,
-    RIVAL,
-    SEEN,
-    STEP,
-    changing,
-    correlate,
-)
-from granite_lab.estimation.mounting import BodyImu
 from granite_lab.logs.counters import joined
-from granite_lab.logs.imu_checks import despike, mounted
+from granite_lab.logs.sensors import mounting
+from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.imu import despike, mounted
+from granite_lab.logs.sensors.mounting import BodyImu
 from granite_lab.logs.trial import Array, Correction, Series, Trial, WheelStream
 from granite_lab.parameters import Robot
+
+LARGEST, FARTHEST = 0.4, 1.0
+"""Offsets up to this are searched for [s]; the latter where odometry was smoothed."""
+
+STEP = 0.005
+"""Spacing of the correlation [s]."""
+
+GIVEN = 1.0e-3
+"""Std of an offset that was given [s]."""
+
+LEAST_RAMP = 0.1
+"""Wheels that never accelerate by this much show no offset [m/s^2]."""
+
+LONGEST_LAG = 0.25
+"""The body follows the wheels on sand by up to a quarter of a second, and never leads them [s]."""
+
+SEEN = 0.5
+"""Correlation at which the offset of smoothed odometry, or of two computers, counts as found."""
+
+RIVAL = 0.9
+"""Another offset whose correlation is this share of the largest one explains the ramps as well."""
 
 DISTINCT = 0.5
 """Offsets that are closer than this belong to one peak of the correlation: a ramp takes about as long [s]."""
@@ -35,7 +47,7 @@ def together(trial: Trial, robot: Robot) -> tuple[Trial, float]:
     Returns:
         the trial, in which encoders, currents and command are moved; by how much [s], 0 where nothing is.
     """
-    given, warnings = trial.info.clock_offset, trial.warnings
+    given, doubts = trial.info.clock_offset, trial.doubts
     if given is not None:
         offset, how = Estimate(given, GIVEN), "given"
     elif trial.imu is not None and trial.wheels is not None and trial.wheels.t.size > 2:
@@ -50,7 +62,7 @@ def together(trial: Trial, robot: Robot) -> tuple[Trial, float]:
         return trial, by
     if given is None:
         apart = f"the clocks of encoders and IMU are {abs(by):.1f} s apart"
-        warnings = (*warnings, f"{apart}: brought together by the ramps that both show")
+        doubts = (*doubts, Doubt(apart, remedy="brought together by the ramps that both show"))
     made = Correction(f"offset of their clock, {how}", "stamps of encoders and currents", by, offset.std, "s")
     wheels, currents, command = trial.wheels, trial.currents, trial.command
     moved = replace(
@@ -59,7 +71,7 @@ def together(trial: Trial, robot: Robot) -> tuple[Trial, float]:
         wheels=wheels and replace(wheels, t=wheels.t + by),
         currents=currents and replace(currents, t=currents.t + by),
         command=command and Series(command.t + by, command.value),
-        warnings=warnings,
+        doubts=doubts,
         corrections=(*trial.corrections, made),
     )
     return moved, by
@@ -112,3 +124,25 @@ def _common_rate(grid: Array, wheels: WheelStream) -> Array:
     rates = np.gradient(np.stack(turned), STEP, axis=1)
     weights = np.linalg.eigh(rates @ rates.T)[1][:, -1]
     return np.asarray(weights @ rates / np.abs(weights).sum())
+
+
+def correlate(force: Array, wheel: Array, reach: int) -> tuple[Array, int, float]:
+    """Correlate specific force with the wheels' acceleration, both (M,) on one grid.
+
+    Returns:
+        (2 reach + 1,) the correlation at each lag of the force; the place of its largest value, and that
+        value in shares of what it can be, 0 at the end of the reach.
+    """
+    size = 2 ** int(np.ceil(np.log2(2 * force.size)))
+    values = np.fft.irfft(np.fft.rfft(force, size) * np.conj(np.fft.rfft(wheel, size)), size)
+    values = values[np.arange(-reach, reach + 1)]
+    best = int(np.argmax(values))
+    inner = best not in (0, values.size - 1)
+    whole = float(np.sqrt(np.sum(force**2) * np.sum(wheel**2)))
+    return values, best, float(values[best]) / max(whole, 1e-300) if inner else 0.0
+
+
+def changing(acceleration: Array) -> Array:
+    """(K,) acceleration on the grid without vibration, and without what is slower than a ramp."""
+    smooth = uniform_filter1d(acceleration, max(round(0.08 / STEP), 1))
+    return np.asarray(smooth - uniform_filter1d(smooth, round(3.0 / STEP), mode="nearest"))

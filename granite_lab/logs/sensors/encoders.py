@@ -12,7 +12,8 @@ from granite_lab.errors import InputError
 from granite_lab.logs.counters import Mask, integral, powers, quantum, runs, unwrap
 from granite_lab.logs.layouts import Column
 from granite_lab.logs.quantities import Unit
-from granite_lab.logs.stamps import GAP_PERIODS
+from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.stamps import GAP_PERIODS
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import Robot
 
@@ -63,7 +64,7 @@ class Wheel:
         return cls(per_rev, robot.wheels.radius, min(fastest, _FASTEST_WHEEL))
 
 
-def convert(t: Array, raw: Array, unit: Unit, spec: Column, wheel: Wheel, doubts: list[str]) -> Turning:
+def convert(t: Array, raw: Array, unit: Unit, spec: Column, wheel: Wheel, doubts: list[Doubt]) -> Turning:
     """Turn one encoder's values (N,), finite, at increasing stamps [s] into wheel angle and rate.
 
     The unit says what kind of value they are; scale, wrap and increment are those of the column map.
@@ -76,7 +77,7 @@ def convert(t: Array, raw: Array, unit: Unit, spec: Column, wheel: Wheel, doubts
     values, wraps, width = unwrap(raw, ranges, stated=spec.wrap > 0)
     if wraps:
         what = "rate overflowed" if not is_angle else "counter wrapped"
-        doubts.append(f"the {what} {wraps} times at {width:g}; unwrapped")
+        doubts.append(Doubt(f"the {what} {wraps} times at {width:g}", remedy="unwrapped"))
     if wraps and not is_angle:
         values = _anchored(raw, values, width)
     factor = spec.scale * ((_TURN / wheel.per_rev if wheel.per_rev else math.nan) if counted else unit.factor)
@@ -187,7 +188,7 @@ def _anchored(raw: Array, rate: Array, width: float) -> Array:
     return rate - turns.pop() * width
 
 
-def _without_jumps(t: Array, angle: Array, fastest: float, doubts: list[str]) -> Array:
+def _without_jumps(t: Array, angle: Array, fastest: float, doubts: list[Doubt]) -> Array:
     """Take out steps that no wheel can make: the counter was reset, or a sample is wrong.
 
     A single sample from which the next one returns is replaced by the line between its neighbours. After a
@@ -213,11 +214,11 @@ def _without_jumps(t: Array, angle: Array, fastest: float, doubts: list[str]) ->
     ):
         if found.any():
             at = ", ".join(f"{x:.3f}" for x in t[1:][found][:3])
-            doubts.append(f"{np.count_nonzero(found)} readings {what} (t = {at} s); {done}")
+            doubts.append(Doubt(f"{np.count_nonzero(found)} readings {what} (t = {at} s)", remedy=done))
     return angle - np.concatenate(([0.0], np.cumsum(np.where(wild, steps - usual, 0.0))))
 
 
-def _measured(t: Array, rate: Array, step: float, wheel: Wheel, doubts: list[str]) -> Array:
+def _measured(t: Array, rate: Array, step: float, wheel: Wheel, doubts: list[Doubt]) -> Array:
     """Return rates (N,) [rad/s], NaN where a reading is none of the wheel's, which is reported.
 
     Such readings are beyond what the wheel can do, leave their neighbours and return faster than a wheel can
@@ -233,7 +234,7 @@ def _measured(t: Array, rate: Array, step: float, wheel: Wheel, doubts: list[str
     for found, what in ((wild, "thrown off or 0 for a lost sample"), (stuck, "that repeat the last one")):
         if found.any():
             at = ", ".join(f"{t[a]:.3f}" for a, _ in runs(found)[:3])
-            doubts.append(f"{np.count_nonzero(found)} readings {what} (t = {at} s); left out")
+            doubts.append(Doubt(f"{np.count_nonzero(found)} readings {what} (t = {at} s)", remedy="left out"))
     return np.where(wild | stuck, np.nan, rate)
 
 

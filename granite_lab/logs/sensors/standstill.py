@@ -16,6 +16,7 @@ Trans. Biomed. Eng. 57 (2010).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,12 @@ from granite_lab.parameters import ImuGrade, Robot
 COAST = 0.01
 """Slip velocity goes with the wheel speed down to this [m/s]: below, play and settling move the body. A
 body whose wheels coast to rest is then as slow as they are."""
+
+LONGEST_GAP = 0.5
+"""IMU samples missing for longer than this [s] while the robot moves cannot be bridged."""
+
+MOVING = 0.02
+"""Wheel velocity [m/s] above which a wheel certainly rolls."""
 
 Interval = tuple[float, float]
 
@@ -301,6 +308,22 @@ def coasting(wheels: Turning | None, begin: float, end: float) -> bool:
     return bool(ways) and max(ways) < COAST * (end - begin)
 
 
+def unbridged(
+    gaps: Sequence[Interval], rests: Sequence[Interval], wheels: Turning | None, offset: float = 0.0
+) -> list[Interval]:
+    """Return the gaps [s] over `LONGEST_GAP` in which the robot neither stands nor coasts to rest.
+
+    The wheels' clock lies behind that of gaps and standstills by `offset` [s].
+    """
+    return [
+        (a, b)
+        for a, b in gaps
+        if b - a > LONGEST_GAP
+        and not any(begin - 0.02 <= a and b <= end + 0.02 for begin, end in rests)
+        and not coasting(wheels, a - offset, b - offset)
+    ]
+
+
 def at_stamps(still: Still, stamps: Array, t: Array) -> Still:
     """Return at instants t (N,) what was found at `stamps` (M,): both samples beside must agree."""
     after = np.clip(np.searchsorted(stamps, t), 1, stamps.size - 1)
@@ -350,7 +373,8 @@ def imu_quiet(imu: ImuStream, grade: ImuGrade, stand: Mask | None = None, window
         pool = power[stand] if stand is not None and stand.sum() * dt > SHORTEST else power
         # axes of unlike noise count as less than three (Satterthwaite 1946)
         usual = np.median(axes, axis=0)
-        dof = (max(size // few, 3) - 1) * max(float(usual.sum() ** 2 / max(usual @ usual, 1e-300)), 1.0)
+        unlike = float(usual.sum()) ** 2 / max(float(usual @ usual), 1e-300)
+        dof = (max(size // few, 3) - 1) * max(unlike, 1.0)
         base = _noise(pool, dof, 0.25 if pool is not power else 0.05)
         loudest = float(np.sqrt(np.quantile(power, 0.9)))
         if stand is None and base > STEADY * least and loudest < STEADY * base:
@@ -446,3 +470,11 @@ def bridged(t: np.ndarray, mask: Mask, longest: float) -> Mask:
         if a > 0 and b < mask.size and t[b] - t[a - 1] <= longest:
             closed[a:b] = True
     return closed
+
+
+def inside(t: Array, intervals: Sequence[Interval]) -> np.ndarray:
+    """(N,) True where a stamp lies in one of the intervals."""
+    mask = np.zeros(t.size, dtype=bool)
+    for begin, end in intervals:
+        mask |= (t >= begin) & (t <= end)
+    return mask

@@ -1,0 +1,258 @@
+"""The stages of the estimation: roll, stand, clock, slip and noise, smooth. Each turns a record into one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from granite_lab.errors import EstimateError
+from granite_lab.estimate import Estimate
+from granite_lab.estimation.clock import Clock, agreed, find_offset, ramps, slow_offset
+from granite_lab.estimation.error_model import FAR, LOST_PITCH, UNKNOWN, SlipModel
+from granite_lab.estimation.noise import identify, with_motion_noise
+from granite_lab.estimation.problem import Problem, Sensors
+from granite_lab.estimation.rest import coasts, find_rests, refuse_moved, turning_of
+from granite_lab.estimation.slip import identify_scatter, with_jumps
+from granite_lab.estimation.smoother import Solution, settle, smooth, with_steady_slip
+from granite_lab.estimation.wheels import Rolling, rolling_of
+from granite_lab.logs.sensors import mounting
+from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.faults import find_faults, find_restarts, without_steps
+from granite_lab.logs.sensors.imu import despike, mounted
+from granite_lab.logs.sensors.signs import check_signs
+from granite_lab.logs.sensors.standstill import LONGEST_GAP, MOVING, Interval, inside, unbridged
+from granite_lab.logs.sensors.two_clocks import GIVEN
+from granite_lab.logs.trial import ImuStream, Trial, WheelStream, part
+from granite_lab.parameters import Robot, Soil
+
+SPIN = 0.2
+"""Random walk of the slip ratio where wheels turned in a standstill that was named: it reached 100 % once, in
+a trial of half a minute [1/sqrt(s)]."""
+
+ALONE = Doubt("without encoders, noise that only motion makes cannot be told from the motion", grade="fair")
+UNMATCHED = Doubt(
+    "the ramps of the wheels are not found in the IMU: their clocks may be apart by any time", grade="poor"
+)
+
+LONG = 60.0
+"""Motion longer than this [s] without a standstill leans on the wheels."""
+
+
+def roll(trial: Trial, robot: Robot) -> Sensors:
+    """Put the sensors of a trial with an IMU right, as far as no standstill is needed, and roll its wheels.
+
+    Raises:
+        EstimateError: the IMU's axes are not those of the robot.
+    """
+    assert trial.imu is not None
+    assert robot.imu_grade is not None
+    logged = _complete(trial.imu)
+    stream, spikes = despike(logged)
+    imu = mounting.to_body(stream, mounted(robot))
+    wheels, rolling, doubts = roll_wheels(trial, imu, robot)
+    thrown = np.linalg.norm(np.nan_to_num(logged.specific_force - stream.specific_force), axis=1)
+    shared = [sensor.stamp_std for sensor in (trial.imu, trial.wheels) if sensor is not None]
+    return Sensors(
+        name=trial.name, stream=stream, imu=imu, wheels=wheels, rolling=rolling, robot=robot,
+        faults=find_faults(imu, stream, robot.imu_grade, spikes, thrown), stamp_std=math.hypot(*shared),
+        doubts=doubts,
+    )  # fmt: skip
+
+
+def roll_wheels(
+    trial: Trial, imu: mounting.BodyImu | None, robot: Robot
+) -> tuple[WheelStream | None, Rolling | None, tuple[Doubt, ...]]:
+    """Put the encoders right and roll the wheels; also what was corrected or is doubtful."""
+    if trial.wheels is None or trial.wheels.t.size <= 2:
+        return trial.wheels, None, ()
+    forward = imu is not None and (robot.imu.forward != "find" or bool(trial.imu and trial.imu.robot_axes))
+    try:
+        wheels, turned = check_signs(trial.wheels, imu, robot, forward_known=forward)
+    except EstimateError as refusal:
+        raise EstimateError(f"{trial.name}: {refusal.message}", refusal.hint) from None
+    return wheels, rolling_of(wheels, robot), turned
+
+
+def stand(sensors: Sensors, by_hand: Sequence[Interval] = ()) -> Problem:
+    """Find the standstills, and what they show: the mounting of the IMU, its noise.
+
+    Raises:
+        EstimateError: nothing anchors the velocity, or the robot moved in a standstill given `by_hand`.
+    """
+    stream, imu, rolling, robot = sensors.stream, sensors.imu, sensors.rolling, sensors.robot
+    refuse_moved(imu, by_hand)
+    rests, unseen = find_rests(stream, rolling, sensors.grade, by_hand=by_hand)
+    if robot.imu.forward == "find" and not stream.robot_axes and rolling is not None and rests:
+        imu = _orient(stream, imu, rolling, rests)
+    level = mounting.by_gravity(stream, imu, inside(imu.t, rests), robot)
+    if rolling is None and not rests:
+        raise EstimateError(
+            f"{sensors.name}: neither wheels nor a standstill: nothing anchors the velocity",
+            "let the robot stand for 0.5 s at start or end, or name a standstill by hand (--rest start:end)",
+        )
+    sensors = replace(
+        sensors, stream=level.stream, imu=level.imu, robot=level.robot,
+        doubts=(*sensors.doubts, *level.doubts),
+    )  # fmt: skip
+    far = rolling is not None and _far_from_rest(rests, level.imu)
+    noise = identify(level.imu, rolling, level.robot, rests)
+    problem = Problem(**vars(sensors), rests=rests, unseen=unseen, far=far, noise=noise)
+    if rolling is None:
+        return problem
+    return replace(problem, noise=with_motion_noise(problem, 0.0, folding=False))
+
+
+def compare_clocks(problem: Problem, given: float | None = None, *, apart: bool = False) -> Clock:
+    """Return the offset of the clocks: as `given` [s], or as it shows far from rest or at onsets and stops.
+
+    The clocks were `apart` by seconds, and `together` has brought them together roughly.
+    """
+    if given is not None:
+        offset = Estimate(given, GIVEN)
+    elif problem.far and problem.rolling is not None:
+        offset = slow_offset(problem.imu, problem.rolling)
+    else:
+        return find_offset(problem, apart=apart)
+    return Clock(offset, offset, offset.value)
+
+
+def stand_by_clock(problem: Problem, offset: Estimate, by_hand: Sequence[Interval] = ()) -> Problem:
+    """Find the standstills again now that the offset of the clocks is known, and restarts between them.
+
+    Raises:
+        EstimateError: samples are missing while the robot moves.
+    """
+    stream, rolling, grade, at = problem.stream, problem.rolling, problem.grade, offset.value
+    if rolling is not None and at != 0.0:
+        rests, unseen = find_rests(stream, rolling, grade, offset=at, by_hand=by_hand)
+        noise = identify(problem.imu, rolling, problem.robot, rests)
+        problem = replace(problem, rests=rests, unseen=unseen, noise=noise)
+        problem = replace(problem, noise=with_motion_noise(problem, at))
+    problem = replace(problem, coasts=coasts(stream, rolling, grade, at, problem.rests))
+    _refuse_gaps(problem, at)
+    imu, faults = problem.imu, problem.faults
+    restarts = find_restarts(stream, problem.rests, faults.doubt, faults.gaps, grade)
+    if restarts:
+        stepless = mounting.to_body(without_steps(stream, restarts), imu.rotation, levelled=imu.levelled)
+        imu = replace(stepless, scale=imu.scale, scale_std=imu.scale_std)
+    problem = replace(problem, imu=imu, faults=replace(faults, restarts=restarts), slip=SlipModel(fades=True))
+    return replace(problem, doubts=(*problem.doubts, *_limits(problem, offset)))
+
+
+def slip_and_noise(problem: Problem, clock: Clock, soil: Soil) -> Problem:
+    """Say how the slip ratio may change, and how loud motion makes the IMU."""
+    if problem.far:
+        return _slip_of_soil(problem, clock.expected.value, soil)
+    least = SPIN if _spun(problem, clock.expected.value) else 0.0
+    if problem.rolling is not None:
+        problem = (
+            with_jumps(problem, clock.near) if problem.imu.has_pitch_rate and problem.imu.gravity else problem
+        )
+        problem = replace(problem, noise=with_motion_noise(problem, clock.near))
+    found = identify_scatter(problem, clock.near)
+    return replace(problem, slip=replace(found, walk=max(found.walk, least)))
+
+
+def smoothed(problem: Problem, clock: Clock, soil: Soil, distance: Estimate | None = None) -> Solution:
+    """Filter and smooth; `distance` was measured [m]."""
+    solution = smooth(settle(problem, clock.expected, near=clock.near, distance=distance))
+    offset = clock.expected
+    if clock.shown is not offset:
+        offset = agreed(clock.shown, solution.offset, solution.compliance)
+    applied = 0.0 if problem.far else clock.expected.value
+    solution = replace(solution, offset=offset, applied=applied)
+    if problem.far and soil.slip_std >= UNKNOWN:
+        solution = replace(solution, smoothed=with_steady_slip(solution.nodes, solution.smoothed))
+    return solution
+
+
+def lacking(problem: Problem, offset: Estimate) -> tuple[Doubt, ...]:
+    """Return what the estimate lacks for want of wheels, or of their clock."""
+    if problem.rolling is None:
+        return (ALONE,)
+    if not problem.far and not np.isfinite(offset.std) and ramps(problem.rolling):
+        return (UNMATCHED,)
+    return ()
+
+
+def _slip_of_soil(problem: Problem, offset: float, soil: Soil) -> Problem:
+    """Let slow changes of velocity follow the wheels, with the slip ratio of the soil."""
+    any_slip = soil.slip_std >= UNKNOWN
+    model = replace(FAR, steady=soil.slip, limit=FAR.limit if any_slip else soil.slip_std)
+    noise = replace(with_motion_noise(problem, offset, folding=False), gyro=LOST_PITCH)
+    allowed = "0 to 100 %" if any_slip else f"± {100 * soil.slip_std:.2g} %"
+    follows = "slow changes of velocity follow the wheels; steady slip is not measured there"
+    where = "far from standstills" if problem.rests else "no standstill"
+    doubt = Doubt(f"{follows}, the std allows for {allowed}", where)
+    return replace(problem, slip=model, noise=noise, doubts=(*problem.doubts, doubt))
+
+
+def _spun(problem: Problem, offset: float) -> bool:
+    """Whether wheels turned during a standstill."""
+    if problem.rolling is None:
+        return False
+    resting = inside(problem.rolling.t + offset, problem.rests)
+    turning = np.abs(np.nan_to_num(problem.rolling.speed)) > MOVING
+    return float(np.sum(resting & turning)) > 0.1 * max(float(np.sum(resting)), 1.0)
+
+
+def _complete(imu: ImuStream) -> ImuStream:
+    """Drop samples that lack a value in a column that is otherwise logged; they become gaps."""
+    columns = np.concatenate([imu.specific_force, imu.angular_rate], axis=1)
+    logged = np.isfinite(columns).mean(axis=0) > 0.01
+    whole = np.isfinite(columns[:, logged]).all(axis=1)
+    return imu if whole.all() else part(imu, whole)
+
+
+def _orient(
+    stream: ImuStream, imu: mounting.BodyImu, rolling: Rolling, still: Sequence[Interval]
+) -> mounting.BodyImu:
+    """Level the axes at standstill and turn x to where the wheels accelerate the robot."""
+    levelled = mounting.level(stream, inside(imu.t, still), imu.rotation)
+    acceleration = np.gradient(np.nan_to_num(rolling.speed), rolling.t)
+    found = mounting.find_forward(stream, levelled, rolling.t, acceleration)
+    return mounting.to_body(stream, found, levelled=True)
+
+
+def _far_from_rest(still: Sequence[Interval], imu: mounting.BodyImu) -> bool:
+    """Whether the robot moves, or may have moved, for longer than integration lasts."""
+    if not still:
+        return True
+    edges = [imu.t[0], *(t for rest in still for t in rest), imu.t[-1]]
+    return bool(max(b - a for a, b in zip(edges[::2], edges[1::2], strict=True)) > LONG)
+
+
+def _refuse_gaps(problem: Problem, offset: float) -> None:
+    """Refuse samples that are missing for long while the robot moves faster than its wheels coast."""
+    wheels = None if problem.rolling is None else turning_of(problem.rolling)
+    for begin, end in unbridged(problem.faults.gaps, problem.rests, wheels, offset)[:1]:
+        raise EstimateError(
+            f"{problem.name}: no IMU samples from {begin:.3f} s to {end:.3f} s while the robot moved",
+            f"velocity cannot be bridged over more than {LONGEST_GAP:g} s: cut the log there",
+        )
+
+
+def _limits(problem: Problem, offset: Estimate) -> list[Doubt]:
+    """Return what limits the estimate."""
+    imu, still, rolling = problem.imu, problem.rests, problem.rolling
+    lines = [] if rolling is not None else [
+        "no encoders: no wheel velocity and no slip; standstill is judged by the IMU alone"
+    ]  # fmt: skip
+    if not imu.gravity:
+        lines.append(
+            "gravity was removed by the logger: pitch is not observable, only its changes by the gyro"
+        )
+    if not imu.has_pitch_rate:
+        lines.append("no pitch rate was logged: pitch is taken as constant with 1 deg of doubt in motion")
+    ends = []
+    if still and still[0][0] > imu.t[0] + 1.0:
+        ends.append("no standstill at the start: uncertainty grows towards it")
+    if still and still[-1][1] < imu.t[-1] - 1.0:
+        ends.append("no standstill at the end: uncertainty grows towards it")
+    if rolling is not None and not np.isfinite(offset.std):
+        ends.append("clock offset between IMU and encoders unobservable: taken as zero")
+    doubts = () if rolling is None else rolling.doubts
+    return [*doubts, *map(Doubt, lines), *problem.faults.doubts(), *map(Doubt, ends)]

@@ -1,0 +1,166 @@
+"""Several causes at once: what each of them reopens, and the motion at a speed that no trial shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from granite_lab.hidden.catalogue import influence
+from granite_lab.hidden.chance import lot
+from granite_lab.hidden.contact import Array
+from granite_lab.hidden.lab import Lab
+from granite_lab.hidden.model import Truth
+from granite_lab.hidden.parts import Trapezoid
+from granite_lab.hidden.simulator import DT, body_from_states, solve
+from granite_lab.logs.trial import Trial
+from granite_lab.parameters import Robot, Variant
+
+
+class Planned(Protocol):
+    """What of a trial's plan is asked here."""
+
+    @property
+    def lab(self) -> Lab:
+        """Where it is made."""
+
+    @property
+    def sizes(self) -> Mapping[str, Mapping[str, float]]:
+        """Parameters of the causes by id."""
+
+
+P = TypeVar("P", bound=Planned)
+
+LEAST = 0.1
+"""Share of the squared gap that the absence of a cause reopens at least, if the cause is to count."""
+
+STRONGER = 2.0
+"""Factor at most by which a cause is made stronger so that it counts."""
+
+ATTEMPTS = 40
+"""Draws of causes and sizes until each cause counts."""
+
+WITHHELD = 0.25, 0.65
+"""Range of the withheld desired velocity [m/s], inside of Table 2."""
+
+APART = 0.04
+"""Least distance of the withheld velocity from those of Table 2 [m/s]."""
+
+SPACING = 0.02
+"""Between two instants of the withheld motion [s]."""
+
+SMOOTH = 0.3
+"""Average of the withheld motion [s]: three lugs of the paper's wheel or more, which lie 25 mm apart."""
+
+
+def reopened(plans: Sequence[P], made: Callable[[P, Sequence[str]], Trial]) -> dict[str, float]:
+    """Return by which share of the squared gap each cause alone opens the gap again when it is absent.
+
+    It is that of the first trial and of the middle one. No parameter is fitted. The logs have the same random
+    numbers, so their noise cancels.
+
+    Args:
+        plans: of all trials, the fastest first.
+        made: makes a trial under the named causes.
+
+    Returns:
+        the share of each cause; empty where the robot digs itself in under some of them.
+    """
+    pair, names = (plans[0], plans[len(plans) // 2]), tuple(plans[0].sizes)
+    robot = plans[0].lab.robot.filed
+    try:
+        whole = [made(plan, names) for plan in pair]
+
+        def without(*absent: str) -> float:
+            left = [name for name in names if name not in absent]
+            return sum(_apart(one, made(plan, left), robot) for one, plan in zip(whole, pair, strict=True))
+
+        gap = without(*names)
+        return {name: without(name) / gap for name in names}
+    except RuntimeError:
+        return {}
+
+
+def stronger(name: str, sizes: Mapping[str, float], share: float) -> dict[str, float]:
+    """Return the sizes of a cause, larger where it reopens less than `LEAST` of the squared gap."""
+    factor = 1.0 if share >= LEAST else min(1.2 * float(np.sqrt(LEAST / share)), STRONGER)
+    grown = dict(sizes)
+    for size in influence(name).declared:
+        if size.kind != "shape":
+            grown[size.name] = float(np.clip(factor * sizes[size.name], size.least, size.most))
+    return grown
+
+
+def _apart(one: Trial, other: Trial, robot: Robot) -> float:
+    """Return the squared difference of two logs over the noise, all samples of IMU, wheels and currents."""
+    assert one.imu is not None
+    assert other.imu is not None
+    assert one.wheels is not None
+    assert other.wheels is not None
+    pairs: list[tuple[Array, Array, Array, Array, float]] = [
+        (one.imu.t, one.imu.specific_force, other.imu.t, other.imu.specific_force, robot.imu.vibration),
+        (one.imu.t, one.imu.angular_rate, other.imu.t, other.imu.angular_rate, robot.imu.vibration_rate),
+    ]
+    if one.currents is not None and other.currents is not None:
+        pairs.append(
+            (one.currents.t, one.currents.current, other.currents.t, other.currents.current,
+             robot.currents.noise)
+        )  # fmt: skip
+    speed, before = (np.gradient(w.angle, w.t, axis=0) for w in (one.wheels, other.wheels))
+    step = 2 * np.pi / robot.encoders.counts / float(np.median(np.diff(one.wheels.t)))
+    pairs.append((one.wheels.t, speed, other.wheels.t, before, step))
+    total = 0.0
+    for t, values, u, others, noise in pairs:
+        there = np.stack([np.interp(t, u, column) for column in others.T], axis=1)
+        total += float(np.nansum(((values - there) / noise) ** 2))
+    return total
+
+
+def withheld_variant(seed: int, variants: Sequence[Variant]) -> Variant:
+    """Return a command that no trial has, with acceleration and distance of the nearest variant."""
+    rng = lot(seed, 6)
+    while True:
+        v = round(float(rng.uniform(*WITHHELD)), 3)
+        if all(abs(v - variant.velocity) >= APART for variant in variants):
+            break
+    nearest = min(variants, key=lambda variant: abs(variant.velocity - v))
+    return replace(nearest, velocity=v)
+
+
+def motion_of(truth: Truth, variant: Variant) -> Mapping[str, Any]:
+    """Return the true motion under a command: velocity [m/s] and mean current [A] over time [s]."""
+    end = Trapezoid(variant.velocity, variant.acceleration, variant.distance).end
+    t = np.asarray(np.arange(-round(0.5 / DT), round((end + 0.5) / DT) + 1) * DT, dtype=np.float64)
+    body = body_from_states(truth, t, solve(truth, t, rtol=3e-6, atol=1e-7))
+    step = round(SPACING / DT)
+    assert body.current is not None
+    return {
+        "velocity": variant.velocity, "acceleration": variant.acceleration, "distance": variant.distance,
+        "t": t[::step].round(3).tolist(),
+        "v": body.v[::step].round(5).tolist(),
+        "current": body.current.mean(axis=1)[::step].round(4).tolist(),
+    }  # fmt: skip
+
+
+def share_closed(truth: Mapping[str, Any], paper: Mapping[str, Array], model: Mapping[str, Array]) -> float:
+    """Return the share of the gap at the withheld speed that a model closes: 1 - its rms over the paper's.
+
+    Args:
+        truth: as `motion_of` returns it.
+        paper, model: ``t_s``, ``v_mps`` and ``current`` of the paper's model and of the one that was found.
+
+    Both sides are averaged over `SMOOTH`: the phase of what turns with the wheels is new in each trial.
+    """
+    window = np.full(round(SMOOTH / SPACING), SPACING / SMOOTH)
+
+    def off(run: Mapping[str, Array]) -> Array:
+        parts = [
+            np.interp(truth["t"], run["t_s"], run[name]) - np.asarray(truth[key])
+            for name, key in (("v_mps", "v"), ("current", "current"))
+        ]
+        return np.array([np.sqrt(np.mean(np.convolve(part, window, "valid") ** 2)) for part in parts])
+
+    before, after = off(paper), off(model)
+    return float(1 - np.sqrt(np.mean((after / before) ** 2)))
