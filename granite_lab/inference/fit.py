@@ -22,8 +22,9 @@ LEAST, LEAST_OF_ROUGH = 0.002, 0.2
 number is further from the optimum than 0.045 of its std. Of a fit that only serves to learn the noise, a
 tenth."""
 
-TRUSTED = 0.4
-"""How far from one the drop over the promised one may be for the derivatives to be kept, far from the optimum."""
+TRUSTED = 0.1
+"""How far from one the drop over the promised one may be for the derivatives to be kept, far from the
+optimum."""
 
 NEAR = 1.0
 """Promised drop below which a step of Gauss and Newton is taken although the objective does not fall: within
