@@ -171,11 +171,8 @@ def _descended(
     pace, before = 1.0, np.inf  # share of a step that is taken near the optimum; what the last one promised
     for _ in range(rounds):
         here, aim, promised = _promise(problem, state, scales, damping)
-        if scales.loud and promised < LEAST_OF_LOUD * here:
-            loud, scales = scales, learn(problem, state, scales)
-            if scales.loud and change(loud, scales) < CLOSE:
-                break
-            continue
+        if scales.loud and promised < LEAST_OF_LOUD * here and (away == 0 or damping > 0):
+            break
         if damping > 0 and promised < least:
             damping = 0.0
             continue
