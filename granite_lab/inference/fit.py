@@ -8,23 +8,44 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.errors import EstimateError
+from granite_lab.inference.bench import RAKED, SAND
 from granite_lab.inference.constants import FORMULA_ERROR, PSEUDO_TRIALS, SPREAD, TOLERANCE
 from granite_lab.inference.discrepancy import FORMULA, MOTION
 from granite_lab.inference.normal import Normal, Posterior, Scales, posterior
-from granite_lab.inference.point import Point, Slopes
+from granite_lab.inference.point import SHARED, Point, Slopes
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.strengths import own_name, width_of
 from granite_lab.logs.trial import Array
 
-LEAST = 0.2
-"""Drop of the objective at which an iteration ends: a quarter of a unit of log likelihood."""
+LEAST, LEAST_OF_ROUGH = 0.002, 0.2
+"""Drop of the objective below which no further step is taken: a thousandth of a log likelihood, so that no
+number is further from the optimum than 0.045 of its std. Of a fit that only serves to learn the noise, a
+tenth."""
 
-LEAST_OF_LOUD = 0.01
-"""The same as a share of the objective where the noise is found louder than repetitions show: the model is
-wrong, and half a percent of its rms does not change that."""
+TRUSTED = 0.1
+"""How far from one the drop over the promised one may be for the derivatives to be kept, far from the
+optimum."""
 
-TRUSTED = 0.6
-"""Share of the promised drop above which the derivatives are kept."""
+NEAR = 1.0
+"""Promised drop below which a step of Gauss and Newton is taken although the objective does not fall: within
+a std it tells of kinks of the model and of derivatives at the centre of a command, not of the optimum."""
+
+AS_GOOD = 0.5
+"""How far a fit may move, in std of the numbers, with derivatives that count as those of the point."""
+
+LEAST_OF_LOUD = 0.005
+"""Promised drop, as a share of the objective, below which a fit ends where the noise is louder than
+repetitions show: the model is wrong, its kinks are sharper than the noise, and a quarter of a percent of its
+rms does not change that. Such a fit has not converged."""
+
+STRENGTH = ("cohesion", "friction_angle")
+"""Numbers of the sand that say nothing where another limit of the shear stress rules in (10)."""
+
+LEAST_PACE = 1 / 8
+"""Least share of a step that is taken near the optimum."""
+
+LEAST_DAMPED = 0.01
+"""Damping below which there is none."""
 
 MOST_DAMPED = 1e3
 """Damping at which a fit ends: steps are then a thousandth of those of Gauss and Newton."""
@@ -40,8 +61,12 @@ LEAST_OWN = 1e-3
 UPDATES = 8
 """Most steps of the scales, each time they are learnt."""
 
-CLOSE = 0.1
-"""Change of the logarithm of a scale at which it is learnt: a tenth of what its prior leaves open."""
+CLOSE, SETTLED = 0.1, 0.02
+"""Change of the logarithm of a scale at which it is learnt: a tenth of what its prior leaves open; and at
+which scales and numbers are at their joint optimum: the numbers then hardly move."""
+
+ROUNDS = 40
+"""Most steps of a fit."""
 
 FIRST = Scales(2 * TOLERANCE, FORMULA_ERROR[0])
 """Scales with which a search begins."""
@@ -60,8 +85,8 @@ class Fit:
         normal: the normal equations at the point.
         posterior: of the parameters.
         evidence: logarithm of the marginal likelihood with the priors of the scales, up to a constant; at the
-            mean of the posterior within the bounds if the fit converged, else at the point.
-        converged: an undamped step would be small.
+            point, so that nothing is credited that was not reached.
+        converged: the point is an optimum, together with the scales: an undamped step promises nothing.
     """
 
     point: Point
@@ -93,10 +118,10 @@ def fit(
     scales: Scales = FIRST,
     *,
     slopes: Slopes | None = None,
-    rounds: int = 16,
-    renew: int = 3,
+    rounds: int = ROUNDS,
+    least: float = LEAST,
 ) -> Fit:
-    """Iterate to convergence, by Levenberg and Marquardt; a simulation without a solution shortens the step.
+    """Iterate to the joint optimum of numbers and scales; a simulation without a solution shortens the step.
 
     Args:
         problem: the trials, with the noise.
@@ -104,7 +129,7 @@ def fit(
         scales: to begin with.
         slopes: derivatives near the start, if they are known.
         rounds: most steps; with none the problem is made linear at the start, under the scales as given.
-        renew: how often the derivatives may be computed anew.
+        least: promised drop of the objective at which the fit has converged.
 
     Raises:
         EstimateError: a simulation at the start has no solution.
@@ -119,56 +144,143 @@ def fit(
     residuals = problem.residuals(start, responses)
     normal = problem.normal(start, slopes, residuals)
     state = _State(start, slopes, responses, residuals, problem.white(residuals), normal)
+    converged = False
     if rounds:
-        scales = learn(problem, state, scales, 1)
-    damping, fresh, learnt, converged = 0.0, True, True, False
-    for _ in range(rounds):
-        M, _ = state.normal.marginal(scales)
-        std, mean = problem.prior(state.point, scales)
-        here = M[-1, -1] + float(np.sum(((state.point.vector - mean) / std) ** 2))
-        aim = _aim(problem, state.point, M, std, mean - state.point.vector, damping)
-        promised = here - _linear(M, std, mean, state.point, aim)
-        least = LEAST_OF_LOUD * here if scales.loud else LEAST
-        drop = np.nan
-        if promised >= least:
-            drop = -np.inf
-            tried = simulated(problem, aim)
-            if tried is not None:
-                residuals = problem.residuals(aim, tried)
-                white = problem.white(residuals)
-                there = sum(state.normal.misfits(white, scales).values())
-                drop = here - there - float(np.sum(((aim.vector - mean) / std) ** 2))
-            if tried is not None and drop > 0:
-                state = _State(aim, state.slopes, tried, residuals, white, state.normal.at(white))
-                damping, fresh, learnt = damping / 10 if damping > 0.02 else 0.0, False, False
-                if drop < least and renew <= 0:  # at a kink of the model a step never brings what is promised
-                    converged = True
-                    break
-            else:
-                damping = max(10 * damping, 0.1)
-                if damping > MOST_DAMPED:
-                    break
-        elif fresh or renew <= 0:
-            if learnt:
-                converged = damping == 0.0
-                break
-            scales, learnt = learn(problem, state, scales), True
-        if not drop >= TRUSTED * promised and not fresh and renew > 0:
-            new = problem.slopes(state.point)
-            if new is None:
-                break
-            normal = problem.normal(state.point, new, state.residuals)
-            state, fresh, renew = replace(state, slopes=new, normal=normal), True, renew - 1
-    if rounds and not learnt:
-        scales = learn(problem, state, scales)
+        state, scales, converged = _descended(problem, state, learn(problem, state, scales, 1), rounds, least)
+        if converged and least == LEAST:
+            state, scales = _unlimited(problem, state, scales, rounds)
     post = _posterior(problem, state.point, state.normal, scales)
     evidence = post.evidence + log_prior(problem, scales, bool(state.point.effects))
     if rounds:  # nothing is credited beyond a bound, nor what the derivatives promise and was not found
-        evidence -= (post.promised - (_within_bounds(problem, state, scales) if converged else 0.0)) / 2
+        evidence -= post.promised / 2
     slopes, normal = replace(state.slopes), state.normal.alone()  # without what was kept for a next step
     return Fit(
         state.point, scales, slopes, state.responses, state.residuals, normal, post, evidence, converged
     )
+
+
+def _descended(
+    problem: Problem, state: _State, scales: Scales, rounds: int, least: float
+) -> tuple[_State, Scales, bool]:
+    """Return where steps by Levenberg and Marquardt end, the scales there, and whether that is an optimum.
+
+    The damping follows the drop over the promised one (H. B. Nielsen, Damping parameter in Marquardt's
+    method, IMM-REP-1999-05, Technical University of Denmark).
+    """
+    damping, growth, away = 0.0, 2.0, 0.0  # how far from where the derivatives were taken [std]
+    pace, before = 1.0, np.inf  # share of a step that is taken near the optimum; what the last one promised
+    for _ in range(rounds):
+        here, aim, promised = _promise(problem, state, scales, damping)
+        if scales.loud and promised < LEAST_OF_LOUD * here and (away == 0 or damping > 0):
+            break
+        if damping > 0 and promised < least:
+            damping = 0.0
+            continue
+        if promised < least and away < AS_GOOD:
+            new = learn(problem, state, scales)
+            settled, scales = change(scales, new) < SETTLED, new
+            if settled:
+                return state, scales, True
+            continue
+        near = promised < NEAR and damping == 0
+        if near and promised > before / 2:  # steps to and fro over the optimum
+            pace = max(pace / 2, LEAST_PACE)
+            aim = problem.moved(state.point, pace * (aim.vector - state.point.vector))
+        before = promised if near else np.inf
+        drop, tried = -np.inf, None
+        if promised >= least:
+            drop, tried = _tried(problem, state, scales, here, aim)
+        ratio = drop / promised if promised > 0 else -np.inf
+        fresh = away == 0
+        if tried is not None and (drop > 0 or (near and drop > -NEAR)):
+            damping *= max(1 / 3, 1 - (2 * ratio - 1) ** 3)
+            damping, growth = damping if damping > LEAST_DAMPED else 0.0, 2.0
+            state, away = tried, away + float(np.sqrt(promised))
+            keep = away < AS_GOOD if near else abs(ratio - 1) < TRUSTED
+        elif fresh:
+            damping, growth, keep = max(growth * damping, 10 * LEAST_DAMPED), 2 * growth, True
+            if damping > MOST_DAMPED:
+                break
+        else:
+            keep = False
+        if not keep:
+            renewed = _renewed(problem, state)
+            if renewed is None:
+                break
+            state, away = renewed, 0.0
+        if not keep or near:
+            scales = learn(problem, state, scales, 1)
+    return state, scales, False
+
+
+def _unlimited(problem: Problem, state: _State, scales: Scales, rounds: int) -> tuple[_State, Scales]:
+    """Return the optimum at which the strength of the sand limits nothing, if there is one that is likelier.
+
+    Where the friction on the tyre rules in (10), cohesion and angle of friction say nothing. A fit that comes
+    from where they rule ends at the edge of that region, in a second optimum.
+    """
+    shared = np.where([name in STRENGTH for name in SHARED], 0.0, state.point.shared)
+    if np.array_equal(shared, state.point.shared):
+        return state, scales
+    raked = np.array([name in STRENGTH for name in SAND[:RAKED]])
+    trials = [np.concatenate([np.where(raked, 0.0, x[:RAKED]), x[RAKED:]]) for x in state.point.trials]
+    here, _, _ = _promise(problem, state, scales, 0.0)
+    rise, there = _tried(
+        problem, state, scales, here, replace(state.point, shared=shared, trials=tuple(trials))
+    )
+    there = _renewed(problem, there) if there is not None and rise > -NEAR else None
+    if there is None:
+        return state, scales
+    other, theirs, converged = _descended(problem, there, scales, rounds, LEAST)
+    better = converged and _evidence(problem, other, theirs) > _evidence(problem, state, scales)
+    return (other, theirs) if better else (state, scales)
+
+
+def _evidence(problem: Problem, state: _State, scales: Scales) -> float:
+    """Return the logarithm of the marginal likelihood at a point."""
+    post = _posterior(problem, state.point, state.normal, scales)
+    return post.evidence - post.promised / 2 + log_prior(problem, scales, bool(state.point.effects))
+
+
+def _promise(problem: Problem, state: _State, scales: Scales, damping: float) -> tuple[float, Point, float]:
+    """Return the objective at a point, where a damped step leads, and the drop that it promises."""
+    M, _ = state.normal.marginal(scales)
+    std, mean = problem.prior(state.point, scales)
+    here = M[-1, -1] + float(np.sum(((state.point.vector - mean) / std) ** 2))
+    aim = _aim(problem, state.point, M, std, mean - state.point.vector, damping)
+    return here, aim, here - _linear(M, std, mean, state.point, aim)
+
+
+def _tried(
+    problem: Problem, state: _State, scales: Scales, here: float, aim: Point
+) -> tuple[float, _State | None]:
+    """Return how far the objective falls with a step, and the state there; None without a solution."""
+    responses = simulated(problem, aim)
+    if responses is None:
+        return -np.inf, None
+    std, mean = problem.prior(aim, scales)
+    residuals = problem.residuals(aim, responses)
+    white = problem.white(residuals)
+    there = sum(state.normal.misfits(white, scales).values()) + float(
+        np.sum(((aim.vector - mean) / std) ** 2)
+    )
+    return here - there, _State(aim, state.slopes, responses, residuals, white, state.normal.at(white))
+
+
+def _renewed(problem: Problem, state: _State) -> _State | None:
+    """Return a state with the derivatives at its point, None where a run has no solution."""
+    slopes = problem.slopes(state.point)
+    if slopes is None:
+        return None
+    return replace(state, slopes=slopes, normal=problem.normal(state.point, slopes, state.residuals))
+
+
+def change(before: Scales, after: Scales) -> float:
+    """Return the largest change of the logarithm of a scale, infinite for one that was not learnt before."""
+    names = ("shares", "formulas", "louder", "priors")
+    pairs = ((getattr(before, n), getattr(after, n)) for n in names)
+    ratios = [np.inf if k not in x else abs(np.log(y[k] / x[k])) for x, y in pairs for k in y]
+    return float(max(ratios, default=0.0))
 
 
 def under(problem: Problem, fitted: Fit, scales: Scales) -> Fit:
@@ -216,14 +328,6 @@ def _aim(problem: Problem, point: Point, M: Array, std: Array, pull: Array, damp
             return aim
         free &= ~beyond
         step = np.where(free, step, reached)
-
-
-def _within_bounds(problem: Problem, state: _State, scales: Scales) -> float:
-    """Return the drop of the objective that the derivatives promise at a point, the bounds kept."""
-    M, _ = state.normal.marginal(scales)
-    std, mean = problem.prior(state.point, scales)
-    aim = _aim(problem, state.point, M, std, mean - state.point.vector, 0.0)
-    return _linear(M, std, mean, state.point, state.point) - _linear(M, std, mean, state.point, aim)
 
 
 def _linear(M: Array, std: Array, mean: Array, point: Point, aim: Point) -> float:
