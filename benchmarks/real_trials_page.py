@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -11,12 +12,20 @@ from granite_lab.estimate import Estimate
 if TYPE_CHECKING:
     from benchmarks.real_trials import Outcome, Row
 
+NARROW = 0.3
+"""Width of a 95 % interval of k_92 up to which it says something: k_92 goes from 0 to 1."""
+
 HEAD = """# Real trials of other laboratories
 
 Public sets, each through the whole chain: what was written by hand, the slip ratio λ_R with its std against
 the reference that came with the set, k_92 or why there is none, and what the report says. Logs without a
 licence are not part of the project; the sources are named. `make real DATA=FOLDER` writes this page;
 numbers: [tables/real-trials.csv](tables/real-trials.csv).
+
+The robots have no [drive]: the measured wheels drive the model. k_92 is that of the estimate with the
+reference, where there is one; its 95 % interval holds the soil's and the wheel radius' uncertainty ("to 0.3":
+trials in which it is at most 0.3 wide). The ground of a set without a soil by its authors is assumed: DRIVE's
+grass as upland sandy loam.
 
 λ_R by the reference is one less its way over that of the wheels, over the same steady part, without any
 estimate. z: the estimate without the reference less it, over both std. Estimates by IMU and wheels of
@@ -32,6 +41,12 @@ def page(outcomes: Sequence[Outcome], absent: Sequence[str]) -> str:
     return "\n".join(parts)
 
 
+def picture(outcome: Outcome) -> str:
+    """Return the path of a set's figure beside the page."""
+    name = re.sub("[^a-z0-9]+", "-", outcome.prepared.title.lower()).strip("-")
+    return f"figures/real-trials/{name}.png"
+
+
 def z_of(row: Row) -> float:
     """Return by how many std λ_R without the reference misses it; NaN where one is not known."""
     spread = math.hypot(row.slip.std, row.truth.std)
@@ -40,31 +55,33 @@ def z_of(row: Row) -> float:
 
 def _summary(outcomes: Sequence[Outcome]) -> str:
     lines = [
-        "| set | trials | refused | λ_R known to 5 points | with reference | beyond 3 std | k_92 |",
-        "|---|---|---|---|---|---|---|",
+        "| set | trials | refused | λ_R known to 5 points | with reference | beyond 3 std | k_92 | to 0.3 |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for o in outcomes:
         known, referred = (sum(getattr(r, name).std <= 0.05 for r in o.rows) for name in ("slip", "referred"))
         far = sum(z_of(r) > 3 for r in o.rows)
         compared = sum(math.isfinite(z_of(r)) for r in o.rows)
-        refused, k92 = sum(r.grade == "refused" for r in o.rows), sum("±" in r.k92[:9] for r in o.rows)
-        with_it = referred if o.prepared.reference else "–"
+        refused = sum(r.grade == "refused" for r in o.rows)
+        k92 = sum(math.isfinite(r.width) for r in o.rows)
+        narrow = sum(r.width <= NARROW for r in o.rows)
+        with_it = referred if o.prepared.known else "–"
         beyond = f"{far} of {compared}" if compared else "–"
-        lines.append(
-            f"| {o.prepared.title} | {len(o.rows)} | {refused} | {known} | {with_it} | {beyond} | {k92} |"
-        )
+        cells = (o.prepared.title, len(o.rows), refused, known, with_it, beyond, k92, narrow)
+        lines.append(f"| {' | '.join(map(str, cells))} |")
     return "\n".join(lines) + "\n"
 
 
 def _section(o: Outcome) -> str:
     p = o.prepared
-    about = f"Source: {p.source}. Licence: {p.licence}. Reference: {p.reference_is}."
+    about = f"Source: {p.source}. Licence: {p.licence}. Reference: {p.reference_is or 'none'}."
     hand = f"Written by hand: {'; '.join(p.written) or 'nothing'}. Time for all: {o.seconds:.0f} s."
     lines = [
         f"## {p.title}",
         "",
         f"{about} {hand}",
         "",
+        *([p.remark, ""] if p.remark else []),
         "| trial | estimate | λ_R [%] | with reference [%] | by reference [%] | z | k_92 |",
         "|---|---|---|---|---|---|---|",
     ]
@@ -74,6 +91,7 @@ def _section(o: Outcome) -> str:
             f"| {r.name} | {r.grade} | {_percent(r.slip)} | {_percent(r.referred)} | {_percent(r.truth)} | "
             f"{f'{z:.1f}' if math.isfinite(z) else '–'} | {r.k92.replace('|', '/')} |"
         )
+    lines += ["", f"![slip ratios]({picture(o)})"]
     return "\n".join([*lines, "", "The report:", "", *(f"> {line}\n>" for line in o.said)]) + "\n"
 
 

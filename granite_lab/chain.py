@@ -14,10 +14,10 @@ from granite_lab import __version__, estimation, fitting, logs
 from granite_lab.comparison.compare import compare
 from granite_lab.discovery.finding import Finding
 from granite_lab.effects import library
-from granite_lab.effects.model_file import load_model
+from granite_lab.effects.model_file import ModelFile, load_model
 from granite_lab.errors import EstimateError, LabError, UsageError
-from granite_lab.estimation.motion import Motion, slip_is_known
-from granite_lab.fitting.fit import AThetaFit
+from granite_lab.estimation.motion import Motion, no_slip_is_known
+from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.trial import InputFile, Trial, name_of
 from granite_lab.model import simulate
@@ -26,6 +26,8 @@ from granite_lab.options import Options
 from granite_lab.origin import Source
 from granite_lab.parameters import Robot, Soil, load_robot, load_soil, load_variants
 from granite_lab.parameters.catalogue import in_force
+from granite_lab.parameters.changes import changed
+from granite_lab.processes import Progress
 from granite_lab.results import StudyResult, TrialResult, command_of
 from granite_lab.running import Execution, each_trial, sifted
 from granite_lab.running.cache import code, digest_of, fingerprint
@@ -40,7 +42,7 @@ def read(path: Path, options: Options) -> tuple[Trial, Robot]:
         path, beside, map=options.column_map, robot=options.robot, info=options.known(path),
         topics=dict(options.topics), excerpt=logs.Excerpt(options.rows, options.window),
     )  # fmt: skip
-    robot = load_robot(options.robot or trial.info.robot or "granite")
+    robot = load_robot(options.robot or trial.info.robot or "granite", changes=trial.info.changes)
     if (doubt := soil_doubt(trial, robot, options)) is not None:
         trial = replace(trial, doubts=(*trial.doubts, Doubt(doubt)))
     return trial, robot
@@ -69,8 +71,8 @@ def soil_of(trial: Trial, named: str | None) -> Soil:
     """
     if named is None and trial.info.soil is not None:
         with suppress(UsageError):
-            return load_soil(trial.info.soil)
-    return load_soil(named or "dry_sand")
+            return load_soil(trial.info.soil, trial.info.changes)
+    return load_soil(named or "dry_sand", trial.info.changes)
 
 
 def corrected(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
@@ -111,10 +113,11 @@ def analyse(path: Path, options: Options) -> TrialResult:
     logged, robot = read(path, options)
     trial, motion = estimation.correct(logged, robot, soil=soil_of(logged, options.soil))
     motion = fitting.driven(motion, robot, options.drive)
-    soil, effects = ground(trial, options)
-    if options.model and (lugs := load_model(options.model, options.effects).lugs) is not None:
-        robot = replace(robot, wheels=replace(robot.wheels, lugs=lugs))
-    effects = (*effects, *sloped(trial))
+    model, effects = model_of(options), sloped(trial)
+    soil = ground(trial, options, model)
+    if model is not None:
+        robot = changed(model.with_lugs(robot), "robot", trial.info.changes)
+        effects = (*model.effects, *effects)
     fit = fitting.fit_k92(motion, trial, robot, soil, effects=effects)
     return TrialResult(trial, compare(motion, trial, fit, robot, soil, effects=effects))
 
@@ -127,17 +130,20 @@ def sloped(trial: Trial) -> tuple[Active, ...]:
     return (activate(library()["ground_slope"], {"slope": slope}),) if slope else ()
 
 
-def ground(trial: Trial, options: Options) -> tuple[Soil, tuple[Active, ...]]:
-    """Return the soil of a trial, as a model file has it fitted, and the effects that are switched on."""
-    model = load_model(options.model, options.effects) if options.model else None
+def model_of(options: Options) -> ModelFile | None:
+    """Return the model file that was given."""
+    return load_model(options.model, options.effects) if options.model else None
+
+
+def ground(trial: Trial, options: Options, model: ModelFile | None) -> Soil:
+    """Return the soil of a trial, as the model file has it fitted unless another is given."""
     fitted = model is not None and options.soil is None
-    soil = model.ground if model and fitted else load_soil(soil_name(trial, options))
-    return soil, model.effects if model else ()
+    soil = model.ground if model and fitted else load_soil(soil_name(trial, options, model))
+    return changed(soil, "soil", trial.info.changes)
 
 
-def soil_name(trial: Trial, options: Options) -> str:
+def soil_name(trial: Trial, options: Options, model: ModelFile | None) -> str:
     """Return the name or path of a trial's soil: as given, of the model file, of the log; else dry sand."""
-    model = load_model(options.model, options.effects) if options.model else None
     return options.soil or (model.soil if model else None) or trial.info.soil or "dry_sand"
 
 
@@ -156,7 +162,7 @@ def over_trials(
     discover: bool = False,
     strict: bool = False,
     done: Callable[[Path], None] = lambda _: None,
-    progress: Callable[[str, int], None] = lambda *_: None,
+    progress: Progress = lambda *_: None,
 ) -> StudyResult:
     """Run the chain over trials; the order in which they are given does not matter.
 
@@ -177,10 +183,10 @@ def over_trials(
     results, failures = sifted(paths, outcomes, strict=strict)
     trials, motions = [r.trial for r in results], [r.comparison.motion for r in results]
     source = source_of("study", paths, trials, options, discover)
-    result = StudyResult(NAME, tuple(results), failures, law_of(results), source)
+    result = StudyResult(NAME, tuple(results), failures, law_of([r.comparison.fit for r in results]), source)
     if not discover:
         return result
-    if motions and not any(map(slip_is_known, motions)):
+    if no_slip_is_known(motions):
         return replace(result, unsearched=NO_SLIP)
     try:
         finding = find_effect(
@@ -200,7 +206,7 @@ def find_effect(
     motions: Sequence[Motion],
     law: AThetaFit | None = None,
     execution: Execution = HERE,
-    progress: Callable[[str, int], None] = lambda *_: None,
+    progress: Progress = lambda *_: None,
 ) -> Finding:
     """Find the effect that the model lacks, or remember what was found before in the same trials.
 
@@ -214,7 +220,7 @@ def find_effect(
         UsageError: trials of several robots or soils, or options that cannot be used.
         LabError: of `discovery.discover`.
     """
-    if motions and not any(map(slip_is_known, motions)):
+    if no_slip_is_known(motions):
         raise EstimateError(
             NO_SLIP, "granite-lab ingest shows how well the slip ratio of each trial is known"
         )
@@ -229,8 +235,8 @@ def find_effect(
             f"tolerance {options.tolerance:g} or latency {1e3 * options.latency:g} ms cannot be used",
             "the tolerance is a share between 0 and 1, the latency 0 or more",
         )
-    robot_name, soil_name = names_of(trials, options)
-    robot, soil = load_robot(robot_name), load_soil(soil_name)
+    (robot_name, soil_name), changes = names_of(trials, options), trials[0].info.changes
+    robot, soil = load_robot(robot_name, changes=changes), load_soil(soil_name, changes)
     order = sorted(range(len(trials)), key=lambda i: trials[i].name)
     trials, motions = [trials[i] for i in order], [motions[i] for i in order]
     effects, cache = effects_of_search(options.effects), execution.cache
@@ -278,10 +284,7 @@ def search_key(inputs: Sequence[Any], options: Options) -> str:
 
 def _simulated(finding: Finding) -> tuple[float, ...]:
     """Return the speeds of Table 2 [m/s] at which the model with what was found has a solution."""
-    sand = finding.fitted_sand
-    a_theta = sand.pop("a_theta").value
-    fitted: dict[str, Any] = {name: e.value for name, e in sand.items()}
-    soil = replace(finding.soil, **fitted)
+    soil, a_theta = finding.sand_of()
     speeds = []
     for variant in load_variants():
         with suppress(LabError):
@@ -298,18 +301,13 @@ def law_by_slip(
     for trial, motion in zip(trials, motions, strict=True):
         with suppress(EstimateError):
             fits.append(fitting.fit_k92(motion, trial, robot, soil, trajectory=False))
+    return law_of(fits)
+
+
+def law_of(fits: Sequence[K92Fit]) -> AThetaFit | None:
+    """Fit a_θ over trials; None where they do not allow it."""
     try:
         return fitting.fit_a_theta(fits)
-    except EstimateError:
-        return None
-
-
-def law_of(trials: Sequence[TrialResult]) -> AThetaFit | None:
-    """Fit a_θ over trials; None where they do not allow it."""
-    if not any(trial.comparison.fit.slip_known for trial in trials):
-        return None
-    try:
-        return fitting.fit_a_theta([trial.comparison.fit for trial in trials])
     except EstimateError:
         return None
 
@@ -330,7 +328,9 @@ def source_of(
         options: that were in force.
         discover: whether a search for a missing effect was asked for; None where that is no question.
     """
-    rows = in_force(options.robot or trials[0].info.robot or "granite", soil_name(trials[0], options))
+    info = trials[0].info
+    names = options.robot or info.robot or "granite", soil_name(trials[0], options, model_of(options))
+    rows = in_force(*names, changes=info.changes)
     given = options.given() + ((("discover", "no"),) if discover is False else ())
     used = [file for trial in trials for file in trial.inputs]
     known = {file.path for file in used}

@@ -41,10 +41,17 @@ def _info_of(given: Sequence[tuple[str, str]]) -> TrialInfo:
         field: tuple(tuple(map(float, value.split(":"))) for key, value in given if key == name)
         for name, field in RESTS
     }
+    named["changes"] = tuple((key, float(value)) for key, value in _pairs(given, "set"))
     numbers = {"distance_measured": tape, "distance_measured_std": std}
     numbers |= {field: said.get(field.replace("_", "-"), "") for field in ("ref_v_std", "ref_x_std")}
     named |= {field: float(text) for field, text in numbers.items() if text}
     return TrialInfo(**named, use_reference="use-reference" in said)
+
+
+def _pairs(given: Sequence[tuple[str, str]], option: str) -> tuple[tuple[str, str], ...]:
+    """Return both sides of each ``name=text`` that an option was given."""
+    parts = (value.partition("=") for key, value in given if key == option)
+    return tuple((name, text) for name, _, text in parts)
 
 
 @dataclass(frozen=True)
@@ -63,6 +70,7 @@ class Options:
         tolerance: of a search, discrepancy that does not matter, as a share of a channel's rms in motion.
         latency: of a search, largest delay between the stamps of two sensors that passes for latency [s].
         window: begin and end [s, the log's time] of what is taken of every log, infinite where open.
+        exclude: (trial, reason) of trials that are left out besides those of `granite-lab.toml`.
         drive: what drives the simulation: "wheels" as they were measured, "command", or "auto".
     """
 
@@ -83,6 +91,7 @@ class Options:
     latency: float = LATENCY_LIMIT
     window: tuple[float, float] | None = None
     drive: DriveBy = "auto"
+    exclude: tuple[tuple[str, str], ...] = ()
 
     def files(self) -> tuple[Path, ...]:
         """Return the files that these options name, those of the catalogue left out."""
@@ -112,7 +121,10 @@ class Options:
         named |= _told(info)
         rests = ((name, f"{a:.9g}:{b:.9g}") for name, field in RESTS for a, b in getattr(info, field))
         topics = tuple(("topic", f"{role}={topic}") for role, topic in self.topics)
-        return (*((key, str(value)) for key, value in named.items() if value is not None), *rests, *topics)
+        changes = (("set", f"{key}={value!r}") for key, value in info.changes)
+        said = ((key, str(value)) for key, value in named.items() if value is not None)
+        excluded = (("exclude", f"{trial}={reason}") for trial, reason in self.exclude)
+        return (*said, *rests, *changes, *topics, *excluded)
 
     @classmethod
     def from_given(cls, given: Sequence[tuple[str, str]]) -> Options:
@@ -125,7 +137,8 @@ class Options:
         return cls(
             **fields,
             info=None if info == TrialInfo() else info,
-            topics=tuple(tuple(value.split("=", 1)) for key, value in given if key == "topic"),  # type: ignore[misc]
+            topics=_pairs(given, "topic"),
+            exclude=_pairs(given, "exclude"),
             tolerance=float(said.get("tolerance", TOLERANCE)),
             latency=float(said.get("latency", 1e3 * LATENCY_LIMIT)) / 1e3,
         )

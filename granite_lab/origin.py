@@ -8,12 +8,12 @@ from pathlib import Path
 from granite_lab.logs.trial import InputFile
 
 EXCLUDED = "excluded: "
-"""How the message of a trial begins that the user's `granite-lab.toml` excludes."""
+"""How the message of a trial begins that the user excludes, in `granite-lab.toml` or by `--exclude`."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A trial that was left out, and why: it could not be used, or `granite-lab.toml` excludes it."""
+    """A trial that was left out, and why: it could not be used, or the user excluded it."""
 
     trial: str
     message: str
@@ -80,7 +80,7 @@ class Origin:
 
     Attributes:
         source: command, inputs, parameters and code; None where no log was read for it.
-        left_out: trials that `granite-lab.toml` excludes, and those that could not be used.
+        left_out: trials that the user excluded, and those that could not be used.
         warnings: what a reader of the result should know, one line each.
         written: files that were written.
     """

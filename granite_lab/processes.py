@@ -21,6 +21,9 @@ from granite_lab.errors import LabError
 X = TypeVar("X")
 Y = TypeVar("Y")
 
+Progress = Callable[[str, int, int], None]
+"""Told what is being done, how many steps of it are done, and of how many at most, 0 where not known."""
+
 SHORT_OF_MEMORY = "is memory short? --jobs 1 works in one process"
 """What to do where a process has died."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from granite_lab.logs.trial import Trial
 from granite_lab.options import Options
 from granite_lab.origin import Written
 from granite_lab.parameters import Course, load_robot
-from granite_lab.processes import shared_out
+from granite_lab.processes import Progress, shared_out
 from granite_lab.results import StudyResult, recordings_of
 from granite_lab.running.output import Guard
 
@@ -70,7 +70,7 @@ def record(
     folder: Path,
     *,
     jobs: int = 1,
-    progress: Callable[[str, int], None] = lambda *_: None,
+    progress: Progress = lambda *_: None,
 ) -> list[Path]:
     """Write a Rerun recording of each trial and one of the whole study.
 
@@ -78,7 +78,7 @@ def record(
         result: the study.
         folder: of the recordings.
         jobs: as in `processes.shared_out`.
-        progress: told how many are written.
+        progress: told what is written, how many are, and of how many.
 
     Raises:
         LabError: a file cannot be written.
@@ -88,7 +88,7 @@ def record(
         paths = [new / name for name in names]
         done = shared_out(_record, (result, paths), len(paths), "wrote recordings", jobs=jobs)
         for k, _ in enumerate(done, 1):
-            progress("recordings", k)
+            progress("recordings", k, len(paths))
     return [folder / name for name in (*names[1:], names[0])]
 
 
@@ -157,10 +157,10 @@ def save_model_of(finding: Finding, options: Options, trials: Sequence[Trial], f
     sand = finding.fitted_sand
     law = sand.pop("a_theta")
     robot, soil = names_of(trials, options)
-    lugs = finding.robot.wheels.lugs
+    lugs, changes = finding.robot.wheels.lugs, trials[0].info.changes
     model = ModelFile(
         robot, soil, "exponential", law, tuple(fitted), provenance, sand,
-        lugs if lugs != load_robot(robot).wheels.lugs else None,
+        lugs if lugs != load_robot(robot, changes=changes).wheels.lugs else None, changes,
     )  # fmt: skip
     with replacing(folder, "model") as new:
         save_model(model, new / MODEL)

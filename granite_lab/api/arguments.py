@@ -12,6 +12,7 @@ from granite_lab.errors import UsageError
 from granite_lab.estimate import Estimate
 from granite_lab.logs.trial import TrialInfo, over
 from granite_lab.options import Options
+from granite_lab.parameters.changes import checked
 from granite_lab.parameters.course import DriveBy
 from granite_lab.running import Cache, Execution
 
@@ -27,6 +28,12 @@ Window = tuple[float, float] | None
 Topics = Mapping[str, str] | None
 """Of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic."""
 
+
+Changes = Mapping[str, float] | None
+"""Numbers in place of those of robot and soil, by the keys of their files, ``robot.wheels.radius_m``."""
+
+Exclude = Mapping[str, str] | None
+"""Trials that are left out, by the names of their logs without the ending, and why."""
 
 Rests = Sequence[tuple[float, float]]
 """Intervals of standstill (start, end) [s, the log's time]."""
@@ -69,8 +76,14 @@ def knowing(
     use_reference: bool = False,
     ref_v_std: float | None = None,
     ref_x_std: float | None = None,
+    changes: Changes = None,
 ) -> Options:
-    """Add what is known of trials; raise a UsageError for a std that is not above zero."""
+    """Add what is known of trials.
+
+    Raises:
+        UsageError: a std is not above zero.
+        InputError: as `parameters.changes.checked`.
+    """
     for name, std in (("ref-v-std", ref_v_std), ("ref-x-std", ref_x_std)):
         refuse_outside(name, std, 1e-6)
     tape = distance_measured or Estimate(math.nan)
@@ -80,6 +93,7 @@ def knowing(
         distance_measured=tape.value if math.isfinite(tape.value) else None,
         distance_measured_std=tape.std if math.isfinite(tape.std) else None,
         use_reference=use_reference, ref_v_std=ref_v_std, ref_x_std=ref_x_std,
+        changes=checked(changes or {}),
     )  # fmt: skip
     known = over(own, options.info or TrialInfo())
     return options if known == TrialInfo() else replace(options, info=known)

@@ -29,7 +29,7 @@ SAMPLES = Path("data") / "samples"
 ABOUT = ("robot", "soil", "column_map", "topics", "window")
 """Parameters that say something of the logs, as `options_of` has them."""
 
-KNOWN = ("rests", "body_rests", "distance_measured", "use_reference", "ref_v_std", "ref_x_std")
+KNOWN = ("rests", "body_rests", "distance_measured", "use_reference", "ref_v_std", "ref_x_std", "changes")
 """Parameters that say what is known of the trials, as `knowing` has them."""
 
 ALONE = ("imu", "encoders", "currents", "reference", "rows", "variant")
@@ -113,6 +113,7 @@ def _said_of(found: Sequence[Listed]) -> dict[str, Any]:
     said = {name: getattr(options, name) for name in ABOUT} | {"topics": dict(options.topics)}
     if (info := options.info) is not None:
         said |= {name: getattr(info, name) for name in KNOWN}
+        said["changes"] = dict(info.changes)
         if info.distance_measured is not None:
             std = math.nan if info.distance_measured_std is None else info.distance_measured_std
             said["distance_measured"] = Estimate(info.distance_measured, std)

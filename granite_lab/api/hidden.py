@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from granite_lab.hidden.contact import Array
     from granite_lab.model.run import Run
 
-MODEL = "model.toml"
-"""Name under which `discover` and `study` save the model that they found."""
-
 
 @dataclass(frozen=True)
 class HiddenSet(Shown):
@@ -186,13 +183,16 @@ def _closed_withheld(answer: Mapping[str, Any], finding: Path) -> float | None:
     The paper's model and the saved one are simulated; None where the answer withholds nothing, or no model
     was saved.
     """
-    saved = (finding if finding.is_dir() else finding.parent) / MODEL
-    if "withheld" not in answer or not saved.is_file():
+    if "withheld" not in answer:
         return None
     from granite_lab.api.model import simulate  # noqa: PLC0415, heavy
+    from granite_lab.discovery.finding import MODEL  # noqa: PLC0415, heavy
     from granite_lab.effects.model_file import load_model  # noqa: PLC0415, heavy
     from granite_lab.hidden.mixture import share_closed  # noqa: PLC0415, heavy
 
+    saved = (finding if finding.is_dir() else finding.parent) / MODEL
+    if not saved.is_file():
+        return None
     hidden = answer["withheld"]
     motion = {"v": hidden["velocity"], "a": hidden["acceleration"], "distance": hidden["distance"]}
     known = load_model(saved)

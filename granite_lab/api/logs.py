@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from granite_lab import estimation, reporting
 from granite_lab import logs as log_files
 from granite_lab.api.arguments import (
+    Changes,
     File,
     Logs,
     Rests,
@@ -75,7 +76,7 @@ def ingest(
     rows: str | None = None, variant: float | None = None,
     against_reference: bool = False,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
-    window: Window = None,
+    window: Window = None, changes: Changes = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     strict: bool = False,
@@ -101,6 +102,8 @@ def ingest(
         column_map: column map: a name of the catalogue or a .toml file, or a folder of these.
         topics: of bags, ``imu``, ``joints`` and ``odom`` to the name of a topic.
         window: begin and end of the part to use of every log [s, the log's time], infinite where open.
+        changes: numbers of robot and soil in place of those of their files, by the keys of the files, as
+            ``{"robot.wheels.radius_m": 0.106}``.
         rests: intervals in which robot and wheels stood still (start, end) [s, the log's time].
         body_rests: intervals in which the body stood still; its wheels may have turned.
         distance_measured: total distance by tape [m].
@@ -127,7 +130,9 @@ def ingest(
         logs = files.pop("imu", ())
     execution = execution_of(jobs)
     options = replace(options_of(robot, soil, column_map, topics, window), rows=rows)
-    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    options = knowing(
+        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
+    )
     chosen = choose(logs, options)
     together, note = ({}, "") if files or rows else _halves(chosen)
     if together:
@@ -272,7 +277,7 @@ def check(
     log: str | Path,
     *,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
-    window: Window = None,
+    window: Window = None, changes: Changes = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
 ) -> Checked:  # fmt: skip
@@ -282,7 +287,7 @@ def check(
 
     Args:
         log: path of the log.
-        robot, soil, column_map, topics, window: what is said of the log, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: what is said of the log, as in `ingest`.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trial, as in `ingest`.
 
@@ -293,7 +298,9 @@ def check(
         UsageError: unknown robot or column map, or a folder of several logs.
     """
     options = options_of(robot, soil, column_map, topics, window)
-    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    options = knowing(
+        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
+    )
     chosen = choose(log, options, everything=True)
     if len(chosen.files) > 1:
         raise UsageError(f"{log}: {len(chosen.files)} logs", "check_logs checks several")
@@ -304,7 +311,7 @@ def check_logs(
     logs: Logs,
     *,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
-    window: Window = None,
+    window: Window = None, changes: Changes = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     jobs: int = 0,
@@ -316,7 +323,7 @@ def check_logs(
 
     Args:
         logs: paths of logs, or of folders with logs.
-        robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
         jobs: number of processes; 0 means one per core.
@@ -330,7 +337,9 @@ def check_logs(
     """
     execution = execution_of(jobs)
     options = options_of(robot, soil, column_map, topics, window)
-    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    options = knowing(
+        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
+    )
     chosen = choose(logs, options, everything=True)
     outcomes = each_trial(check_run, chosen.files, chosen.options, execution=execution, done=done)
     pairs = zip(chosen.files, outcomes, strict=True)

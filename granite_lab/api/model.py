@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granite_lab.api.arguments import File, path, refuse_outside, text
+from granite_lab.api.arguments import Changes, File, knowing, path, refuse_outside, text
 from granite_lab.api.project import FILE, project_in
 from granite_lab.api.records import Records
 from granite_lab.effects import get, library
@@ -38,7 +37,8 @@ from granite_lab.parameters import (
     variant_of,
 )
 from granite_lab.parameters.catalogue import Provenance, forget, in_force
-from granite_lab.parameters.quantity import build, key_of
+from granite_lab.parameters.changes import changed, checked
+from granite_lab.parameters.quantity import build
 from granite_lab.shown import Shown, frame
 
 if TYPE_CHECKING:
@@ -67,6 +67,7 @@ def _model(
     model: File,
     effects: File,
     active: Switched,
+    changes: Changes,
 ) -> _Model:
     """Return the model that was asked for; what is given wins over the model file."""
     if k92 is not None and a_theta is not None:
@@ -83,6 +84,8 @@ def _model(
         soil = base.ground if base and soil is None else load_soil(soil or "dry_sand")
     if base and k92 is None and a_theta is None:
         k92, a_theta = base.k92, base.a_theta
+    numbers = checked(changes or {})
+    robot, soil = changed(robot, "robot", numbers), changed(soil, "soil", numbers)
     return _Model(robot, soil, (base.effects if base else ()) + switched, k92, a_theta)
 
 
@@ -93,7 +96,7 @@ def simulate(
     command: str | Sequence[tuple[float, float]] | None = None, wheels: File = None,
     log: File = None, seed: int = 0, scatter: bool = False,
     k92: float | None = None, a_theta: float | None = None, robot: File | Robot = None,
-    soil: File | Soil = None,
+    soil: File | Soil = None, changes: Changes = None,
     model: File = None, effects: File = None, active: Switched = None,
 ) -> Run:  # fmt: skip
     """Simulate one run by equations (1)-(26), with k_92 = exp(-a_θ v) or a constant `k92`.
@@ -111,6 +114,7 @@ def simulate(
         k92: constant k_92, 0 to 1; by default the law (5), k_92 = exp(-a_θ v).
         a_theta: exponent a_θ of the law (5) [s/m], 0 to 100; the paper's by default.
         robot, soil: names of the catalogue, .toml files or records; granite and dry_sand by default.
+        changes: numbers of robot and soil in place of those of their files, as in `ingest`.
         model: file (model.toml) of the paper's model with effects switched on.
         effects: your own effect file (.py). It is executed: use only code you trust.
         active: effects to switch on, id to its parameters, as ``{"drive_reaction": {"share": 1.0}}``.
@@ -130,10 +134,10 @@ def simulate(
         others = "--variant, --v, --a and --distance"
         raise UsageError(f"--wheels and --command exclude each other, {others}", "give one of them")
     if wheels is not None:
-        course, robot, soil = _of_log(Path(wheels), robot, soil)
+        course, robot, soil = _of_log(Path(wheels), robot, soil, changes)
     else:
         course = _trapezoid(*trapezoid) if command is None else _commanded(command)
-    it = _model(robot, soil, k92, a_theta, model, effects, active)
+    it = _model(robot, soil, k92, a_theta, model, effects, active, changes)
     ground, a_theta = it.soil, it.a_theta
     if scatter:
         from granite_lab.model.virtual import Scatter, rake  # noqa: PLC0415, heavy
@@ -152,12 +156,14 @@ def simulate(
     return run
 
 
-def _of_log(log: Path, robot: File | Robot, soil: File | Soil) -> tuple[Variant, File | Robot, File | Soil]:
+def _of_log(
+    log: Path, robot: File | Robot, soil: File | Soil, changes: Changes
+) -> tuple[Variant, File | Robot, File | Soil]:
     """Return the wheels of a log as what drives a run, and robot and soil: as given, else as the log says."""
     from granite_lab.chain import simulable  # noqa: PLC0415, heavy
 
     name, ground = (None if isinstance(given, (Robot, Soil)) else text(given) for given in (robot, soil))
-    trial, found, motion = simulable(log, Options(name, ground, drive="wheels"))
+    trial, found, motion = simulable(log, knowing(Options(name, ground, drive="wheels"), changes=changes))
     return motion.variant, robot or found, soil or trial.info.soil
 
 
@@ -245,9 +251,8 @@ def wheel(
     slip: float | Sequence[float] = 0.2,
     *,
     load: float | None = None, sinkage: float | None = None, v: float | None = None,
-    soil_values: Mapping[str, float] | None = None,
     k92: float | None = None, a_theta: float | None = None, robot: File | Robot = None,
-    soil: File | Soil = None,
+    soil: File | Soil = None, changes: Changes = None,
     model: File = None, effects: File = None, active: Switched = None,
 ) -> WheelRun:  # fmt: skip
     """Compute one wheel on the soil, at a load or a sinkage, by the contact model (4), (6)-(17).
@@ -260,8 +265,7 @@ def wheel(
         load: vertical load [N], 0.001 to 100000; a quarter of the robot's weight by default.
         sinkage: z_0 [m] instead of a load.
         v: velocity of the wheel's centre [m/s].
-        soil_values: values instead of the soil's, by the keys of its file, as ``{"cohesion_Pa": 500}``.
-        k92, a_theta, robot, soil, model, effects, active: as in `simulate`.
+        k92, a_theta, robot, soil, changes, model, effects, active: as in `simulate`.
 
     Raises:
         UsageError: unknown name, or arguments that do not fit together.
@@ -271,11 +275,8 @@ def wheel(
     refuse_outside("load", load, 0.001, 100_000)
     if load is not None and sinkage is not None:
         raise UsageError("--load and --sinkage exclude each other", "give one of the two")
-    it = _model(robot, soil, k92, a_theta, model, effects, active)
+    it = _model(robot, soil, k92, a_theta, model, effects, active, changes)
     rim, ground = it.robot.wheels, it.soil
-    if soil_values:
-        table = {key_of(f): getattr(ground, f.name) for f in dataclasses.fields(ground)}
-        ground = build(Soil, table | dict(soil_values), "command line")
     ratio = Ratio(it.k92, load_paper().a_theta if it.a_theta is None else it.a_theta)
     if load is None and sinkage is None:
         if it.robot.chassis is None:

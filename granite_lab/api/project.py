@@ -172,7 +172,8 @@ def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
         everything: take trials that are excluded, too.
 
     Raises:
-        UsageError: no log, all of them excluded, files of several folders that disagree, or an unknown name.
+        UsageError: no log, all of them excluded, files of several folders that disagree, or a name that is
+            not known.
         InputError: no log is there, or a file of robot, soil, map, model or effects is wrong.
     """
     forget()
@@ -187,22 +188,19 @@ def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
         soil=_agreed(projects, "soil", options.soil),
         column_map=_agreed(projects, "map", options.column_map),
     )
-    reasons = {
-        path: item
-        for path, (_, project) in project_of.items()
-        for item in project.exclude
-        if item.trial == name_of(path) and not everything
-    }
+    reasons = {} if everything else _reasons(project_of, dict(options.exclude))
     taken = tuple(path for path in files if path not in reasons)
-    excluded = tuple(Failure(item.trial, f"{EXCLUDED}{item.reason}") for item in reasons.values())
+    excluded = tuple(Failure(name_of(path), f"{EXCLUDED}{reason}") for path, reason in reasons.items())
     if not taken:
+        where = "--exclude" if options.exclude else project_of[files[0]][0] / FILE
         raise UsageError(
-            f"{project_of[files[0]][0] / FILE}: excludes {'all trials' if len(files) > 1 else files[0].name}",
+            f"{where}: excludes {'all trials' if len(files) > 1 else files[0].name}",
             f"reason given: {excluded[0].reason}",
         )
     # All files that are named are read once, so that a wrong one is told before any work.
-    load_robot(options.robot or "granite")
-    load_soil(options.soil or "dry_sand")
+    changes = options.info.changes if options.info else ()
+    load_robot(options.robot or "granite", changes=changes)
+    load_soil(options.soil or "dry_sand", changes)
     if options.column_map:
         from granite_lab.logs.layouts import given_maps  # noqa: PLC0415, heavy
 
@@ -212,6 +210,27 @@ def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
     if options.model:
         load_model(options.model, options.effects)
     return Chosen(taken, options, excluded)
+
+
+def _reasons(project_of: Mapping[Path, tuple[Path, Project]], given: Mapping[str, str]) -> dict[Path, str]:
+    """Return which logs are left out and why: what is given wins over the file.
+
+    Raises:
+        UsageError: a trial that is given is none of the logs, or lacks a reason.
+    """
+    names = [name_of(path) for path in project_of]
+    for trial, reason in given.items():
+        if trial not in names:
+            close = difflib.get_close_matches(trial, names, n=1)
+            hint = f"did you mean '{close[0]}'?" if close else "write the log's name without its ending"
+            raise UsageError(f"--exclude {trial}: no such log", hint)
+        if not reason.strip():
+            raise UsageError(f"--exclude {trial}: the reason is empty", "say why the trial is left out")
+    said = {
+        path: {item.trial: item.reason for item in project.exclude} | dict(given)
+        for path, (_, project) in project_of.items()
+    }
+    return {path: own[name_of(path)] for path, own in said.items() if name_of(path) in own}
 
 
 def results_folder(logs: Logs, name: str) -> Path:

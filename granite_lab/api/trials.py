@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 from granite_lab import fitting, reporting
 from granite_lab.api.arguments import (
+    Changes,
+    Exclude,
     File,
     Logs,
     Rests,
@@ -36,6 +38,7 @@ from granite_lab.folders import files_of
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.options import Options
 from granite_lab.origin import NOWHERE, Origin, Written
+from granite_lab.processes import Progress
 from granite_lab.results import RECORDINGS, StudyResult, TrialResult, of_search
 from granite_lab.running import Execution, each_trial, sifted
 from granite_lab.running.cache import code, digest_of, fingerprint
@@ -49,7 +52,6 @@ PAGES = ("index.html", "report.md")
 """Files of every report: where others stand in their place, it is told before the work."""
 
 Done = Callable[[Path], None]
-Progress = Callable[[str, int], None]
 
 
 def _analysed(
@@ -68,7 +70,7 @@ def fit_k92(
     logs: Logs,
     *,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
-    window: Window = None,
+    window: Window = None, changes: Changes = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     drive: str = "auto", model: File = None, effects: File = None,
@@ -79,7 +81,7 @@ def fit_k92(
 
     Args:
         logs: paths of logs, or of folders with logs.
-        robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
         drive: what drives the simulation: "wheels", as they were measured; "command"; or "auto", the command
@@ -100,7 +102,9 @@ def fit_k92(
         EstimateError: an estimate or fit cannot be had.
     """
     options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
-    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    options = knowing(
+        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
+    )
     execution = execution_of(jobs, scheduler, cache=cache)
     results, origin = _analysed("fit-k92", logs, options, execution, strict, done)
     return Records([result.comparison.fit for result in results], (), origin)
@@ -111,7 +115,8 @@ def fit_a_theta(
     *,
     published: bool = False,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
-    window: Window = None,
+    window: Window = None, changes: Changes = None,
+    exclude: Exclude = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     drive: str = "auto", model: File = None, effects: File = None,
@@ -123,7 +128,8 @@ def fit_a_theta(
     Args:
         logs: paths of logs or of folders, or the fits of `fit_k92`.
         published: use Table 3 of the paper instead of trials.
-        robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
+        exclude: as in `study`.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
         drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
@@ -143,7 +149,10 @@ def fit_a_theta(
     fits, origin = [item for item in given if isinstance(item, K92Fit)], NOWHERE
     if not fits:
         options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
-        options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+        options = knowing(
+            options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
+        )
+        options = replace(options, exclude=tuple((exclude or {}).items()))
         paths = [item for item in given if not isinstance(item, K92Fit)]
         execution = execution_of(jobs, scheduler, cache=cache)
         results, origin = _analysed("fit-atheta", paths, options, execution, strict, done)
@@ -159,7 +168,7 @@ def compare(
     *,
     out: File = None,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
-    window: Window = None,
+    window: Window = None, changes: Changes = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     drive: str = "auto", model: File = None, effects: File = None,
@@ -171,7 +180,7 @@ def compare(
     Args:
         logs: paths of logs, or of folders with logs.
         out: folder for tables and figures; without it nothing is written.
-        robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
         drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
@@ -184,7 +193,9 @@ def compare(
         LabError: a file cannot be written.
     """
     options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
-    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    options = knowing(
+        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
+    )
     execution = execution_of(jobs, scheduler, cache=cache)
     results, origin = _analysed("compare", logs, options, execution, strict, done)
     comparisons = [result.comparison for result in results]
@@ -199,7 +210,8 @@ def study(
     *,
     out: File = None, discover: bool = True, recordings: bool = True,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
-    window: Window = None,
+    window: Window = None, changes: Changes = None,
+    exclude: Exclude = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     drive: str = "auto", model: File = None, effects: File = None,
@@ -217,12 +229,15 @@ def study(
             same logs by the same code, is kept.
         discover: search for an effect that the model lacks.
         recordings: also write a Rerun recording of each trial into `out`.
-        robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
+        exclude: trials to leave out, by the names of their logs without the ending, and why, as
+            ``{"run04": "a wheel hit a stone"}``.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
         drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
         tolerance, latency: as in `discover`.
-        progress: told what is being done and how many steps of it are done.
+        progress: told what is being done, how many steps of it are done, and of how many at most; 0 where
+            that is not known.
 
     Returns:
         the results; the table has a row for each trial. `written` says which files there are, and what could
@@ -232,8 +247,11 @@ def study(
         LabError: no trial went through, or the folder cannot be written.
     """
     options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
-    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
-    options = replace(options, tolerance=tolerance, latency=latency)
+    options = knowing(
+        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
+    )
+    exclusions = tuple((exclude or {}).items())
+    options = replace(options, tolerance=tolerance, latency=latency, exclude=exclusions)
     execution, folder = execution_of(jobs, scheduler, cache=cache), path(out)
     chosen = choose(logs, options)
     with claimed(folder, PAGES) if folder else nullcontext():
@@ -271,7 +289,7 @@ def _write(
     if recordings:
         place = folder / RECORDINGS
         guard.run("recordings", lambda: record_trials(result, place, jobs=jobs, progress=progress))
-    progress("report", 0)
+    progress("report", 0, 0)
     result = write(result, options, folder, failures=guard.lines, jobs=jobs)
     if cache is not None and not result.written.failures:
         known = {file.relative_to(folder).as_posix(): fingerprint(file) for file in files_of(folder)}
@@ -313,7 +331,8 @@ def discover(
     *,
     out: File = None,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
-    window: Window = None,
+    window: Window = None, changes: Changes = None,
+    exclude: Exclude = None,
     rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
     use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
     drive: str = "auto", effects: File = None,
@@ -327,13 +346,15 @@ def discover(
         logs: paths of logs, or of folders with logs; all of one robot on one soil.
         out: folder for the report, finding.json, design.json (for `plan_next`) and model.toml; without it
             nothing is written.
-        robot, soil, column_map, topics, window: what is said of the logs, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
+        exclude: as in `study`.
         rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
             trials, as in `ingest`.
         tolerance: accepted discrepancy, as a share of a channel's rms in motion.
         latency: largest delay between the stamps of two sensors that counts as latency [s].
         drive, effects, strict, jobs, scheduler, cache: as in `fit_k92`.
-        progress: told what is being done and how many steps of it are done.
+        progress: told what is being done, how many steps of it are done, and of how many at most; 0 where
+            that is not known.
 
     Returns:
         the finding; its table has a row for each candidate. Its `failures` say what could not be written.
@@ -343,8 +364,11 @@ def discover(
         EstimateError: a trial has no sensor to compare with, or the simulation fails.
     """
     options = options_of(robot, soil, column_map, topics, window, effects=effects, drive=drive)
-    options = knowing(options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
-    options = replace(options, tolerance=tolerance, latency=latency)
+    options = knowing(
+        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
+    )
+    exclusions = tuple((exclude or {}).items())
+    options = replace(options, tolerance=tolerance, latency=latency, exclude=exclusions)
     execution, folder = execution_of(jobs, scheduler, cache=cache), path(out)
     chosen = choose(logs, options)
     options = chosen.options
@@ -364,7 +388,7 @@ def discover(
     origin = Origin(source_of("discover", chosen.files, trials, options), left_out, lines)
     finding = replace(finding, notes=notes, origin=origin)
     if folder is not None:
-        progress("writing the report", 0)
+        progress("writing the report", 0, 0)
         with claimed(folder, PAGES):
             searched = list(zip(trials, motions, strict=True))
             result = write(of_search(finding, folder), options, folder, searched, jobs=execution.jobs)

@@ -17,6 +17,7 @@ from granite_lab.errors import InputError, UsageError
 from granite_lab.logs.trial import name_of, trial_files
 from granite_lab.options import Options
 from granite_lab.origin import Failure
+from granite_lab.processes import Progress
 from granite_lab.results import load_report
 from granite_lab.running.cache import code, fingerprint
 from granite_lab.running.output import tell
@@ -44,7 +45,7 @@ def verify(
     jobs: int = 0,
     scheduler: str | None = None,
     done: Callable[[Path], None] = lambda _: None,
-    progress: Callable[[str, int], None] = lambda *_: None,
+    progress: Progress = lambda *_: None,
 ) -> Verification:
     """Compute a report again from its inputs, nothing remembered, and compare its numbers and tables.
 

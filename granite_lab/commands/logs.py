@@ -12,6 +12,7 @@ from granite_lab import reporting
 from granite_lab.columns import Column, Table, words
 from granite_lab.commands.options import (
     BodyRests,
+    Changes,
     ColumnMap,
     Format,
     From,
@@ -52,7 +53,7 @@ def check(
     logs: LogsAtHand = None,
     jobs: Jobs = 0,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
-    begin: From = None, end: To = None,
+    begin: From = None, end: To = None, changes: Changes = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     quiet: Quiet = False, as_json: Json = False,
@@ -65,7 +66,7 @@ def check(
     """
     given = at_hand(
         about(logs, robot, soil, column_map, topics, begin, end)
-        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
     )
     with progress("checking", quiet=quiet, total=count_of(given["logs"])) as watch:
         checked = gl.check_logs(**given, jobs=jobs, done=watch.done)
@@ -166,7 +167,7 @@ def ingest(
     strict: Strict = False,
     jobs: Jobs = 0,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
-    begin: From = None, end: To = None,
+    begin: From = None, end: To = None, changes: Changes = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     out: Annotated[Path | None, Option(
@@ -188,7 +189,7 @@ def ingest(
     if against_reference not in (None, "ref"):
         raise UsageError(f"--against {against_reference}: cannot be understood", "use --against ref")
     given = about(logs, robot, soil, column_map, topics, begin, end)
-    given |= known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    given |= known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
     given |= {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference, "rows": rows}
     given |= {"variant": variant}
     ending = ending_of(None, table_format)

@@ -12,17 +12,17 @@ from typer import Argument, Option
 import granite_lab as gl
 from granite_lab import reporting
 from granite_lab.commands.options import (
+    Changes,
     EffectFile,
     Format,
     Json,
     ModelFile,
     Robot,
     Soil,
+    changes_of,
     effects_of,
-    number_of,
     picture,
     read_all,
-    read_pairs,
     slips_of,
 )
 from granite_lab.commands.printer import Printer, warn, write_picture
@@ -61,6 +61,7 @@ def simulate(
     seed: Annotated[int, Option(help="Seed of the random numbers of sensors and sand.")] = 0,
     scatter: Annotated[bool, Option("--scatter", help="Vary the sand at random, as raking does.")] = False,
     k92: K92 = None, a_theta: ATheta = None, robot: ModelRobot = None, soil: ModelSoil = None,
+    changes: Changes = None,
     model: ModelFile = None, effects: EffectFile = None, active: Active = None,
     out: Annotated[Path | None, Option(help="File for the run (CSV or Parquet).")] = None,
     table_format: Format = None, as_json: Json = False,
@@ -73,7 +74,7 @@ def simulate(
     run = gl.simulate(
         variant, v=v, a=a, distance=distance, command=command, wheels=wheels, log=log, seed=seed,
         scatter=scatter, k92=k92, a_theta=a_theta, robot=robot, soil=soil, model=model, effects=effects,
-        active=effects_of(active),
+        active=effects_of(active), changes=changes_of(changes),
     )  # fmt: skip
     path = out or Path("reports") / "simulate" / f"v{run.variant.velocity:g}{ending}"
     write_table(path, run.to_frame(), ending)
@@ -99,9 +100,8 @@ def wheel(
         help="Vertical load [N]; a quarter of the robot's weight by default (0.001 to 100000).")] = None,
     sinkage: Annotated[float | None, Option(help="Sinkage [mm] instead of a load.")] = None,
     v: Annotated[float | None, Option(help="Velocity of the wheel's centre [m/s].")] = None,
-    soil_values: Annotated[list[str] | None, Option(
-        "--soil-value", help="A value instead of the soil's, as cohesion_Pa=500; may be repeated.")] = None,
     k92: K92 = None, a_theta: ATheta = None, robot: ModelRobot = None, soil: ModelSoil = None,
+    changes: Changes = None,
     model: ModelFile = None, effects: EffectFile = None, active: Active = None,
     out: Annotated[Path | None, Option(help="File for the table, a row for each slip.")] = None,
     arc: Annotated[Path | None, Option(help="File for the stresses over the contact arc.")] = None,
@@ -119,9 +119,8 @@ def wheel(
     endings = [ending_of(path, table_format) for path in (out, arc)]
     run = gl.wheel(
         slips, load=load, sinkage=None if sinkage is None else sinkage / 1000, v=v,
-        soil_values=read_pairs("--soil-value", soil_values, number_of, "write key=number"),
         k92=k92, a_theta=a_theta, robot=robot, soil=soil, model=model, effects=effects,
-        active=effects_of(active),
+        active=effects_of(active), changes=changes_of(changes),
     )  # fmt: skip
     for path, frame, ending in zip((out, arc), (run.to_frame, run.arcs), endings, strict=True):
         if path:

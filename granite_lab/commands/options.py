@@ -40,6 +40,12 @@ Soil = Annotated[
 ColumnMap = Annotated[str | None, Option("--map", help=f"Column map: {CATALOGUE}, or a folder of these.")]
 Topics = Annotated[list[str] | None, Option(
     "--topic", help="Topic of a bag, as imu=/imu/data, joints=… or odom=…; may be repeated.")]  # fmt: skip
+Changes = Annotated[list[str] | None, Option(
+    "--set", help="A number in place of the file's, as robot.wheels.radius_m=0.106; may be repeated.",
+)]  # fmt: skip
+Exclude = Annotated[list[str] | None, Option(
+    "--exclude", help="A trial to leave out and why, as run04='a wheel hit a stone'; may be repeated.",
+)]  # fmt: skip
 From = Annotated[float | None, Option("--from", help="Start of the part to use [s, the log's time].")]
 To = Annotated[float | None, Option("--to", help="End of the part to use [s, the log's time].")]
 RestTexts = Annotated[list[str] | None, Option(
@@ -123,11 +129,12 @@ def known(
     use_reference: bool,
     ref_v_std: float | None,
     ref_x_std: float | None,
+    changes: Sequence[str] | None,
 ) -> dict[str, Any]:
     """Return what is known of trials as keywords of the API; what was not given is left to it.
 
     Raises:
-        UsageError: an interval or a distance cannot be understood.
+        UsageError: an interval, a distance or a number cannot be understood.
     """
     hint = "write start:end in seconds, the start first, as 0:1.2"
     tape = [] if distance_measured is None else [distance_measured]
@@ -138,8 +145,9 @@ def known(
             iter(read_all("--distance-measured", tape, measured, "write 2.03 or 2.03±0.01 [m]")), None
         ),
         "use_reference": use_reference, "ref_v_std": ref_v_std, "ref_x_std": ref_x_std,
+        "changes": changes_of(changes),
     }  # fmt: skip
-    return {name: value for name, value in keywords.items() if value not in (None, False, [])}
+    return {name: value for name, value in keywords.items() if value not in (None, False, [], {})}
 
 
 def at_hand(keywords: dict[str, Any]) -> dict[str, Any]:
@@ -189,6 +197,21 @@ def number_of(text: str) -> tuple[str, float]:
     """Return name and number of a text as ``name=number``."""
     name, _, value = text.partition("=")
     return name.strip(), float(value)
+
+
+def changes_of(texts: Sequence[str] | None) -> dict[str, float]:
+    """Return numbers of robot and soil by their keys, from texts as ``robot.wheels.radius_m=0.106``."""
+    return read_pairs("--set", texts, number_of, "write key=number, each key once, as soil.cohesion_Pa=500")
+
+
+def excluded_of(texts: Sequence[str] | None) -> dict[str, str]:
+    """Return trials and why they are left out, from texts as ``run04=a wheel hit a stone``."""
+
+    def read(text: str) -> tuple[str, str]:
+        trial, reason = (part.strip() for part in text.split("=", 1))
+        return trial, reason
+
+    return read_pairs("--exclude", texts, read, "write trial='reason', each trial once")
 
 
 def topics_of(texts: Sequence[str]) -> dict[str, str]:

@@ -14,6 +14,7 @@ from typing import IO, TYPE_CHECKING, Any, TypeVar, cast
 from granite_lab import reporting
 from granite_lab.errors import printable
 from granite_lab.files import write_bytes
+from granite_lab.processes import Progress
 from granite_lab.shown import jsonable
 
 if TYPE_CHECKING:
@@ -103,12 +104,13 @@ class Watch:
 
     Attributes:
         done: after each step.
-        stage: with what is being done, and how often it was done.
+        stage: with what is being done, how many steps of it are done, and of how many; 0 where that is not
+            known.
         step: with how many steps are done, and of how many.
     """
 
     done: Callable[[object], None]
-    stage: Callable[[str, int], None]
+    stage: Progress
     step: Callable[[int, int], None]
 
 
@@ -130,7 +132,9 @@ def progress(text: str, *, quiet: bool, total: int | None = None) -> Iterator[Wa
         task = bar.add_task(text, total=total)
         yield Watch(
             done=lambda _: bar.advance(task),
-            stage=lambda what, count: bar.update(task, description=what, completed=count, total=None),
+            stage=lambda what, count, total: bar.update(
+                task, description=what, completed=count, total=total or None
+            ),
             step=lambda count, total: bar.update(task, completed=count, total=total),
         )
 

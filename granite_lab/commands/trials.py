@@ -13,9 +13,11 @@ from granite_lab.columns import Column
 from granite_lab.columns import Table as Tabular
 from granite_lab.commands.options import (
     BodyRests,
+    Changes,
     ColumnMap,
     DriveBy,
     EffectFile,
+    Exclude,
     From,
     Jobs,
     Json,
@@ -40,6 +42,7 @@ from granite_lab.commands.options import (
     about,
     at_hand,
     count_of,
+    excluded_of,
     known,
 )
 from granite_lab.commands.printer import Printer, progress, provenance, warn, warn_of
@@ -62,7 +65,7 @@ MOST, PROPOSALS = 20, 8
 def fit_k92(
     logs: LogsAtHand = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
-    begin: From = None, end: To = None,
+    begin: From = None, end: To = None, changes: Changes = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     drive: DriveBy = "auto",
@@ -79,7 +82,7 @@ def fit_k92(
     """
     given = at_hand(
         about(logs, robot, soil, column_map, topics, begin, end)
-        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
     )
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
         fits = gl.fit_k92(
@@ -104,7 +107,8 @@ def fit_atheta(
     published: Annotated[bool, Option(
         "--published", help="Use Table 3 of the paper instead of trials.")] = False,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
-    begin: From = None, end: To = None,
+    begin: From = None, end: To = None, changes: Changes = None,
+    exclude: Exclude = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     drive: DriveBy = "auto",
@@ -119,12 +123,13 @@ def fit_atheta(
     A verdict needs three speeds.
     """
     given = about(logs, robot, soil, column_map, topics, begin, end)
-    given |= known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+    given |= known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
     if not published:
         given = at_hand(given)
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
         fit = gl.fit_a_theta(
-            **given, published=published, drive=drive, model=model, effects=effects, strict=strict, jobs=jobs,
+            **given, exclude=excluded_of(exclude),
+            published=published, drive=drive, model=model, effects=effects, strict=strict, jobs=jobs,
             scheduler=scheduler, cache=cache, done=watch.done,
         )  # fmt: skip
     if out is not None:
@@ -143,7 +148,7 @@ def compare(
     out: Annotated[Path | None, Option(
         help="Folder for tables and figures.", show_default="reports/compare")] = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
-    begin: From = None, end: To = None,
+    begin: From = None, end: To = None, changes: Changes = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     drive: DriveBy = "auto",
@@ -160,7 +165,7 @@ def compare(
 
     given = at_hand(
         about(logs, robot, soil, column_map, topics, begin, end)
-        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
     )
     out = out or results_folder(given["logs"], "compare")
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
@@ -182,7 +187,8 @@ def compare(
 def study(
     logs: LogsAtHand = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
-    begin: From = None, end: To = None,
+    begin: From = None, end: To = None, changes: Changes = None,
+    exclude: Exclude = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     drive: DriveBy = "auto",
@@ -218,12 +224,13 @@ def study(
         return
     given = at_hand(
         about(logs, robot, soil, column_map, topics, begin, end)
-        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
     )
     out = out or results_folder(given["logs"], "study")
     with progress("trials", quiet=quiet, total=count_of(given["logs"])) as watch:
         result = gl.study(
-            **given, out=out, discover=discover, recordings=recordings, drive=drive, model=model,
+            **given, exclude=excluded_of(exclude),
+            out=out, discover=discover, recordings=recordings, drive=drive, model=model,
             effects=effects, tolerance=tolerance, latency=latency / 1e3, strict=strict, jobs=jobs,
             scheduler=scheduler, cache=cache, done=watch.done, progress=watch.stage,
         )  # fmt: skip
@@ -295,7 +302,8 @@ def discover(
     out: Annotated[Path | None, Option(
         help="Folder of the report, finding.json and model.toml.", show_default="reports/discover")] = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
-    begin: From = None, end: To = None,
+    begin: From = None, end: To = None, changes: Changes = None,
+    exclude: Exclude = None,
     rests: RestTexts = None, body_rests: BodyRests = None, distance_measured: Tape = None,
     use_reference: UseReference = False, ref_v_std: RefVStd = None, ref_x_std: RefXStd = None,
     drive: DriveBy = "auto",
@@ -314,12 +322,13 @@ def discover(
 
     given = at_hand(
         about(logs, robot, soil, column_map, topics, begin, end)
-        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std)
+        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
     )
     out = out or results_folder(given["logs"], "discover")
     with progress("discovering", quiet=quiet) as watch:
         finding = gl.discover(
-            **given, out=out, drive=drive, effects=effects, tolerance=tolerance, latency=latency / 1e3,
+            **given, exclude=excluded_of(exclude),
+            out=out, drive=drive, effects=effects, tolerance=tolerance, latency=latency / 1e3,
             strict=strict, jobs=jobs, scheduler=scheduler, cache=cache, progress=watch.stage,
         )  # fmt: skip
     printer, written = Printer(as_json), finding.origin.written

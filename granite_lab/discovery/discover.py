@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from granite_lab.discovery.candidates import screen
 from granite_lab.discovery.finding import Confusion, Detectable, Finding
 from granite_lab.discovery.orders import lugs
 from granite_lab.discovery.power import detectable
-from granite_lab.discovery.search import Search, search
+from granite_lab.discovery.search import MOST, Search, search
 from granite_lab.discovery.verdict import Judgement, by_posterior, judge
 from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import Motion
@@ -31,10 +31,14 @@ from granite_lab.logs.trial import Trial
 from granite_lab.model.effect import Effect
 from granite_lab.model.empirical import EmpiricalLaw
 from granite_lab.parameters import Course, Robot, Soil, Variant, is_driven
-from granite_lab.processes import one_thread
+from granite_lab.processes import Progress, one_thread
 
 LATENCY_EFFECT = "clock_offset"
 """The effect that latency is; it is no candidate, for latency is fitted in any case."""
+
+STEPS = MOST + 4
+"""Steps of a search: the model without effects, one for each effect that may be named and one for exchanging
+these, predictions, and what the trials could show. A search that names fewer effects passes some over."""
 
 
 def discover(
@@ -46,7 +50,7 @@ def discover(
     motions: Sequence[Motion],
     jobs: int = 1,
     respond: Respond | None = None,
-    progress: Callable[[str, int], None] = lambda *_: None,
+    progress: Progress = lambda *_: None,
     tolerance: float = TOLERANCE,
     latency: float = LATENCY_LIMIT,
 ) -> Finding:
@@ -59,7 +63,7 @@ def discover(
         motions: estimates of the trials, in their order; they know what was commanded and when.
         jobs: number of processes.
         respond: does the simulations in their place.
-        progress: told what is being done and how many simulations are done so far.
+        progress: told what is being done, how many steps are done, and of how many at most.
         tolerance: discrepancy that does not matter, as a share of a channel's rms in motion.
         latency: largest delay between the stamps of two sensors that is no missing effect [s].
 
@@ -76,18 +80,23 @@ def discover(
     library = tuple(candidates)
     terms = tuple(f"{law.id}.{p.name}" for p in law.parameters)
 
-    stage = ["fitting the model"]
+    stage = ("", 0)
 
-    def tell(text: str) -> None:
-        stage[0] = text
-        progress(text, bench.runs)
+    def tell(text: str, step: int) -> None:
+        nonlocal stage
+        stage = (text, step)
+        progress(text, step, STEPS)
+
+    def tick(_: int) -> None:
+        text, step = stage
+        progress(f"{text} ({bench.runs} simulations)", step, STEPS)
 
     every = [trial_models(own, robot, seen) for own, seen in readings]
     plain = World(robot, soil, every[0][1], {**candidates, law.id: law})
     worlds = [under_conditions(plain, own, m) for (own, _), (m, _) in zip(readings, every, strict=True)]
     with one_thread(), ExitStack() as stack:
-        bench = stack.enter_context(Bench(worlds[0], jobs, lambda _: progress(stage[0], bench.runs), respond))
-        tell("fitting the model without effects")
+        bench = stack.enter_context(Bench(worlds[0], jobs, tick, respond))
+        tell("fitting the model without effects", 0)
         ways = [_possible(Problem(models, bench, sand_std(soil))) for models, _ in every]
         fits = [at_first(way)[1] for way, _ in ways] if len(ways) > 1 else [0.0]
         chosen = int(np.argmin(fits))
@@ -105,17 +114,19 @@ def discover(
             wheels = replace(robot.wheels, lugs=count)
             world = replace(bench.world, robot=replace(bench.world.robot, wheels=wheels))
             runs = bench.runs
-            bench = stack.enter_context(Bench(world, jobs, lambda _: progress(stage[0], bench.runs), respond))
+            bench = stack.enter_context(Bench(world, jobs, tick, respond))
             bench.runs, problem.bench = runs, bench
-        found = search(problem, base, (*library, *terms), tolerance, tell)
+        found = search(
+            problem, base, (*library, *terms), tolerance, lambda text, named: tell(text, 1 + named)
+        )
         parts = Attempts()
-        tell("predicting trials that are left out")
+        tell("predicting trials that are left out", STEPS - 2)
         judgement = parts.of(
             "predictions of trials that are left out",
             lambda: judge(problem, found, tolerance),
             by_posterior(problem, found),
         )
-        tell("checking what these trials could show")
+        tell("checking what these trials could show", STEPS - 1)
         power = parts.of(
             "what these trials could show",
             lambda: _power(problem, found, judgement, library, tolerance),
@@ -135,7 +146,9 @@ def discover(
             parts=parts,
         )
         notes = [*finding.notes, *said]
-        if count != robot.wheels.lugs:
+        if not any(active.effect.by_lugs for active in finding.active):
+            finding = replace(finding, robot=robot)  # the number of lugs is in nothing that was found
+        elif count != robot.wheels.lugs:
             told = f"What the model leaves repeats {count:g} times a turn of the wheels. The robot's file"
             notes += [f"{told} says {robot.wheels.lugs:g} lugs; the search took {count:g}."]
         finding = replace(finding, notes=tuple(notes))

@@ -26,6 +26,6 @@ def views(finding: Finding, fit: AThetaFit | None) -> tuple[View, ...]:
         radius = [part for part in fit.shared if part.name == SHARED_AS["radius"]]
         parts += [part.times(value / fit.a_theta.value) for part in radius]
     std = math.hypot(*(part.contribution for part in parts))
-    apart = math.exp(1.959964 * std / value)
-    own = View("found", Estimate(value, std), (value / apart, value * apart), tuple(parts))
+    low, high = Estimate(math.log(value), std / value).interval()
+    own = View("found", Estimate(value, std), (math.exp(low), math.exp(high)), tuple(parts))
     return (*(views_of(fit) if fit is not None else ()), own)

@@ -329,8 +329,8 @@ class Finding(Shown):
             found[name] = Estimate(value, value * log.std)
         return found
 
-    def sand_of(self, trial: str) -> tuple[Soil, float]:
-        """Return the sand of a trial as fitted, and its a_θ [s/m]; of another trial that of all."""
+    def sand_of(self, trial: str = "") -> tuple[Soil, float]:
+        """Return the sand of a trial as fitted, and its a_θ [s/m]; of no or another trial that of all."""
         common = {name: number.value for name, number in self.fitted_sand.items()}
         own: dict[str, Any] = {**common, **dict(self.sand_per_trial).get(trial, {})}
         a_theta = own.pop("a_theta", load_paper().a_theta)

@@ -116,7 +116,7 @@ def search(
     base: Fit,
     candidates: Sequence[str],
     tolerance: float = TOLERANCE,
-    tell: Callable[[str], None] = lambda _: None,
+    tell: Callable[[str, int], None] = lambda *_: None,
 ) -> Search:
     """Extend the model effect by effect, then exchange each effect of the best set for its rivals.
 
@@ -128,7 +128,7 @@ def search(
         base: the fit without effects.
         candidates: ids, terms of the empirical law among them.
         tolerance: discrepancy that does not matter, as a share of a channel's rms.
-        tell: told what is being done.
+        tell: told what is being done, and beside how many effects; `MOST` where they are exchanged.
     """
     steps = _Steps(problem, candidates, tolerance, tell, {(): _model((), base, candidates)})
     current = steps.models[()]
@@ -153,15 +153,17 @@ class _Steps:
         models: fitted sets.
         looks: sets to the screens beside them.
         small: sets whose last effect does not stay, see `stays`.
+        named: effects beside which is searched; `MOST` where they are exchanged.
     """
 
     problem: Problem
     candidates: Sequence[str]
     tolerance: float
-    tell: Callable[[str], None]
+    tell: Callable[[str, int], None]
     models: dict[tuple[str, ...], Model]
     looks: dict[tuple[str, ...], tuple[Look, ...]] = field(default_factory=dict)
     small: set[tuple[str, ...]] = field(default_factory=set)
+    named: int = 0
 
     def extended(self, model: Model) -> tuple[Model, list[Score]]:
         """Return the best set with one more effect, the set itself if none is better, and what was tried.
@@ -169,6 +171,7 @@ class _Steps:
         Beside effects that leave no discrepancy the leaders are fitted one by one until one of them stays,
         for most often none does. Beside those that leave little only a candidate without a rival is fitted.
         """
+        self.named = len(model.effects)
         fine = self.settled(model)
         leaders = self.leaders(model, fine)
         if len(leaders) > 1 and not self.is_open(model):
@@ -188,7 +191,7 @@ class _Steps:
     def leaders(self, model: Model, fine: bool) -> list[_Promise]:
         """Return the candidates to be fitted beside a model, those of the scales as learnt first."""
         if model.effects not in self.looks:
-            self.tell(f"screening candidates beside {_words(model.effects)}")
+            self.tell(f"screening candidates beside {_words(model.effects)}", self.named)
             closed = bool(model.effects) and fine
             others = [c for c in self.candidates if c not in model.effects]
             closed |= sum(map(is_empirical, model.effects)) >= MOST_TERMS
@@ -218,7 +221,8 @@ class _Steps:
         """Fit the sets of some points that are not fitted yet, each with the scales of a fit nearby."""
         new = [(start, near.scales) for start, near in starts if _set(start) not in self.models]
         if new:
-            self.tell(f"fitting {', '.join(dict.fromkeys(_words(_set(start)) for start, _ in new))}")
+            sets = dict.fromkeys(_words(_set(start)) for start, _ in new)
+            self.tell(f"fitting {', '.join(sets)}", self.named)
         fits = fit_sets(self.problem, new, {k: m.fit for k, m in self.models.items()})
         self.models.update({k: _model(k, f, self.candidates) for k, f in fits.items()})
 
@@ -268,6 +272,7 @@ class _Steps:
             best: the set.
             path: per effect the set before it, that with it, and what was tried.
         """
+        self.named = MOST
         points: list[Point] = []
         closed = len(path) > 1 and self.settled(best)
         for before, after, tried in path[:-1]:  # those of the last stood beside the same effects

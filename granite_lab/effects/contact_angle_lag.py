@@ -25,6 +25,7 @@ class ContactAngleLag(Effect):
 
     id = "contact_angle_lag"
     name = "contact-angle lag"
+    by_command = True
     title = "rear contact angle with a time lag"
     equation = "T dϑ2/dt + ϑ2 = k_92(v_d) ϑ1, T = time · (0.4 m/s / |v|)^exponent"
     source = (

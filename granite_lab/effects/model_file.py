@@ -15,6 +15,7 @@ from granite_lab.files import write_text
 from granite_lab.model.effect import Active, Effect, activate
 from granite_lab.model.empirical import EmpiricalLaw
 from granite_lab.parameters import Robot, Soil, load_robot, load_soil
+from granite_lab.parameters.changes import Changes, checked
 from granite_lab.parameters.quantity import check_number, key_of, read_toml, toml_line, unknown_key
 
 SCHEMA = "granite-lab/model/3"
@@ -58,6 +59,7 @@ class ModelFile:
         sand: fitted numbers of the soil, in place of those of its file; name of the field of `Soil` to value
             and std.
         lugs: number of lugs as found; None: as the robot's file says.
+        changes: numbers of robot and soil that were set in place of those of their files.
     """
 
     robot: str
@@ -68,18 +70,22 @@ class ModelFile:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     sand: Mapping[str, Estimate] = field(default_factory=dict)
     lugs: float | None = None
+    changes: Changes = ()
 
     @property
     def machine(self) -> Robot:
         """The robot with the number of lugs that was found; raises as `load_robot` does."""
-        robot = load_robot(self.robot)
-        return robot if self.lugs is None else replace(robot, wheels=replace(robot.wheels, lugs=self.lugs))
+        return self.with_lugs(load_robot(self.robot, changes=self.changes))
 
     @property
     def ground(self) -> Soil:
         """The soil with the fitted numbers; raises as `load_soil` does."""
         fitted: dict[str, Any] = {name: e.value for name, e in self.sand.items()}
-        return replace(load_soil(self.soil), **fitted)
+        return replace(load_soil(self.soil, self.changes), **fitted)
+
+    def with_lugs(self, robot: Robot) -> Robot:
+        """Return a robot with the number of lugs that was found."""
+        return robot if self.lugs is None else replace(robot, wheels=replace(robot.wheels, lugs=self.lugs))
 
     @property
     def effects(self) -> tuple[Active, ...]:
@@ -110,7 +116,9 @@ def load_model(path: Path | str, code: Path | str | None = None) -> ModelFile:
     file = Path(path)
     table = read_toml(file)
     where = str(file)
-    _known(where, table, ("schema", "robot", "soil", "lugs", "sand", "k92", "provenance", "effect"))
+    _known(
+        where, table, ("schema", "robot", "soil", "lugs", "changes", "sand", "k92", "provenance", "effect")
+    )
     if table.get("schema") not in (SCHEMA, *OLD):
         raise InputError(
             f"{where}: schema = {table.get('schema')!r} is not that of a model file", f'expected "{SCHEMA}"'
@@ -132,7 +140,11 @@ def load_model(path: Path | str, code: Path | str | None = None) -> ModelFile:
     soil = _catalogued(file, table, "soil", load_soil)
     lugs = check_number(where, "lugs", table["lugs"], "", 0, 200) if "lugs" in table else None
     sand = _read_sand(where, table.get("sand", {}))
-    return ModelFile(robot, soil, law, value, fitted, provenance, sand, lugs)
+    changes = table.get("changes", {})
+    if not isinstance(changes, dict):
+        raise InputError(f"{where}: 'changes' must be a table", "write [changes] above its keys")
+    changes = checked(changes, f"{where}: [changes]")
+    return ModelFile(robot, soil, law, value, fitted, provenance, sand, lugs, changes)
 
 
 def _read_sand(where: str, table: Any) -> dict[str, Estimate]:
@@ -241,6 +253,9 @@ def save_model(model: ModelFile, path: Path | str) -> None:
         toml_line("law", model.law),
         *(toml_line(k, v) for k, v in _number(model.law_value).items()),
     ]
+    if model.changes:
+        lines += ["", "[changes]  # as set, in place of the files of robot and soil"]
+        lines += [toml_line(key, value) for key, value in model.changes]
     if model.sand:
         lines += ["", "[sand]  # as fitted, in place of the soil's file"]
         keys = {f.name: f for f in fields(Soil)}

@@ -21,6 +21,7 @@ class TreadRipple(Effect):
     """
 
     id = "tread_ripple"
+    by_lugs = True
     title = "force ripple from the lugs of the tread"
     equation = "(8) with k (1 + ρ), (16) with F_Tx (1 + ρ'), ρ and ρ' = c cos(N θ) + s sin(N θ), N lugs"
     source = (

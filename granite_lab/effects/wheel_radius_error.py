@@ -13,6 +13,7 @@ class WheelRadiusError(Effect):
 
     id = "wheel_radius_error"
     fault = True
+    of_encoders = True
     title = "scale error of the wheel angles"
     equation = "enc' = (1 + error) enc"
     source = (

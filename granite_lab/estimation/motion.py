@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -247,9 +247,9 @@ def slips_of(motion: Motion) -> Iterator[tuple[Estimate, str]]:
         yield Estimate(1.0 - motion.distance.value / rolled, motion.distance.std / abs(rolled)), "over all"
 
 
-def slip_is_known(motion: Motion) -> bool:
-    """Whether a slip ratio of a trial, steady or over all, is known well enough to tell k_92."""
-    return any(slip.std <= TELLING for slip, _ in slips_of(motion))
+def no_slip_is_known(motions: Sequence[Motion]) -> bool:
+    """Whether there are trials, and none has a slip ratio, steady or over all, that is known to `TELLING`."""
+    return bool(motions) and not any(slip.std <= TELLING for m in motions for slip, _ in slips_of(m))
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from granite_lab.estimation.nodes import QUICK
 from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.rest import find_rests
 from granite_lab.estimation.smoother import Smoothed, Solution
-from granite_lab.estimation.straight import course_of
+from granite_lab.estimation.straight import straightness_of
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import Mask, runs
 from granite_lab.logs.sensors.standstill import MOVING, Interval, bridged, inside
@@ -63,7 +63,7 @@ def motion_of(
             "cut the log with --from and --to",
         )
     pace = body.v if rolling is None else rolling.speed_at(t, offset.value)
-    way = course_of(t, solution.nominal.heading_rate, pace, health.rests, problem.robot)
+    way = straightness_of(t, solution.nominal.heading_rate, pace, health.rests, problem.robot)
     course = find_phases(t, pace, health.rests, way.off)
     totals = totals_of(problem, solution, body, course.steady)
     start = command_start(trial.command, offset, course.onset)

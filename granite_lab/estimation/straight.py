@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from granite_lab.logs.counters import Mask, integral, runs
-from granite_lab.logs.sensors.standstill import MOVING, Interval, bridged
+from granite_lab.logs.sensors.standstill import MOVING, Interval, bridged, inside
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import Robot
 
@@ -38,8 +38,8 @@ LEAST = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
-    """Where a robot does not drive straight ahead.
+class Straightness:
+    """Where a robot drives straight ahead, and where not.
 
     Attributes:
         off: (N,) True at stamps in a bend, or on the way back.
@@ -72,7 +72,9 @@ def _some(cases: Sequence[str]) -> str:
     return ", ".join(cases[:4]) + (f" and {len(cases) - 4} times more" if len(cases) > 4 else "")
 
 
-def course_of(t: Array, yaw_rate: Array, speed: Array, rests: Sequence[Interval], robot: Robot) -> Course:
+def straightness_of(
+    t: Array, yaw_rate: Array, speed: Array, rests: Sequence[Interval], robot: Robot
+) -> Straightness:
     """Tell where a robot drives straight ahead.
 
     Args:
@@ -86,10 +88,8 @@ def course_of(t: Array, yaw_rate: Array, speed: Array, rests: Sequence[Interval]
     turning = uniform_filter1d(np.nan_to_num(yaw_rate), size, mode="nearest")
     pace = uniform_filter1d(np.nan_to_num(speed), size, mode="nearest")
     half = 0.5 * (robot.chassis.track if robot.chassis is not None else WIDTH)
-    rest = np.zeros(t.size, dtype=bool)
-    for begin, end in rests:
-        rest |= (t >= begin) & (t <= end)
-    curved = (np.abs(turning) * half > SHARE * np.maximum(np.abs(pace), MOVING)) & ~rest
+    curved = np.abs(turning) * half > SHARE * np.maximum(np.abs(pace), MOVING)
+    curved &= ~inside(t, rests)
     angle, off, bends = integral(t, np.nan_to_num(yaw_rate)), np.zeros(t.size, dtype=bool), []
     for a, b in runs(bridged(t, curved, JOINED)):
         by = float(angle[b - 1] - angle[a])
@@ -102,4 +102,4 @@ def course_of(t: Array, yaw_rate: Array, speed: Array, rests: Sequence[Interval]
     off |= reverse
     straight = [(float(t[a]), float(t[b - 1])) for a, b in runs(~off) if t[b - 1] - t[a] >= LEAST]
     driven = tuple((a, b) for a, b in straight if (np.abs(pace[(t >= a) & (t <= b)]) > MOVING).any())
-    return Course(off, tuple(bends), back, driven)
+    return Straightness(off, tuple(bends), back, driven)

@@ -14,6 +14,7 @@ from granite_lab.logs.counters import mean_known
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration, velocities_at
 from granite_lab.model.effect import Effect
+from granite_lab.model.limits import FASTEST_BACKWARDS
 from granite_lab.model.turning import AHEAD, turned
 from granite_lab.parameters import Course, Robot, Variant, course_of, is_driven
 from granite_lab.parameters.course import DriveBy
@@ -38,7 +39,7 @@ def driven(motion: Motion, robot: Robot, by: DriveBy) -> Motion:
         by: "wheels", "command", or "auto": the command where it is stated and the wheels follow it.
 
     Raises:
-        EstimateError: the wheels are to drive, and their speeds are not known.
+        EstimateError: the wheels are to drive, and their speeds are not known or they turn backwards.
     """
     if by == "command" or is_driven(motion.variant):
         return motion
@@ -46,8 +47,7 @@ def driven(motion: Motion, robot: Robot, by: DriveBy) -> Motion:
     if not reason:
         return motion
     start, course = _turned(motion, robot)
-    commanded = motion.variant_source in STATED and math.isfinite(motion.t_start.value)
-    desired = "the command" if commanded else "the mean of r ω, for nothing is commanded"
+    desired = "the command" if course.commanded else "the mean of r ω, for nothing is commanded"
     line = f"driven by the measured wheel speeds, {reason}; v_d of (5) is {desired}"
     return replace(
         motion, variant=course, variant_source="wheels", t_start=start, warnings=(*motion.warnings, line)
@@ -88,10 +88,14 @@ def _turned(motion: Motion, robot: Robot) -> tuple[Estimate, Course]:
             v[k], std[k] = v[other], std[other]
     known = np.isfinite(v[0] + v[1])
     moving = np.flatnonzero(known & (np.maximum(np.abs(v[0]), np.abs(v[1])) > STILL))
-    if moving.size < 8:
+    if not known.any():
         raise EstimateError(
             f"{motion.trial}: the speeds of its wheels are not known",
             "a log without encoders has --drive command",
+        )
+    if moving.size < 8:
+        raise EstimateError(
+            f"{motion.trial}: its wheels do not turn", "give a trial in which the robot drives"
         )
     t = motion.t
     first = float(t[moving[0]]) - AHEAD
@@ -100,6 +104,7 @@ def _turned(motion: Motion, robot: Robot) -> tuple[Estimate, Course]:
         first = min(first, motion.t_start.value)
     part = known & (t >= first) & (t <= t[moving[-1]] + AHEAD)
     begin = float(t[part][0])
+    _refuse_reversed(motion.trial, t[part], 0.5 * (v[0][part] + v[1][part]))
     wanted = None
     if commanded:
         t_d = t[part] - motion.t_start.value
@@ -114,6 +119,18 @@ def _turned(motion: Motion, robot: Robot) -> tuple[Estimate, Course]:
     return Estimate(begin, float(np.nan_to_num(motion.clock_offset.std))), course
 
 
+def _refuse_reversed(trial: str, t: Array, v: Array) -> None:
+    """Refuse wheels whose mean velocity v (M,) [m/s] goes backwards at t [s]: the model holds ahead only."""
+    back = v < -max(FASTEST_BACKWARDS, 0.05 * float(np.abs(v).max()))
+    if back.any():
+        raise EstimateError(
+            f"{trial}: the wheels turn backwards at {t[back][0]:.1f} to {t[back][-1]:.1f} s: the model holds "
+            "for forward motion",
+            "take a stretch that drives ahead (--from, --to); where a robot drives back all the time, turn "
+            "IMU and wheels round in the files of robot and columns",
+        )
+
+
 def _std(std: Array) -> Array:
     """Return std of speeds without gaps; those of a log that tells none are those of its best sensor."""
     known = std[np.isfinite(std) & (std > 0)]
@@ -122,12 +139,11 @@ def _std(std: Array) -> Array:
 
 def goes_by_command(effect: Effect) -> bool:
     """Say whether an effect changes how k_92 goes by the command, which is to be known for that."""
-    return type(effect).desired_velocity is not Effect.desired_velocity or effect.id == "contact_angle_lag"
+    return effect.by_command or type(effect).desired_velocity is not Effect.desired_velocity
 
 
 def drives(effect: Effect) -> bool:
     """Say whether an effect acts on the drive or its encoders, which wheels that are turned replace."""
     own, plain = type(effect), Effect
-    if any(getattr(own, hook) is not getattr(plain, hook) for hook in ("voltages", "shaft", "reading")):
-        return True
-    return effect.id == "wheel_radius_error"
+    hooks = ("voltages", "shaft", "reading")
+    return effect.of_encoders or any(getattr(own, hook) is not getattr(plain, hook) for hook in hooks)

@@ -92,10 +92,7 @@ def make_set(
         LabError: a process died.
     """
     lab = lab_of(wish.lab, wish.seed, robot, soil)
-    for plans, off in _draws(wish, lab):
-        counts = reopened(plans, _under) if wish.effect == "mixture" else {}
-        if any(share < LEAST for share in counts.values()):
-            continue
+    for plans, off, counts in _draws(wish, lab):
         made = []
         for one in shared_out(_make, plans, len(plans), "made a trial", jobs=jobs):
             if one is None:
@@ -111,11 +108,11 @@ def make_set(
     )
 
 
-def _draws(wish: Wish, lab: Lab) -> Iterator[tuple[list[Plan], dict[str, float]]]:
-    """Yield the plans of a set and the factors on its sand, drawn anew where the last were of no use.
+def _draws(wish: Wish, lab: Lab) -> Iterator[tuple[list[Plan], dict[str, float], dict[str, float]]]:
+    """Yield the plans of a set, the factors on its sand, and what each cause of a mixture reopens.
 
-    Sand drawn off its file may be too weak for the slope, drag or speed at hand. Of a mixture all is drawn
-    again; a second draw of the same causes has those stronger that did not count.
+    They are drawn anew where the last were of no use. Sand drawn off its file may be too weak for the slope,
+    drag or speed at hand. Of a mixture all is drawn again; causes that nearly count are made stronger first.
     """
     mixed = wish.effect == "mixture"
     for attempt in range(ATTEMPTS if mixed else 8 if wish.sand_off else 1):
@@ -123,14 +120,25 @@ def _draws(wish: Wish, lab: Lab) -> Iterator[tuple[list[Plan], dict[str, float]]
         sizes = drawn(wish, names, attempt if mixed else 0)
         ground, off = sand(wish, lab.soil.real, attempt)
         plans = _plans(wish, lab, ground, sizes)
-        if mixed:
-            counts = reopened(plans, _under)
-            if not counts or min(counts.values()) < LEAST / STRONGER**2:
-                continue
-            for name, share in counts.items():
-                sizes[name] = stronger(name, sizes[name], share)
+        counts = _reopened(plans) if mixed else {}
+        if counts and LEAST / STRONGER**2 <= min(counts.values()) < LEAST:
+            sizes = {name: stronger(name, sizes[name], share) for name, share in counts.items()}
             plans = _plans(wish, lab, ground, sizes)
-        yield plans, off
+            counts = _reopened(plans)
+        if not mixed or min(counts.values(), default=0.0) >= LEAST:
+            yield plans, off, counts
+
+
+def _reopened(plans: list[Plan]) -> dict[str, float]:
+    """Return what each cause reopens in the first and the middle trial; empty where the robot digs in."""
+    pair = plans[0], plans[len(plans) // 2]
+    try:
+        return reopened(
+            lambda active: [_under(plan, active) for plan in pair],
+            tuple(plans[0].sizes), plans[0].lab.robot.filed,
+        )  # fmt: skip
+    except RuntimeError:
+        return {}
 
 
 def _under(plan: Plan, active: Sequence[str]) -> Trial:

@@ -4,34 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 
 from granite_lab.hidden.catalogue import influence
 from granite_lab.hidden.chance import lot
 from granite_lab.hidden.contact import Array
-from granite_lab.hidden.lab import Lab
 from granite_lab.hidden.model import Truth
 from granite_lab.hidden.parts import Trapezoid
 from granite_lab.hidden.simulator import DT, body_from_states, solve
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import Robot, Variant
-
-
-class Planned(Protocol):
-    """What of a trial's plan is asked here."""
-
-    @property
-    def lab(self) -> Lab:
-        """Where it is made."""
-
-    @property
-    def sizes(self) -> Mapping[str, Mapping[str, float]]:
-        """Parameters of the causes by id."""
-
-
-P = TypeVar("P", bound=Planned)
 
 LEAST = 0.1
 """Share of the squared gap that the absence of a cause reopens at least, if the cause is to count."""
@@ -55,32 +39,26 @@ SMOOTH = 0.3
 """Average of the withheld motion [s]: three lugs of the paper's wheel or more, which lie 25 mm apart."""
 
 
-def reopened(plans: Sequence[P], made: Callable[[P, Sequence[str]], Trial]) -> dict[str, float]:
+def reopened(
+    made: Callable[[Sequence[str]], Sequence[Trial]], names: Sequence[str], robot: Robot
+) -> dict[str, float]:
     """Return by which share of the squared gap each cause alone opens the gap again when it is absent.
 
-    It is that of the first trial and of the middle one. No parameter is fitted. The logs have the same random
-    numbers, so their noise cancels.
+    No parameter is fitted. The logs have the same random numbers, so their noise cancels.
 
     Args:
-        plans: of all trials, the fastest first.
-        made: makes a trial under the named causes.
-
-    Returns:
-        the share of each cause; empty where the robot digs itself in under some of them.
+        made: makes trials under the named causes.
+        names: of all causes.
+        robot: whose filed noise weighs the sensors.
     """
-    pair, names = (plans[0], plans[len(plans) // 2]), tuple(plans[0].sizes)
-    robot = plans[0].lab.robot.filed
-    try:
-        whole = [made(plan, names) for plan in pair]
+    whole = made(names)
 
-        def without(*absent: str) -> float:
-            left = [name for name in names if name not in absent]
-            return sum(_apart(one, made(plan, left), robot) for one, plan in zip(whole, pair, strict=True))
+    def without(*absent: str) -> float:
+        others = made([name for name in names if name not in absent])
+        return sum(_apart(one, other, robot) for one, other in zip(whole, others, strict=True))
 
-        gap = without(*names)
-        return {name: without(name) / gap for name in names}
-    except RuntimeError:
-        return {}
+    gap = without(*names)
+    return {name: without(name) / gap for name in names}
 
 
 def stronger(name: str, sizes: Mapping[str, float], share: float) -> dict[str, float]:

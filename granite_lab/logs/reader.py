@@ -113,7 +113,7 @@ def read_trial(
     trial = assemble(first, files, robot, info, window=window)
     if window is None or trial.wheels is None:
         return trial
-    if look(trial, load_robot(robot or trial.info.robot or "granite")) is None:
+    if look(trial, load_robot(robot or trial.info.robot or "granite", changes=trial.info.changes)) is None:
         hint = "granite-lab inspect --plot FILE.png shows when they do; choose --from and --to around it"
         raise InputError(f"{first}: no motion {interval(window)}: the wheels do not turn there", hint)
     return trial
@@ -193,11 +193,12 @@ def _robot(
     """Decide which robot the log is of; without a word from anyone it is the laboratory's own."""
     named = [_beside(source, source.metadata.get("robot", "")) for source in sources]
     named += [source.match.layout.robot for source in sources]
+    changes = info.changes if info else ()
     chosen = given or (info.robot if info else None) or next(filter(None, named), None)
     if chosen:
-        return str(chosen), load_robot(str(chosen))
+        return str(chosen), load_robot(str(chosen), changes=changes)
     doubts.append(Doubt("the log does not name its robot", remedy="taken as 'granite'"))
-    return None, load_robot("granite")
+    return None, load_robot("granite", changes=changes)
 
 
 def _beside(source: Source, name: str) -> str:

@@ -216,7 +216,10 @@ def _encoding(path: Path, head: bytes) -> str:
 
 
 def _matlab(path: Path) -> Table:
-    """Take the vectors of a MATLAB file, single or in structs, as columns; they must be of one length."""
+    """Take the vectors of a MATLAB file, single or in structs, as columns; they must be of one length.
+
+    A vector that is alone in its length is no column: a column needs its times beside it.
+    """
     from scipy.io import loadmat  # noqa: PLC0415, only where a log is one
 
     refuse_special(path)
@@ -232,13 +235,15 @@ def _matlab(path: Path) -> Table:
         message = f"{path}: cannot be read as a MATLAB file: {message}"
         raise InputError(message, "copy or save it again") from None
     vectors = dict(_vectors({key: value for key, value in held.items() if not key.startswith("__")}, ""))
-    lengths = sorted({len(values) for values in vectors.values()})
+    counts = Counter(map(len, vectors.values()))
+    lengths = sorted(k for k, n in counts.items() if n > 1) or sorted(counts)
     if len(lengths) != 1:
         examples = [f"{next(n for n, v in vectors.items() if len(v) == k)} ({k})" for k in lengths[:4]]
         message = (
             f"vectors of different lengths: {', '.join(examples)}" if lengths else "no vectors of numbers"
         )
         raise InputError(f"{path}: {message}, expected a column a quantity, all of one length", again)
+    vectors = {name: values for name, values in vectors.items() if len(values) == lengths[0]}
     short = [name.rpartition(".")[2] for name in vectors]
     names = tuple(short if len(set(short)) == len(short) else vectors)
     columns = tuple(vectors.values())

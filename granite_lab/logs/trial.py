@@ -16,6 +16,7 @@ from granite_lab.files import is_folder
 from granite_lab.logs.quantities import WORDS
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.parameters import WHEELS
+from granite_lab.parameters.changes import Changes
 
 Array = npt.NDArray[np.float64]
 
@@ -124,6 +125,7 @@ class TrialInfo:
         distance_measured, distance_measured_std: total distance by tape measure [m].
         ref_v_std, ref_x_std: std of the external reference's velocity [m/s] and place [m].
         use_reference: the reference enters the estimate as a measurement.
+        changes: numbers of robot and soil that were given in place of those of their files.
         extra: other metadata of the file, as text.
     """
 
@@ -143,6 +145,7 @@ class TrialInfo:
     ref_v_std: float | None = None
     ref_x_std: float | None = None
     use_reference: bool = False
+    changes: Changes = ()
     extra: dict[str, str] = field(default_factory=dict, hash=False)
 
 

@@ -131,6 +131,9 @@ class Effect:
         name: as a sentence calls it, where the id with spaces does not read as words.
         fault: True for an error of the measurement, which no model lacks.
         law: True for another law of the soil in place of the paper's.
+        by_lugs: True where the number of lugs of the tread is in its formula.
+        by_command: True where k_92 goes by the history of the command.
+        of_encoders: True for an error of the wheel angles that no hook shows.
         equation: the formula, as text.
         source: where the formula comes from.
         signature: what an observer sees, in words.
@@ -148,6 +151,9 @@ class Effect:
     name: ClassVar[str] = ""
     fault: ClassVar[bool] = False
     law: ClassVar[bool] = False
+    by_lugs: ClassVar[bool] = False
+    by_command: ClassVar[bool] = False
+    of_encoders: ClassVar[bool] = False
     states: ClassVar[tuple[str, ...]] = ()
     circles: ClassVar[tuple[tuple[str, str], ...]] = ()
 

@@ -15,17 +15,19 @@ from granite_lab.model.graph import build_graph
 from granite_lab.model.instants import Accuracy, instants
 from granite_lab.model.limits import MAX_STEPS, not_converged
 from granite_lab.model.pieces import numbers_at, pieces
-from granite_lab.parameters import Variant
+from granite_lab.parameters import Course, Variant
 
 Array = npt.NDArray[np.float64]
 
 
 @lru_cache(maxsize=64)
-def _equations(effects: tuple[Effect, ...], variant: Variant) -> dict[str, Any]:
-    graph = build_graph(effects, kind_of(variant))
-    if kind_of(variant) == "trapezoid":
+def _equations(effects: tuple[Effect, ...], course: Course | None) -> dict[str, Any]:
+    """Return the equations along a course; without one those of all trapezoids, whose numbers enter."""
+    if course is None:
+        graph = build_graph(effects)
         return {"t": graph.t, "x": graph.x, "p": graph.p, "ode": ca.cse(graph.rates)}
-    corners, table = pieces(variant)
+    graph = build_graph(effects, kind_of(course))
+    corners, table = pieces(course)
     rates = ca.Function("rates", [graph.t, graph.x, graph.p, graph.u], [ca.cse(graph.rates)])
     t, x, p = (
         ca.MX.sym(name, size) for name, size in (("t", 1), ("x", graph.x.numel()), ("p", graph.p.numel()))
@@ -41,7 +43,7 @@ def _integrator(effects: tuple[Effect, ...], variant: Variant, accuracy: Accurac
     return ca.integrator(
         "run",
         "cvodes",
-        _equations(effects, variant if kind_of(variant) != "trapezoid" else _ANY),
+        _equations(effects, variant if isinstance(variant, Course) else None),
         grid[0],
         grid[1:],
         {
@@ -52,10 +54,6 @@ def _integrator(effects: tuple[Effect, ...], variant: Variant, accuracy: Accurac
             "disable_internal_warnings": True,
         },
     )
-
-
-_ANY = Variant(velocity=1.0, acceleration=1.0, distance=2.0)
-"""Stands for all trapezoids, which have one set of equations."""
 
 
 def run(

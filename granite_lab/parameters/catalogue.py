@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from granite_lab.columns import Column, Table, words
 from granite_lab.errors import UsageError
+from granite_lab.parameters.changes import OPTION, Changes, changed
 from granite_lab.parameters.quantity import build, key_of, read_toml
 from granite_lab.parameters.records import ImuGrade, Paper, Published, Robot, Soil, Variant
 from granite_lab.rounding import tidy_unit
@@ -48,22 +49,23 @@ def find(kind: str, name: str | Path) -> Path:
 
 
 @lru_cache
-def load_robot(name: str | Path = "granite", grade: str | None = None) -> Robot:
+def load_robot(name: str | Path = "granite", grade: str | None = None, changes: Changes = ()) -> Robot:
     """Read a robot and attach its IMU's grade.
 
     Args:
         name: a name of the catalogue or the path of a TOML file.
         grade: an IMU grade that replaces the file's.
+        changes: numbers in place of those of the files.
 
     Raises:
         UsageError: unknown name or grade.
-        InputError: the file is wrong.
+        InputError: the file is wrong, or lacks the part to which a number belongs.
     """
     path = find("robots", name)
     robot = build(Robot, read_toml(path), str(path))
-    if grade is None and robot.imu_grade is not None:
-        return robot
-    return dataclasses.replace(robot, imu_grade=load_grade(grade or robot.imu.grade))
+    if grade is not None or robot.imu_grade is None:
+        robot = dataclasses.replace(robot, imu_grade=load_grade(grade or robot.imu.grade))
+    return changed(robot, "robot", changes)
 
 
 def forget() -> None:
@@ -87,15 +89,15 @@ def load_grade(name: str) -> ImuGrade:
 
 
 @lru_cache
-def load_soil(name: str | Path = "dry_sand") -> Soil:
-    """Read a soil, by name or path.
+def load_soil(name: str | Path = "dry_sand", changes: Changes = ()) -> Soil:
+    """Read a soil, by name or path, with `changes` in place of numbers of its file.
 
     Raises:
         UsageError: unknown name.
         InputError: the file is wrong.
     """
     path = find("soils", name)
-    return build(Soil, read_toml(path), str(path))
+    return changed(build(Soil, read_toml(path), str(path)), "soil", changes)
 
 
 @lru_cache
@@ -178,8 +180,8 @@ VARIANTS = Table[Variant](
 )
 
 
-def in_force(robot: str, soil: str, grade: str | None = None) -> list[Provenance]:
-    """List every number of a robot and a soil with its unit, bounds and origin.
+def in_force(robot: str, soil: str, grade: str | None = None, changes: Changes = ()) -> list[Provenance]:
+    """List every number of a robot and a soil with its unit, bounds and origin; `changes` as in `load_robot`.
 
     Raises:
         UsageError: unknown robot, soil or IMU grade.
@@ -187,11 +189,12 @@ def in_force(robot: str, soil: str, grade: str | None = None) -> list[Provenance
     """
     rows: list[Provenance] = []
     for group, record, path in (
-        ("robot", load_robot(robot, grade), find("robots", robot)),
-        ("soil", load_soil(soil), find("soils", soil)),
+        ("robot", load_robot(robot, grade, changes), find("robots", robot)),
+        ("soil", load_soil(soil, changes), find("soils", soil)),
     ):
         rows += _list(record, group, _short(path), read_toml(path))
-    return rows
+    own = dict(changes)
+    return [dataclasses.replace(p, origin=OPTION) if f"{p.group}.{p.key}" in own else p for p in rows]
 
 
 def _short(path: Path) -> str:

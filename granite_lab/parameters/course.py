@@ -89,7 +89,7 @@ class Course(Variant):
     def distance_at(self, t: Array | float) -> Array:
         """Return s_d [m] at times [s since the start]."""
         corners, v = self.corners
-        way = np.concatenate([[0.0], np.cumsum(np.diff(corners) * (v[1:] + v[:-1]) / 2)])
+        way = _way(corners, v)
         t = np.clip(t, corners[0], corners[-1])
         k = np.clip(np.searchsorted(corners, t, side="right") - 1, 0, corners.size - 2)
         return np.asarray(way[k] + (t - corners[k]) * (v[k] + np.interp(t, corners, v)) / 2)
@@ -111,7 +111,6 @@ def course_of(
         wheels: as in `Course`.
     """
     keep = corners_of(t, v, ENOUGH)
-    way = np.concatenate([[0.0], np.cumsum(np.diff(t) * (v[1:] + v[:-1]) / 2)])
     if stretch is None:
         moving = np.flatnonzero(v > MOVING * v.max())
         stretch = float(t[moving[0]]), float(t[moving[-1]])
@@ -123,11 +122,16 @@ def course_of(
     return Course(
         velocity=float(f"{mean:.3g}"),  # repetitions have one
         acceleration=max(float(slopes.max()), 1e-3),
-        distance=float(way[-1]),
+        distance=float(_way(t, v)[-1]),
         path=tuple(zip(t[keep].tolist(), v[keep].tolist(), strict=True)),
         stretch=stretch,
         wheels=tuple(wheels),
     )
+
+
+def _way(t: Array, v: Array) -> Array:
+    """Return (N,) how far velocities [m/s] have led at instants t [s], the integral of lines between them."""
+    return np.concatenate([[0.0], np.cumsum(np.diff(t) * (v[1:] + v[:-1]) / 2)])
 
 
 def corners_of(t: Array, v: Array, within: float) -> npt.NDArray[np.int64]:

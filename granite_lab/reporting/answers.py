@@ -78,7 +78,8 @@ class Answers:
         steps: what to do next, most useful first.
         speeds: slow ones first; empty for a search alone.
         a_theta: exponent of k_92 = exp(−a_θ v) [s/m]; None where it could not be fitted.
-        a_theta_agrees: the paper's value lies in the interval as printed; None with too few speeds.
+        a_theta_agrees: the paper's value lies in the interval as printed; None with too few speeds, or where
+            the interval holds 0.
         channels: of the comparison of measured and simulated motion.
         a_theta_paper: of the paper [s/m].
         silent: no slip ratio is known well enough for k_92, a comparison with the model or a search.
@@ -231,11 +232,11 @@ def _k92_answer(why: str) -> Answer:
 
 
 def a_theta_of(fit: AThetaFit | None) -> tuple[Number | None, bool | None]:
-    """Return a_θ as printed, and whether its interval holds the paper's; None with too few speeds."""
+    """Return a_θ as printed, and whether its interval holds the paper's; None where it cannot be tested."""
     if fit is None or not math.isfinite(fit.a_theta.value):
         return None, None
     number = decided(fit.a_theta.value, fit.a_theta.std, *fit.ci95, unit="s/m")
-    return number, number.holds(fit.published) if _speeds_of(fit) >= SPEEDS else None
+    return number, number.holds(fit.published) if _speeds_of(fit) >= SPEEDS and fit.ci95[0] > 0 else None
 
 
 def _k92_off(fit: AThetaFit) -> dict[float, float]:
@@ -266,6 +267,9 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
         f"By the files of soil and robot as they are, a_θ = {number.with_std} s/m, 95 % interval "
         f"{number.interval} s/m, from {plural(len(fit.points), 'trial')}.{depends}"
     )
+    if agrees is None and _speeds_of(fit) >= SPEEDS:
+        text += " The interval holds 0: these trials do not show that k_92 falls with the velocity."
+        return Answer("a_theta", question, "Not known", text)
     if agrees is None:
         few = _speeds_of(fit)
         text += f" A test of the law k_92 = exp(−a_θ v) needs {SPEEDS} speeds; these trials have {few}."

@@ -81,7 +81,7 @@ def k92_figure(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
         where = {
             True: "the paper's {:g} s/m lies in the interval",
             False: "the paper's {:g} s/m lies outside the interval",
-            None: "fewer than three speeds do not test the law",
+            None: "these trials do not test the law",
         }[answers.a_theta_agrees].format(answers.a_theta_paper)
         title = f"a_θ = {number.with_std} s/m; {where}"
     points, law = _over_speed(answers.speeds, lambda c: _told(c.fit)), fit if number is not None else None

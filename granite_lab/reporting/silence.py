@@ -6,7 +6,7 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 
-from granite_lab.estimation.motion import slip_is_known
+from granite_lab.estimation.motion import no_slip_is_known
 from granite_lab.fitting.fit import BOUNDS
 from granite_lab.reporting.names import listed
 from granite_lab.reporting.speeds import Speed
@@ -21,7 +21,7 @@ REMEDY = (
 
 def silent(result: StudyResult) -> bool:
     """Whether no trial of a study has a slip ratio that is known to 5 points."""
-    return bool(result.trials) and not any(slip_is_known(r.comparison.motion) for r in result.trials)
+    return no_slip_is_known([r.comparison.motion for r in result.trials])
 
 
 def why_no_k92(result: StudyResult) -> str:

@@ -32,11 +32,12 @@ def table(turning: float) -> pd.DataFrame:
 def test_windows_of_drive_become_one_log_of_a_straight_step(tmp_path: Path) -> None:
     path = tmp_path / "steps.pkl"
     table(0.0).to_pickle(path)
-    ((name, log),) = steps_of(path, 0.25)
+    ((name, log, std),) = steps_of(path, 0.25)
     assert name == "step_003"
     assert len(log) == 2 * SAMPLES
     place = log.dropna(subset=["ref_x_m"])
     assert np.polyfit(place["t_s"], place["ref_x_m"], 1)[0] == pytest.approx(0.5, rel=0.01)
+    assert std == 0.02
     assert log["v_cmd_mps"].unique() == pytest.approx([0.5])
     table(1.5).to_pickle(path)
     assert list(steps_of(path, 0.25)) == []
@@ -61,5 +62,6 @@ def test_the_page_says_how_each_trial_ends(tmp_path: Path, monkeypatch: pytest.M
     assert rows["virtual_v0.3_r1"].k92[:3] == "0.2"
     text = page([outcome], ["another"])
     assert "| A set | 2 | 1 | 1 | – | – | 1 |" in text
+    assert "![slip ratios](figures/real-trials/a-set.png)" in text
     assert "> A report." in text
     assert "Not in the data of this run: another." in text

@@ -113,13 +113,15 @@ def test_logs_are_taken_with_what_they_were_ingested_with(folder: Path) -> None:
     refused(lab("fit-k92", cwd=folder), 2, "ingested with different options", "name the logs")
     (folder / "reports" / "ingest" / "trial.csv").unlink()  # which takes its log off the list
     assert [fit["trial"] for fit in told("fit-k92", cwd=folder)["fits"]] == [B]
-    known = ("--rest", "0:1", "--distance-measured", "2.03±0.02")
+    known = ("--rest", "0:1", "--distance-measured", "2.03±0.02", "--set", "soil.cohesion_Pa=500")
     succeeded("ingest", f"{B}.csv", *known, cwd=folder)
     document = told("fit-k92", cwd=folder)
     assert {o["name"]: o["value"] for o in document["provenance"]["options"]} == {
-        "rest": "0:1", "distance-measured": "2.03±0.02",
+        "rest": "0:1", "distance-measured": "2.03±0.02", "set": "soil.cohesion_Pa=500.0",
     }  # fmt: skip
-    assert document["provenance"]["command"].endswith("--distance-measured '2.03±0.02' --rest 0:1")
+    assert document["provenance"]["command"].endswith(
+        "--distance-measured '2.03±0.02' --rest 0:1 --set soil.cohesion_Pa=500.0"
+    )
     succeeded("ingest", f"{B}.csv", "--variant", "0.7", cwd=folder)
     refused(lab("fit-k92", cwd=folder), 2, "ingested with --variant, which only ingest has", "TOML file")
     (folder / f"{B}.csv").unlink()

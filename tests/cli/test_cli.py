@@ -85,8 +85,8 @@ REFUSED: list[tuple[str, int, str, str]] = [
     ("wheel --load 5 --sinkage 5", 2, MANY, ""),
     ("wheel --load -5", 2, "out of range", ""),
     ("wheel --robot kobuki", 2, "the load is not given", ""),
-    ("wheel --soil-value cohesion_Pa=-1", 3, "out of range", ""),
-    ("wheel --soil-value cohesion=1", 3, "unknown key", ""),
+    ("wheel --set soil.cohesion_Pa=-1", 3, "out of range", ""),
+    ("wheel --set soil.cohesion=1", 3, "unknown key 'soil.cohesion'", "soil.cohesion_Pa"),
     ("wheel --effect bulldozing.strength=x", 2, NO, ""),
     ("wheel --plot wheel.jpg", 2, "not a picture", ""),
 ]
@@ -207,7 +207,7 @@ def test_a_wheel_has_a_quarter_of_the_robot_the_law_of_the_paper_and_any_soil_an
     one = gl.wheel(0.2, v=0.4).points[0]
     assert one.load == pytest.approx(43.1 * GRAVITY / 4)
     assert one.k92 == pytest.approx(np.exp(-4.919 * 0.5), rel=1e-3)  # ω r = 0.4 / 0.8
-    found = gl.wheel([0.1, 0.3], load=30, k92=0.5, soil_values={"cohesion_Pa": 0, "exponent": 1})
+    found = gl.wheel([0.1, 0.3], load=30, k92=0.5, changes={"soil.cohesion_Pa": 0, "soil.exponent": 1})
     assert (found.soil.cohesion, found.soil.exponent, found.soil.friction_angle) == (0, 1, 30)
     assert [p.slip for p in found.points] == [0.1, 0.3]
     slow = gl.wheel(0.2, v=0.01, k92=0.3, active={"drive_reaction": {"share": 1.0}})

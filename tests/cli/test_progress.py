@@ -8,6 +8,7 @@ from rich.console import Console
 
 from granite_lab.commands import printer
 from granite_lab.commands.options import count_of
+from granite_lab.discovery.discover import STEPS
 from tests.corpus.cli import SAMPLES
 
 
@@ -21,8 +22,10 @@ def test_trials_are_counted_to_their_number(monkeypatch: pytest.MonkeyPatch, ter
     monkeypatch.setattr(printer, "console", made)
     with printer.progress("trials", quiet=False, total=3) as watch:
         watch.done(None)
-    assert ("1/3" in shown.getvalue()) is terminal
-    assert ("left" in shown.getvalue()) is terminal
+    with printer.progress("trials", quiet=False, total=3) as watch:
+        watch.stage("screening", 2, STEPS)  # of the search that follows
+    for text in ("1/3", "left", "screening", f"2/{STEPS}"):
+        assert (text in shown.getvalue()) is terminal, text
 
 
 def test_the_number_is_that_of_the_logs_of_all_folders(tmp_path: Path) -> None:

@@ -71,18 +71,40 @@ def test_ingest_follows_the_file_and_lists_what_it_excludes(tmp_path: Path) -> N
     assert lab("check", folder / f"{B}.csv").code == 0
 
 
-def test_a_study_lists_excluded_trials_and_is_verified_without_them(tmp_path: Path) -> None:
-    folder = folder_with(tmp_path, EXCLUDE)
+@pytest.mark.parametrize("by", [FILE, "--exclude"])
+def test_a_study_lists_excluded_trials_and_set_numbers_and_is_verified_with_both(
+    tmp_path: Path, by: str
+) -> None:
+    folder = folder_with(tmp_path, EXCLUDE if by == FILE else "")
     out = tmp_path / "report"
-    options = ("--no-discover", "--no-recordings", "--jobs", 1)
+    options = ("--no-discover", "--no-recordings", "--jobs", 1, "--set", "robot.wheels.radius_m=0.1")
+    options += ("--exclude", f"{B}=a wheel hit a stone") if by == "--exclude" else ()
     succeeded("study", folder, "--out", out, *options)
     document = json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert document["failures"] == [{"trial": B, "message": "excluded: a wheel hit a stone", "hint": ""}]
+    said = document["provenance"]
+    assert "--set robot.wheels.radius_m=0.1" in said["command"]
+    assert (f"--exclude '{B}=a wheel hit a stone'" in said["command"]) is (by == "--exclude")
+    (radius,) = (row for row in said["parameters"] if row["key"] == "robot.wheels.radius_m")
+    assert (radius["value"], radius["origin"]) == ("0.1", "--set")
     page = (out / "index.html").read_text(encoding="utf-8")
     assert "1 more trial excluded by the user." in page
     assert f"{B}: excluded: a wheel hit a stone" in page
     assert "could not be used" not in page
     succeeded("study", folder, "--verify", out, "--jobs", 1)
+
+
+def test_what_is_given_excludes_besides_the_file_and_is_told_what_is_wrong(tmp_path: Path) -> None:
+    folder = folder_with(tmp_path, EXCLUDE)
+    again = choose(folder, Options(exclude=((B, "rain"),)))
+    assert [(f.trial, f.reason) for f in again.excluded] == [(B, "rain")]
+    for wrong, error, hint in (
+        (f"{A}=slid", "--exclude: excludes all trials", "reason given: slid"),
+        ("virtual_v0.3=slid", "--exclude virtual_v0.3: no such log", A),
+        (f"{A}= ", f"--exclude {A}: the reason is empty", "say why"),
+        (A, f"--exclude {A}: cannot be understood", "trial='reason'"),
+    ):
+        refused(lab("study", folder, "--exclude", wrong), 2, error, hint)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +145,7 @@ def test_what_ends_a_command_over_several_trials_names_the_trial(tmp_path: Path)
     rows = (SAMPLES / f"{A}.csv").read_text(encoding="utf-8").splitlines(keepends=True)
     (tmp_path / "still.csv").write_text("".join(rows[:400]), encoding="utf-8")
     done = lab("fit-k92", SAMPLES / f"{B}.csv", tmp_path / "still.csv", "--strict", "--jobs", 1)
-    refused(done, 4, "still: no slip ratio, so k_92 cannot be fitted", "constant speed")
+    refused(done, 4, "still: its wheels do not turn", "a trial in which the robot drives")
 
 
 def test_params_shows_where_robot_and_soil_come_from(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from granite_lab.discovery.candidates import rescreened, rivals, scores, screen
 from granite_lab.discovery.finding import FoundEffect
 from granite_lab.discovery.heldout import closed, predict
 from granite_lab.discovery.power import _by_noise_own, _shares
-from granite_lab.discovery.search import Search, fit_sets, search, strained
+from granite_lab.discovery.search import MOST, Search, fit_sets, search, strained
 from granite_lab.discovery.verdict import OPEN, Judgement, Named, by_posterior, judge
 from granite_lab.discovery.words import provisional, sentence
 from granite_lab.estimate import Estimate
@@ -67,7 +67,11 @@ def ask(
             trials = tuple(np.append(x[:-1], size * rng.normal()) for x in point.trials)
             point = replace(point, trials=trials)
     measure(problem, point, rng, discrepancy)
-    found = search(problem, fit(problem, problem.neutral()), candidates, TOLERANCE)
+    steps: list[int] = []
+    base = fit(problem, problem.neutral())
+    found = search(problem, base, candidates, TOLERANCE, lambda _, step: steps.append(step))
+    assert steps == sorted(steps)  # progress goes on to its end, in at most as many steps as it has
+    assert steps[-1] <= MOST
     return Answer(problem, found, judge(problem, found, TOLERANCE))
 
 

@@ -200,6 +200,21 @@ def test_without_a_yaw_gyro_opposite_sides_stay_in_doubt() -> None:
     assert "no yaw gyro" in str(said[0])
 
 
+def test_a_log_that_begins_amid_an_acceleration_does_not_turn_the_imu_round() -> None:
+    t = np.arange(-1.0, 6.0, 0.01)
+    speed = np.interp(t, [0.35, 0.95], [0.0, 2.0])  # of wheels whose stamps are 0.35 s late
+    gained = np.interp(t, [0.6, 0.65, 0.7, 0.9], [3.3, 0.0, -2.0, 0.0])  # the body settles afterwards
+    wheels = WheelStream(t, np.stack([np.cumsum(speed) * 0.01 / ROBOT.wheels.radius] * 4, axis=1))
+    force = np.random.default_rng(0).normal(0, 0.2, (t.size, 3)) + np.array([0.0, 0.0, 9.81])
+    force[:, 0] += np.where(t > 0, gained, 0.0)
+    whole = to_body(ImuStream(t, force, np.zeros_like(force)), orientation(ROBOT))
+    assert check_signs(wheels, whole, ROBOT, forward_given=True)[1] == ()
+    cut = t > 0.6
+    imu = to_body(ImuStream(t[cut], force[cut], np.zeros_like(force[cut])), orientation(ROBOT))
+    part = WheelStream(t[cut], wheels.angle[cut])
+    assert check_signs(part, imu, ROBOT, forward_given=True)[1] == ()
+
+
 def test_exchanged_sides_are_put_right_when_the_robot_turns() -> None:
     wheels, imu = turning(0.2, 0.35, 0.7 * 0.15 / ROBOT.chassis.track)
     same, said = check_signs(wheels, imu, ROBOT, forward_given=True)

@@ -8,7 +8,7 @@ import pytest
 
 from granite_lab.chain import sloped, soil_doubt
 from granite_lab.estimation import Motion, estimate
-from granite_lab.estimation.straight import course_of
+from granite_lab.estimation.straight import straightness_of
 from granite_lab.logs.sensors.pitch_rate import contradicted
 from granite_lab.logs.trial import Trial
 from granite_lab.options import Options
@@ -31,16 +31,16 @@ def yaw(begin: float, end: float, angle: float) -> np.ndarray:
 
 
 def test_a_straight_course_is_no_bend() -> None:
-    course = course_of(T, yaw(10, 20, 12.0), speed(), RESTS, load_robot())
+    course = straightness_of(T, yaw(10, 20, 12.0), speed(), RESTS, load_robot())
     assert not course.off.any()
     assert course.said == ()
-    unknown = course_of(T, np.full(T.size, np.nan), speed(), RESTS, load_robot())
+    unknown = straightness_of(T, np.full(T.size, np.nan), speed(), RESTS, load_robot())
     assert not unknown.off.any()
 
 
 @pytest.mark.parametrize("angle", [180.0, -90.0, 30.0])
 def test_a_bend_is_found_and_what_is_straight_is_offered(angle: float) -> None:
-    course = course_of(T, yaw(12, 15, angle), speed(), RESTS, load_robot())
+    course = straightness_of(T, yaw(12, 15, angle), speed(), RESTS, load_robot())
     ((begin, end), turned) = course.bends[0]
     assert len(course.bends) == 1
     assert (begin, end) == pytest.approx((12.0, 15.0), abs=0.5)
@@ -54,11 +54,11 @@ def test_a_bend_is_found_and_what_is_straight_is_offered(angle: float) -> None:
 
 def test_the_way_back_is_no_part_of_a_drive_ahead() -> None:
     back = np.where(T > 20, -0.5, 1.0) * speed()
-    course = course_of(T, yaw(0, 1, 0.0), back, RESTS, load_robot())
+    course = straightness_of(T, yaw(0, 1, 0.0), back, RESTS, load_robot())
     (only,) = course.back
     assert only == pytest.approx((20.0, 28.0), abs=0.5)
     assert "drives back at" in course.said[0]
-    whole = course_of(T, yaw(0, 1, 0.0), -speed(), RESTS, load_robot())
+    whole = straightness_of(T, yaw(0, 1, 0.0), -speed(), RESTS, load_robot())
     assert not whole.off.any()
 
 

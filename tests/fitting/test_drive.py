@@ -223,3 +223,12 @@ def test_a_trapezoid_gives_one_exponent_by_both_ways() -> None:
     (a, std), (other, _) = exponent(motion, trial), exponent(turned, trial)
     assert abs(a - other) < 0.3 * std
     assert turned.variant.velocity == pytest.approx(motion.variant.velocity, rel=0.01)
+
+
+def test_wheels_that_turn_backwards_are_refused_with_when() -> None:
+    _, motion = seen(JOYSTICK)
+    turned = dataclasses.replace(
+        motion, v_wheel=np.where(motion.t[:, None] > 5.0, -1.0, 1.0) * motion.v_wheel
+    )
+    with pytest.raises(EstimateError, match=r"the wheels turn backwards at 5\.0 to .* forward motion"):
+        driven(turned, ROBOT, "wheels")

@@ -104,9 +104,10 @@ def matlab(folder: Path, content: dict[str, Any]) -> Path:
     [
         vectors(),
         {"log": vectors(), "robot": "granite", "gain": np.array([1.0, 2.0, 3.0])},
+        {"log": {**vectors(), "T": np.zeros(30)}},
         {"log": {"imu": dict(list(vectors().items())[:7]), "wheels": dict(list(vectors().items())[7:])}},
     ],
-    ids=["vectors", "a struct", "structs in a struct"],
+    ids=["vectors", "a struct", "a vector that is no column", "structs in a struct"],
 )
 def test_a_matlab_file_gives_the_record_of_the_plain_file(
     content: dict[str, Any], plain: Path, tmp_path: Path
@@ -134,7 +135,7 @@ def test_matrices_are_columns_along_their_longer_side(tmp_path: Path) -> None:
 
 MATLAB = {
     "different lengths": (
-        {"imu": {"t": np.zeros(100), "ax": np.zeros(100)}, "enc": {"t": np.zeros(50)}},
+        {"imu": {"t": np.zeros(100), "ax": np.zeros(100)}, "enc": dict.fromkeys("tw", np.zeros(50))},
         r"vectors of different lengths: enc\.t \(50\), imu\.t \(100\)", "table2struct",
     ),
     "no vectors": ({"note": "nothing", "gain": 3.0}, "no vectors of numbers", "table2struct"),

@@ -100,6 +100,13 @@ def test_steady_motion_is_no_standstill_however_loud_the_rates() -> None:
         assert find_standstills(None, rates(t, v, noise), GRADE)[0] == []
 
 
+def test_a_wheel_that_is_reversed_does_not_stand() -> None:
+    t = np.arange(0, 6, 0.05)
+    v = np.clip(3.0 * (t - 1.0), -1.2, 2.2)
+    for noise in (0.0, 0.02, 0.05):
+        assert find_standstills(None, rates(t, v, noise), GRADE)[0] == []
+
+
 @pytest.mark.parametrize("rate", [10.0, 20.0, 50.0, 100.0, 400.0])
 def test_white_noise_at_rest_is_quiet_at_any_rate(rate: float) -> None:
     t = np.arange(0, 300, 1 / rate)

@@ -143,6 +143,16 @@ def test_two_k92_that_exclude_each_other_are_told(study: StudyResult) -> None:
     assert any("does not explain both" in line for line in warnings_of(apart.trials[0]))
 
 
+def test_a_law_of_trials_that_do_not_show_its_sign_is_not_known(twelve: StudyResult) -> None:
+    fit = twelve.a_theta
+    assert fit is not None
+    vague = dataclasses.replace(fit, a_theta=Estimate(2.4, 4.7), ci95=(-6.9, 11.7))
+    answer = decide.law_answer(vague)
+    assert answer.verdict == "Not known"
+    assert "do not show that k_92 falls" in answer.text
+    assert decide.a_theta_of(vague)[1] is None
+
+
 def test_a_law_that_agrees_says_which_k92_do_not(twelve: StudyResult) -> None:
     fit = twelve.a_theta
     assert fit is not None

@@ -27,6 +27,9 @@ ALIKE = 0.9
 CLEAR = 0.4
 """Correlation with the IMU from which on a direction counts as seen."""
 
+RIVAL = 0.5
+"""A peak of a correlation that is not twice as high as the next one is not told from it (as in PIV)."""
+
 TURNING = 0.25
 """Gyro over yaw rate by the wheels from which on the robot really turns; skidding takes half of it."""
 
@@ -153,7 +156,8 @@ def _against(imu: BodyImu, grid: Array, speed: Array) -> bool:
 def _forward_gain(imu: BodyImu, grid: Array, speed: Array) -> tuple[Array, float]:
     """Regress the horizontal specific force (2,) on the wheels' acceleration at the best lag.
 
-    Also how clear the matter is: the share of the force that it explains.
+    Also how clear the matter is: the share of the force that it explains, and nothing where the opposite
+    direction explains more than `RIVAL` of that at another lag, as where a log begins amid an acceleration.
     """
     wheel = _without_trend(np.gradient(speed, STEP))
     axes = (v if np.isfinite(v).any() else np.zeros(v.size) for v in (imu.forward, imu.left))
@@ -162,9 +166,13 @@ def _forward_gain(imu: BodyImu, grid: Array, speed: Array) -> tuple[Array, float
     if power * STEP < 0.01:
         return np.zeros(2), 0.0
     lags = range(-REACH, REACH + 1)
-    gains = np.array([[float(np.roll(wheel, lag) @ f) / power for f in force] for lag in lags])
+    padded = np.pad(wheel, REACH)  # what a lag moves beyond the log's end does not come back at its start
+    late = [padded[REACH - lag : padded.size - REACH - lag] for lag in lags]
+    gains = np.array([[float(shifted @ f) / power for f in force] for shifted in late])
     best = gains[int(np.argmax(np.hypot(*gains.T)))]
     along = best / max(float(np.hypot(*best)), 1e-12)
+    if float((-gains @ along).max()) > RIVAL * float(np.hypot(*best)):
+        return best, 0.0
     common = along[0] * force[0] + along[1] * force[1]
     return best, float(np.hypot(*best) * np.sqrt(power / max(float(common @ common), 1e-12)))
 

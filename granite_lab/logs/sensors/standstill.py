@@ -243,7 +243,8 @@ def _by_rates(wheels: Turning, velocity: Array, certain: Mask) -> Still:
     """Say where the wheels stand, by velocities (M, 4) [m/s], whose noise is learnt from the slow of them.
 
     These are those at which the robot stands for `certain` (M,), by its IMU. Where none tells, they are the
-    windows whose mean is zero within their own scatter.
+    windows whose mean is zero within their own scatter for as long as a standstill lasts: a wheel that is
+    reversed passes through zero, and its change of speed is no noise.
     """
     t, logged = wheels.t, np.isfinite(velocity)
     size = max(round(WINDOW / float(np.median(np.diff(t)))), 1) | 1
@@ -257,7 +258,9 @@ def _by_rates(wheels: Turning, velocity: Array, certain: Mask) -> Still:
         usual = float(np.quantile(np.abs(clean), 0.9))
         slow = np.abs(mean) < SLOW * usual
         scatter = np.sqrt(np.maximum(power - mean**2, 0.0) / size)
-        pool = certain & slow if (certain & slow).sum() > size else slow & (np.abs(mean) <= 3.0 * scatter)
+        pool = certain & slow
+        if pool.sum() <= size:
+            pool = _lasting(t, slow & (np.abs(mean) <= 3.0 * scatter))
         floor = max(1.01 * resolution, 3.0 * CREEP) ** 2
         limit = floor
         if pool.any():
@@ -274,6 +277,14 @@ def _by_rates(wheels: Turning, velocity: Array, certain: Mask) -> Still:
         if a == 0:
             unseen[:b] = 0.0
     return Still(still, unseen, turns)
+
+
+def _lasting(t: Array, mask: Mask) -> Mask:
+    """(M,) `mask` without what is shorter than a standstill, at stamps t [s]."""
+    left = np.zeros(mask.size, dtype=bool)
+    for a, b in runs(mask):
+        left[a:b] = t[b - 1] - t[a] >= SHORTEST
+    return left
 
 
 def _noise(power: Array, dof: float, share: float) -> float:

@@ -141,7 +141,8 @@ def run(
     effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, start: Array, vector: Array
 ) -> Array:
     """Integrate, anew from each corner of the command on; see `engine.Engine`."""
-    equations, kind = _equations(effects, kind_of(variant)).address, kind_of(variant)
+    kind = kind_of(variant)
+    equations = _equations(effects, kind).address
     grid, bends = instants(variant, accuracy), corners(variant)
     times = np.concatenate([grid, [np.inf], bends, grid[-1:]])
     given = vector
@@ -204,11 +205,9 @@ def outputs(
     evaluate, samples = _columns(effects, kind_of(variant), names), t.size
     blocks = -(-samples // program.LANES)
     stride = blocks * program.LANES
-    numbers = numbers_at(t, variant)
-    rows = 1 + states.shape[0] + numbers.shape[0]
-    table, full = np.empty((len(names), stride)), np.empty((rows, stride))
-    full[0, :samples], full[1 : rows - numbers.shape[0], :samples] = t, states
-    full[rows - numbers.shape[0] :, :samples] = numbers
+    given = np.vstack([t, states, numbers_at(t, variant)])
+    table, full = np.empty((len(names), stride)), np.empty((len(given), stride))
+    full[:, :samples] = given
     full[:, samples:] = full[:, samples - 1 : samples]  # the last lanes need some numbers
     evaluate(blocks, stride, full.ctypes.data, full[1:].ctypes.data, vector.ctypes.data, table.ctypes.data)
     return table[:, :samples]
