@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from granite_lab.estimate import Estimate
-from granite_lab.inference.fit import SHARES, Fit
+from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import held, tolerated
 from granite_lab.inference.normal import Normal, posterior
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.scales import SHARES
 from granite_lab.logs.trial import Array
 
 

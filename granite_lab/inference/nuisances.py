@@ -41,8 +41,9 @@ LATENCY_OF = {IMU: "latency", CURRENTS: "current_latency"}
 ARM_OF = {"accel_x": "arm_z", "accel_z": "arm_x"}
 """The number of `SENSORS` by which turning shows in a channel."""
 
-_SHIFT_STEP, _SPREAD_STEP = 1e-3, 1e-6
-"""Steps of derivatives by time [s] and by the variance of a low-pass [s^2]."""
+_SHIFT_STEP, _SPREAD_STEP = 1e-3, LOW_PASS_STD / 8
+"""Steps of derivatives by time [s] and by the variance of a low-pass [s^2]: with less the window of the latter
+ends within the same step of the simulation, beyond which the derivative is another."""
 
 
 @dataclass(frozen=True)
@@ -180,9 +181,12 @@ class TrialModel:
     ) -> dict[str, Array]:
         """Return channel of the IMU to the (n,) derivative of its bins by the variance of the low-pass."""
         own = [c for c in self.channels if self.observation.streams[c].sensor == IMU]
-        wider = sensors + _SPREAD_STEP * (np.array(SENSORS) == "spread")
-        there = self.bins_of(response, x, wider, own) if own else {}
-        shown = self._shown({c: (there[c] - bins[c][:, 0]) / _SPREAD_STEP for c in own}, x)
+        if not own:
+            return {}
+        at, place = float(sensors[SENSORS.index("spread")]), np.array(SENSORS) == "spread"
+        narrow, wide = max(at - _SPREAD_STEP, 0.0), at + _SPREAD_STEP
+        low, high = (self.bins_of(response, x, np.where(place, s, sensors), own) for s in (narrow, wide))
+        shown = self._shown({c: (high[c] - low[c]) / (wide - narrow) for c in own}, x)
         return {c: shown[c] for c in own}
 
     def _turning(self, response: Array) -> Array:

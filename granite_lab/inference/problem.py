@@ -206,18 +206,16 @@ class Problem:
         found = [r for r in self.bench.run(tasks) if r is not None]
         return found if len(found) == len(tasks) else None
 
-    def slopes(self, point: Point, sand_from: Slopes | None = None) -> Slopes | None:
+    def slopes(self, point: Point, *, central: bool = True) -> Slopes | None:
         """Differentiate the responses at the centre of each command; None where a run has no solution.
 
         Where a step leads out of the region with a solution, the opposite one alone is taken.
 
         Args:
             point: where.
-            sand_from: slopes whose derivatives by the sand are good enough to be kept.
+            central: take differences to both sides where the model has kinks.
         """
-        plans = [
-            self._differences(point, command, sand_from is None) for command, _ in enumerate(self.variants)
-        ]
+        plans = [self._differences(point, command, central) for command, _ in enumerate(self.variants)]
         centres = [self.centre(point, command) for command, _ in enumerate(self.variants)]
         without = [self._without_each(point, command) for command, _ in enumerate(self.variants)]
         sides = [
@@ -237,22 +235,22 @@ class Problem:
             derived = [found for d in plan if (found := d.derivative(base, runs)) is not None]
             if base is None or len(others) < len(left) or len(derived) < len(plan):
                 return None
-            n = 0 if sand_from is not None else len(SAND)
-            sand = sand_from.sand[j] if sand_from is not None else stacked(derived[:n], base)
+            n = len(SAND)
+            sand = stacked(derived[:n], base)
             common, own = np.split(stacked(derived[n:], base), [shared], axis=-1)
             traces = stacked([base - other for other in others], base)
             directions = self.trials[self.commands[j][0]].directions(base)
             parts.append((base, directions, sand, common, own, traces))
         return Slopes(*map(tuple, zip(*parts, strict=True)))
 
-    def _differences(self, point: Point, command: int, sand: bool) -> list[Difference]:
-        """Return the differences of a command by the sand, if wanted, and by the effects' parameters."""
+    def _differences(self, point: Point, command: int, central: bool) -> list[Difference]:
+        """Return the differences of a command by the sand and by the effects' parameters."""
         centre, found = self.centre(point, command), []
-        for k, name in enumerate(SAND if sand else ()):
+        for k, name in enumerate(SAND):
             ahead, behind = np.array(centre.sand), np.array(centre.sand)
             ahead[k], behind[k] = ahead[k] + STEP[k], behind[k] - STEP[k]
             sides = (Task(centre.variant, as_values(values), centre.setting) for values in (ahead, behind))
-            found.append(Difference(float(STEP[k]), name in KINKED, *sides))
+            found.append(Difference(float(STEP[k]), central and name in KINKED, *sides))
         shared = [p for _, p in self.parameters(point.effects, per_trial=False)]
         private = [p for _, p in self.parameters(point.effects, per_trial=True)]
         at = np.concatenate([point.common, self._own_mean(point, command)])
@@ -263,8 +261,7 @@ class Problem:
                 values[k] += sign * step
                 own = self.setting(point.effects, values[: len(shared)], values[len(shared) :])
                 sides.append(Task(centre.variant, centre.sand, own))
-            central = is_central(p, float(at[k]), step)
-            found.append(Difference(step, central, *sides))
+            found.append(Difference(step, central and is_central(p, float(at[k]), step), *sides))
         return found
 
     def _without_each(self, point: Point, command: int) -> list[Task]:

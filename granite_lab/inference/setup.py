@@ -96,17 +96,17 @@ def baseline(problem: Problem) -> Fit:
     """
     alone = len(problem.trials) == 1
     start, _ = at_first(problem)
-    slopes = problem.slopes(start)
+    slopes = problem.slopes(start, central=False)
     if slopes is None:
         raise EstimateError(
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
         )
     problem.weigh(nominal(problem), start, slopes)
     found = fit(problem, start, slopes=slopes, rounds=QUICK if alone else ROUGH, least=LEAST_OF_ROUGH)
-    for k in range(TIMES if alone else 2):
+    least = LEAST if alone else LEAST_OF_ROUGH
+    for _ in range(TIMES if alone else 2):
         before = found.point.vector
         problem.weigh(learnt(problem, found.residuals), found.point, found.slopes)
-        least = LEAST if alone or k > 0 else LEAST_OF_ROUGH
         found = fit(problem, found.point, found.scales, slopes=found.slopes, least=least)
         std = np.sqrt(np.diag(found.posterior.covariance))
         if alone and np.all(np.abs(found.point.vector - before) < FAR * std):

@@ -11,17 +11,19 @@ from granite_lab.discovery.candidates import rescreened, rivals, scores, screen
 from granite_lab.discovery.finding import FoundEffect
 from granite_lab.discovery.heldout import closed, predict
 from granite_lab.discovery.power import _by_noise_own, _shares
-from granite_lab.discovery.search import MOST, Search, fit_sets, search, strained
+from granite_lab.discovery.search import MOST, Search, search, strained
+from granite_lab.discovery.sets import fit_sets
 from granite_lab.discovery.verdict import OPEN, Judgement, Named, by_posterior, judge
 from granite_lab.discovery.words import provisional, sentence
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import REST_SHARE, WORTH
 from granite_lab.inference.discrepancy import MOTION, REST
-from granite_lab.inference.fit import FIRST, Fit, fit, taken
+from granite_lab.inference.fit import Fit, fit, taken
 from granite_lab.inference.noise import white
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.scales import FIRST
 from granite_lab.logs.trial import Array
 from tests.inference.stub import COMMANDS, TRACES, drawn, measure, problem_of, trace
 from tests.inference.test_normal import linear

@@ -10,9 +10,10 @@ import pytest
 from granite_lab.effects import get
 from granite_lab.estimation import correct
 from granite_lab.inference.bench import SAND, Bench, World
-from granite_lab.inference.fit import LEAST, Fit, change, fit
+from granite_lab.inference.fit import LEAST, NO_FURTHER, Fit, fit
 from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.scales import change
 from granite_lab.inference.setup import baseline, trial_models
 from granite_lab.inference.strengths import centre_of
 from granite_lab.logs import read_trial
@@ -75,7 +76,7 @@ def test_six_starts_end_at_one_optimum(case: Case) -> None:
     std = np.sqrt(np.diag(best.posterior.covariance))
     for f in found:
         assert np.abs((f.point.vector - best.point.vector) / std).max() < 0.1
-        assert f.posterior.promised < LEAST
+        assert f.promised < NO_FURTHER
         assert change(best.scales, f.scales) < 0.1
 
 
@@ -85,6 +86,6 @@ def test_a_fit_of_a_model_that_is_wrong_does_not_pass_for_converged(case: Case) 
     found = fit(case.problem, case.start(("tyre_windup",)), case.base.scales)
     assert not found.converged
     assert found.scales.loud
-    assert found.posterior.promised > LEAST
+    assert found.promised > LEAST
     both = fit(case.problem, case.start(CHOSEN), case.base.scales)
     assert both.evidence > found.evidence + 5000
