@@ -42,8 +42,8 @@ ARM_OF = {"accel_x": "arm_z", "accel_z": "arm_x"}
 """The number of `SENSORS` by which turning shows in a channel."""
 
 _SHIFT_STEP, _SPREAD_STEP = 1e-3, LOW_PASS_STD / 8
-"""Steps of derivatives by time [s] and by the variance of a low-pass [s^2]: with less the window of the latter
-ends within the same step of the simulation, beyond which the derivative is another."""
+"""Steps of derivatives by time [s] and by the variance of a low-pass [s^2]: with less the window of the
+latter ends within the same step of the simulation, beyond which the derivative is another."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class TrialModel:
             sensor = self.observation.streams[c].sensor
             if sensor != WHEELS:
                 by_sensor[k, :, SENSORS.index(LATENCY_OF[sensor])] = shown[c][:, 2]
-        for c, by_spread in self._spread(changes[..., 0], bins, x, sensors).items():
+        for c, by_spread in self._spread(changes[..., 0], x, sensors).items():
             by_sensor[self.channels.index(c), :, SENSORS.index("spread")] = by_spread
         for felt in ARM_OF if "accel_x" in bins else ():
             turning = self._shown({c: bins[c][:, 1] * (c == felt) for c in ARM_OF}, x)
@@ -176,9 +176,7 @@ class TrialModel:
         shown = self._shown(self.bins_of(changes, x, sensors), x)
         return np.concatenate([shown[c] for c in self.channels])
 
-    def _spread(
-        self, response: Array, bins: Mapping[str, Array], x: Array, sensors: Array
-    ) -> dict[str, Array]:
+    def _spread(self, response: Array, x: Array, sensors: Array) -> dict[str, Array]:
         """Return channel of the IMU to the (n,) derivative of its bins by the variance of the low-pass."""
         own = [c for c in self.channels if self.observation.streams[c].sensor == IMU]
         if not own:
