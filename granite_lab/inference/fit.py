@@ -221,7 +221,7 @@ def _descended(
         ratio = drop / (promised * pace * (2 - pace)) if promised > 0 else -np.inf
         near = promised < NEAR and damping == 0
         closer = fine and near and drop > -NEAR and promised < before / 2
-        fresh, before = away == 0, promised if near else np.inf
+        fresh, before = away == 0, promised if near and tried is not None else np.inf
         if tried is not None and (drop > 0 or closer):
             damping *= max(1 / 3, 1 - (2 * ratio - 1) ** 3)
             damping, growth = damping if damping > LEAST_DAMPED else 0.0, 2.0
@@ -249,7 +249,7 @@ def _descended(
         if not keep or near:
             scales = _learnt(problem, state, scales, 1)
     _, _, promised = _promise(problem, state, scales, 0.0)
-    return state, scales, fine and away < good and promised < NO_FURTHER
+    return state, scales, bool(fine and away < good and promised < NO_FURTHER)
 
 
 def _unlimited(problem: Problem, state: _State, scales: Scales, rounds: int) -> tuple[_State, Scales]:

@@ -206,16 +206,19 @@ class Problem:
         found = [r for r in self.bench.run(tasks) if r is not None]
         return found if len(found) == len(tasks) else None
 
-    def slopes(self, point: Point, *, central: bool = True) -> Slopes | None:
+    def slopes(self, point: Point, sand_from: Slopes | None = None, *, central: bool = True) -> Slopes | None:
         """Differentiate the responses at the centre of each command; None where a run has no solution.
 
         Where a step leads out of the region with a solution, the opposite one alone is taken.
 
         Args:
             point: where.
+            sand_from: slopes whose derivatives by the sand are good enough to be kept.
             central: take differences to both sides where the model has kinks.
         """
-        plans = [self._differences(point, command, central) for command, _ in enumerate(self.variants)]
+        first = 0 if sand_from is None else len(SAND)
+        commands = range(len(self.variants))
+        plans = [self._differences(point, command, central)[first:] for command in commands]
         centres = [self.centre(point, command) for command, _ in enumerate(self.variants)]
         without = [self._without_each(point, command) for command, _ in enumerate(self.variants)]
         sides = [
@@ -235,8 +238,8 @@ class Problem:
             derived = [found for d in plan if (found := d.derivative(base, runs)) is not None]
             if base is None or len(others) < len(left) or len(derived) < len(plan):
                 return None
-            n = len(SAND)
-            sand = stacked(derived[:n], base)
+            n = len(SAND) - first
+            sand = stacked(derived[:n], base) if sand_from is None else sand_from.sand[j]
             common, own = np.split(stacked(derived[n:], base), [shared], axis=-1)
             traces = stacked([base - other for other in others], base)
             directions = self.trials[self.commands[j][0]].directions(base)
@@ -249,7 +252,7 @@ class Problem:
         for k, name in enumerate(SAND):
             ahead, behind = np.array(centre.sand), np.array(centre.sand)
             ahead[k], behind[k] = ahead[k] + STEP[k], behind[k] - STEP[k]
-            sides = (Task(centre.variant, as_values(values), centre.setting) for values in (ahead, behind))
+            sides = [Task(centre.variant, as_values(values), centre.setting) for values in (ahead, behind)]
             found.append(Difference(float(STEP[k]), central and name in KINKED, *sides))
         shared = [p for _, p in self.parameters(point.effects, per_trial=False)]
         private = [p for _, p in self.parameters(point.effects, per_trial=True)]
