@@ -28,6 +28,9 @@ MOST_TERMS = 2
 TRIED, TRIED_HELD = 3, 2
 """Candidates of a screen that are fitted in full: with the discrepancy as learnt, and as tolerated."""
 
+FINE = 12
+"""Most steps of a fine fit that begins where a rough one ended."""
+
 UNLIKELY = 1e-3
 """Odds below which a set changes no probability that is told in percent."""
 
@@ -298,25 +301,20 @@ class _Steps:
     def finish(self) -> None:
         """Bring the sets that may have a say to their optimum; the others keep what they reach at least.
 
-        A set has a say whose odds against the likeliest are not below `UNLIKELY`, with all that its rough fit
-        may still gain.
+        A set has a say whose odds against the likeliest are not below `UNLIKELY`; of those the first `TRIED`.
         """
-        done: set[tuple[str, ...]] = set()
-        while True:
-            ranked = sorted(self.models.values(), key=lambda m: -m.log_posterior)
-            best = next(m for m in ranked if m.effects not in self.small)
-            least = best.log_posterior + np.log(UNLIKELY)
-            open_ = [m for m in ranked if m.log_posterior + m.fit.promised / 2 >= least]
-            open_ = [m for m in open_ if m.effects not in done and not m.fit.converged]
-            if not open_:
-                return
-            self.tell(f"fitting {', '.join(_words(m.effects) for m in open_)}", self.named)
-            found = attempts(self.problem, [(m.fit.point, m.fit.scales) for m in open_], LEAST)
-            for m in open_:
-                done.add(m.effects)
-                fine = found.get(m.effects)
-                if fine is not None and (fine.converged or fine.evidence > m.fit.evidence):
-                    self.models[m.effects] = _model(m.effects, fine, self.candidates)
+        ranked = sorted(self.models.values(), key=lambda m: -m.log_posterior)
+        best = next(m for m in ranked if m.effects not in self.small)
+        least = best.log_posterior + np.log(UNLIKELY)
+        others = [m for m in ranked if m is not best and m.log_posterior >= least]
+        wanted = [m for m in (best, *others[: TRIED - 1]) if not m.fit.converged]
+        self.tell(f"fitting {', '.join(_words(m.effects) for m in wanted)}", self.named)
+        starts = [(m.fit.point, m.fit.scales) for m in wanted]
+        found = attempts(self.problem, starts, LEAST, FINE)
+        for m in wanted:
+            fine = found.get(m.effects)
+            if fine is not None and (fine.converged or fine.evidence > m.fit.evidence):
+                self.models[m.effects] = _model(m.effects, fine, self.candidates)
 
 
 def _with(problem: Problem, point: Point, score: Score) -> Point:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from granite_lab.errors import EstimateError
-from granite_lab.inference.fit import LEAST_OF_ROUGH, Fit, fit
+from granite_lab.inference.fit import LEAST_OF_ROUGH, ROUNDS, Fit, fit
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
@@ -41,13 +41,16 @@ def fit_sets(
 
 
 def attempts(
-    problem: Problem, starts: Sequence[tuple[Point, Scales]], least: float = LEAST_OF_ROUGH
+    problem: Problem,
+    starts: Sequence[tuple[Point, Scales]],
+    least: float = LEAST_OF_ROUGH,
+    rounds: int = ROUNDS,
 ) -> dict[tuple[str, ...], Fit]:
     """Return the best fit of each set of effects from several starts, those without a solution left out."""
 
     def one(k: int) -> Fit | None:
         try:
-            return fit(problem, *starts[k], least=least)
+            return fit(problem, *starts[k], rounds=rounds, least=least)
         except EstimateError:
             return None
 
