@@ -18,7 +18,7 @@ from granite_lab.discovery.words import provisional, sentence
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import REST_SHARE, WORTH
 from granite_lab.inference.discrepancy import MOTION, REST
-from granite_lab.inference.fit import Fit, fit, taken
+from granite_lab.inference.fit import LEAST_OF_ROUGH, Fit, fit, taken
 from granite_lab.inference.noise import white
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
@@ -342,11 +342,11 @@ def test_a_set_that_ends_below_a_part_is_fitted_again_from_it(monkeypatch: pytes
     measure(problem, replace(start, common=np.array([0.7])), rng)
     alone = fit(problem, problem.neutral())
 
-    def stuck(problem: Problem, at: Point, scales: Scales) -> Fit:
-        found = fit(problem, at, scales)
+    def stuck(problem: Problem, at: Point, scales: Scales, *, rounds: int, least: float) -> Fit:
+        found = fit(problem, at, scales, rounds=rounds, least=least)
         return replace(found, evidence=alone.evidence - 1) if at is start else found
 
-    monkeypatch.setattr("granite_lab.discovery.search.fit", stuck)
+    monkeypatch.setattr("granite_lab.discovery.sets.fit", stuck)
     given = [(start, alone.scales)]
     found, lost = (fit_sets(problem, given, known)["push",] for known in ({(): alone}, {}))
     assert found.evidence > alone.evidence > lost.evidence
