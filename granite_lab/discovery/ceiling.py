@@ -16,10 +16,11 @@ from granite_lab.discovery.finding import Ceiling, Push
 from granite_lab.discovery.pushes import Places, Pushes
 from granite_lab.discovery.where import intervals
 from granite_lab.inference.constants import CREDIBLE
-from granite_lab.inference.fit import CLOSE, Fit
+from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import beyond, tolerated
 from granite_lab.inference.normal import Normal, Posterior, posterior
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.scales import CLOSE
 from granite_lab.logs.trial import Array
 from granite_lab.model.latent import PUSHES
 

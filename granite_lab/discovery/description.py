@@ -9,6 +9,7 @@ import numpy as np
 from granite_lab.discovery.describing import Screened
 from granite_lab.discovery.heldout import Equations, Predicted, predict, predicts_better, transferred
 from granite_lab.discovery.pushes import Pushes
+from granite_lab.discovery.search import FINE
 from granite_lab.errors import EstimateError
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.problem import Problem
@@ -45,7 +46,7 @@ def described(problem: Problem, pushes: Pushes, tolerance: float) -> Fit | None:
         point = problem.with_effect(point, screened.terms[k].id, [float(np.clip(a, p.low, p.high))])
     while len(point.effects) > len(before.point.effects):
         try:
-            found = fit(problem, point, before.scales)
+            found = fit(problem, point, before.scales, rounds=FINE)
         except EstimateError:
             return None
         stay = _staying(problem, found, tolerance)

@@ -9,11 +9,12 @@ import numpy as np
 
 from granite_lab.estimate import Estimate
 from granite_lab.inference.bench import RAKED
-from granite_lab.inference.fit import SHARES, Fit
+from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import held, tolerated
 from granite_lab.inference.normal import posterior
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.scales import SHARES
 from granite_lab.logs.trial import Array
 
 

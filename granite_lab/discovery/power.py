@@ -10,9 +10,10 @@ import numpy as np
 from granite_lab.discovery.candidates import Probe, Screen, others_of
 from granite_lab.discovery.finding import Confusion, Detectable
 from granite_lab.inference.constants import CREDIBLE, SAME, WORTH
-from granite_lab.inference.fit import Fit, learnt_priors
+from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import posterior
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.scales import learnt_priors
 from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from granite_lab.discovery.candidates import Score, Screen, rescreened, rivals, scores, screen
 from granite_lab.discovery.heldout import predict, predicts_better
+from granite_lab.discovery.sets import attempts, fit_sets, set_of
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
 from granite_lab.inference.constants import EFFECT_ODDS, LEFT, SPREAD, TOLERANCE, WORTH
-from granite_lab.inference.fit import Fit, fit, taken, under
+from granite_lab.inference.fit import LEAST, Fit, fit, taken, under
 from granite_lab.inference.gap import moved, shares, tolerated
-from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
 
@@ -23,6 +23,12 @@ MOST = 6
 
 TRIED, TRIED_HELD = 3, 2
 """Candidates of a screen that are fitted in full: with the discrepancy as learnt, and as tolerated."""
+
+FINE = 12
+"""Most steps of a fine fit that begins where a rough one ended."""
+
+UNLIKELY = 1e-3
+"""Odds below which a set changes no probability that is told in percent."""
 
 FEW, ALL = 2, 99
 """Sizes of a strength that are probed, the smallest first."""
@@ -125,6 +131,7 @@ def search(
         path.append((current, best, tried))
         current = best
     steps.exchange(current, path)
+    steps.finish()
     models = sorted(steps.models.values(), key=lambda m: -m.log_posterior)
     return Search(tuple(models), steps.looks, frozenset(steps.small))
 
@@ -201,9 +208,9 @@ class _Steps:
 
     def fitted(self, starts: Sequence[tuple[Point, Fit]]) -> None:
         """Fit the sets of some points that are not fitted yet, each with the scales of a fit nearby."""
-        new = [(start, near.scales) for start, near in starts if _set(start) not in self.models]
+        new = [(start, near.scales) for start, near in starts if set_of(start) not in self.models]
         if new:
-            sets = dict.fromkeys(_words(_set(start)) for start, _ in new)
+            sets = dict.fromkeys(_words(set_of(start)) for start, _ in new)
             self.tell(f"fitting {', '.join(sets)}", self.named)
         fits = fit_sets(self.problem, new, {k: m.fit for k, m in self.models.items()})
         self.models.update({k: _model(k, f) for k, f in fits.items()})
@@ -266,11 +273,29 @@ class _Steps:
                 if own and own.log_posterior > least:
                     points.append(_with(self.problem, without, score))
         self.fitted([(point, best.fit) for point in points])
-        for key in map(_set, points):
+        for key in map(set_of, points):
             rest, rival = (self.models.get(k) for k in (tuple(e for e in key if e in best.effects), key))
             better = rest and rival and rest is not rival and rival.log_posterior > best.log_posterior
             if rest and rival and better and not self.stays(rest, rival):
                 self.small.add(key)
+
+    def finish(self) -> None:
+        """Bring the sets that may have a say to their optimum; the others keep what they reach at least.
+
+        A set has a say whose odds against the likeliest are not below `UNLIKELY`; of those the first `TRIED`.
+        """
+        ranked = sorted(self.models.values(), key=lambda m: -m.log_posterior)
+        best = next(m for m in ranked if m.effects not in self.small)
+        least = best.log_posterior + np.log(UNLIKELY)
+        others = [m for m in ranked if m is not best and m.log_posterior >= least]
+        wanted = [m for m in (best, *others[: TRIED - 1]) if not m.fit.converged]
+        self.tell(f"fitting {', '.join(_words(m.effects) for m in wanted)}", self.named)
+        starts = [(m.fit.point, m.fit.scales) for m in wanted]
+        found = attempts(self.problem, starts, LEAST, FINE)
+        for m in wanted:
+            fine = found.get(m.effects)
+            if fine is not None and (fine.converged or fine.evidence > m.fit.evidence):
+                self.models[m.effects] = _model(m.effects, fine)
 
 
 def _with(problem: Problem, point: Point, score: Score) -> Point:
@@ -287,55 +312,6 @@ def _where_alone(problem: Problem, point: Point, known: Mapping[tuple[str, ...],
     pairs = zip(problem.trials, point.trials, part.trials, strict=True)
     own = tuple(np.concatenate([theirs[: t.size], x[t.size :]]) for t, x, theirs in pairs)
     return replace(point, shared=part.shared, trials=own)
-
-
-def fit_sets(
-    problem: Problem, starts: Sequence[tuple[Point, Scales]], known: Mapping[tuple[str, ...], Fit]
-) -> dict[tuple[str, ...], Fit]:
-    """Return the best fit of each set of effects, those left out whose starts have no solution.
-
-    A fit can be no worse than that of a part of the set: one that is has missed the optimum. It is made again
-    from the part, with the other effects at their neutral values.
-
-    Args:
-        problem: the trials.
-        starts: where to begin, with the set switched on, and the scales to begin with; several of a set.
-        known: fits of other sets.
-    """
-    found = _attempts(problem, starts)
-    again: dict[tuple[str, ...], tuple[Point, Scales]] = {}
-    for key, effects in {_set(start): start.effects for start, _ in starts}.items():
-        parts = [f for k, f in {**known, **found}.items() if set(k) < set(key)]
-        part = max(parts, key=lambda f: f.evidence, default=None)
-        if part is not None and not (key in found and found[key].evidence > part.evidence):
-            point = part.point
-            for id_ in (e for e in effects if e not in point.effects):
-                point = problem.with_effect(point, id_, [p.neutral for p in problem.parameters_of(id_)])
-            again[key] = point, part.scales
-    for key, other in _attempts(problem, list(again.values())).items():
-        if key not in found or other.evidence > found[key].evidence:
-            found[key] = other
-    return found
-
-
-def _attempts(problem: Problem, starts: Sequence[tuple[Point, Scales]]) -> dict[tuple[str, ...], Fit]:
-    def one(k: int) -> Fit | None:
-        try:
-            return fit(problem, *starts[k])
-        except EstimateError:
-            return None
-
-    found: dict[tuple[str, ...], Fit] = {}
-    for (start, _), f in zip(starts, problem.bench.side_by_side(one, len(starts)), strict=True):
-        key = _set(start)
-        if f is not None and (key not in found or f.evidence > found[key].evidence):
-            found[key] = f
-    return found
-
-
-def _set(point: Point) -> tuple[str, ...]:
-    """Return the effects of a point, sorted."""
-    return tuple(sorted(point.effects))
 
 
 def good(problem: Problem, result: Fit, tolerance: float) -> bool:

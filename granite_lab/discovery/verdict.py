@@ -13,10 +13,11 @@ from granite_lab.discovery.resampling import Competition, by_evidence, compete, 
 from granite_lab.discovery.search import Model, Search, good, matters
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import CREDIBLE, LEAST_SHARE, LEFT
-from granite_lab.inference.fit import FORMULAS, Fit, under
+from granite_lab.inference.fit import Fit, under
 from granite_lab.inference.gap import moved, scatter
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.scales import FORMULAS
 from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 

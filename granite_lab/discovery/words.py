@@ -120,6 +120,11 @@ def notes(
         found.append(f"The soil follows another law than the model's: {' and '.join(laws)}.")
     if judgement.scatter:
         found.append(differing(judgement))
+    if not (fit := judgement.model.fit).converged:
+        found.append(
+            "The fit did not converge: the derivatives promise a likelier point that was not found, up to "
+            f"{np.sqrt(fit.promised):.1f} std away, as where the model has kinks."
+        )
     for n in judgement.named:
         if n.closes.value < LEAST_SHARE:
             found.append(

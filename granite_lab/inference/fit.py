@@ -2,49 +2,79 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from granite_lab.errors import EstimateError
-from granite_lab.inference.constants import FORMULA_ERROR, PSEUDO_TRIALS, SPREAD, TOLERANCE
-from granite_lab.inference.discrepancy import FORMULA, MOTION
-from granite_lab.inference.normal import Normal, Posterior, Scales, posterior
-from granite_lab.inference.point import Point, Slopes
+from granite_lab.inference.bench import RAKED, SAND
+from granite_lab.inference.normal import Normal, Posterior, Scales
+from granite_lab.inference.point import SHARED, Point, Slopes
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.strengths import own_name, width_of
+from granite_lab.inference.scales import (
+    CLOSE,
+    FIRST,
+    UPDATES,
+    change,
+    discrepancy,
+    learn,
+    log_prior,
+    own_scales,
+    posterior_at,
+)
 from granite_lab.logs.trial import Array
 
-LEAST = 0.2
-"""Drop of the objective at which an iteration ends: a quarter of a unit of log likelihood."""
+LEAST, LEAST_OF_ROUGH = 0.002, 0.2
+"""Drop of the objective below which no further step is taken: a thousandth of a log likelihood, so that no
+number is further from the optimum than 0.045 of its std. Of a rough fit, which serves to learn the noise or
+to rank sets of effects, a tenth."""
+
+NO_FURTHER = 0.1**2
+"""The same where steps with new derivatives no longer lower the objective, for the integrator's errors are as
+large: no number is then further from the optimum than a tenth of its std."""
+
+STALLS = 2
+"""How often new derivatives may bring nothing before a fit ends."""
+
+TRUSTED, TRUSTED_ROUGH = 0.1, 0.4
+"""How far from one the drop over the promised one may be for the derivatives to be kept, far from the
+optimum; of a rough fit."""
+
+NEAR = 1.0
+"""Promised drop below which a step of Gauss and Newton is taken although the objective does not fall: within
+a std it tells of kinks of the model and of derivatives at the centre of a command, not of the optimum."""
+
+AS_GOOD, AS_GOOD_ROUGH = 0.5, 1.0
+"""How far a fit may move, in std of the numbers, with derivatives that count as those of the point; a rough
+one."""
 
 LEAST_OF_LOUD = 0.01
-"""The same as a share of the objective where the noise is found louder than repetitions show: the model is
-wrong, and half a percent of its rms does not change that."""
+"""Promised drop, as a share of the objective, below which a fit ends where the noise is louder than
+repetitions show: the model is wrong, its kinks are sharper than the noise, and half a percent of its rms does
+not change that. Such a fit has not converged."""
 
-TRUSTED = 0.6
-"""Share of the promised drop above which the derivatives are kept."""
+STRENGTH = ("cohesion", "friction_angle")
+"""Numbers of the sand that say nothing where another limit of the shear stress rules in (10)."""
+
+WITHIN = 3.0**2
+"""Promised drop below which a fine fit shortens a step in place of damping it: three std."""
+
+LEAST_PACE, HALF = 1 / 8, 0.5
+"""Least share of a step of Gauss and Newton that a fine fit tries; drop over the promised one above which it
+doubles the share. Damping would keep numbers of little influence where they are."""
+
+LEAST_DAMPED = 0.01
+"""Damping below which there is none."""
 
 MOST_DAMPED = 1e3
 """Damping at which a fit ends: steps are then a thousandth of those of Gauss and Newton."""
 
-SHARES = (TOLERANCE / 32, 32 * TOLERANCE)
-FORMULAS = (FORMULA_ERROR[1] / 2**14, FORMULA_ERROR[1])
-"""Smallest and largest scales of the discrepancy: none that matters, and all that a channel shows; of the
-error of formulas, which is a share of traces that may be 10,000 times the noise (a wrong wheel radius)."""
+SETTLED = 0.02
+"""Change of the logarithm of a scale at which scales and numbers are at their joint optimum: the numbers then
+hardly move."""
 
-LEAST_OWN = 1e-3
-"""Least scale of the numbers that an effect has in each trial, as a share of their prior's range."""
-
-UPDATES = 8
-"""Most steps of the scales, each time they are learnt."""
-
-CLOSE = 0.1
-"""Change of the logarithm of a scale at which it is learnt: a tenth of what its prior leaves open."""
-
-FIRST = Scales(2 * TOLERANCE, FORMULA_ERROR[0])
-"""Scales with which a search begins."""
+ROUNDS = 40
+"""Most steps of a fit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +90,11 @@ class Fit:
         normal: the normal equations at the point.
         posterior: of the parameters.
         evidence: logarithm of the marginal likelihood with the priors of the scales, up to a constant; at the
-            mean of the posterior within the bounds if the fit converged, else at the point.
-        converged: an undamped step would be small.
+            point, so that nothing is credited that was not reached.
+        promised: how far an undamped step within the bounds should lower the objective, twice the negative
+            logarithm of likelihood and priors.
+        converged: the point is an optimum, together with the scales: nothing is promised. That of a rough fit
+            never is.
     """
 
     point: Point
@@ -72,6 +105,7 @@ class Fit:
     normal: Normal
     posterior: Posterior
     evidence: float
+    promised: float
     converged: bool
 
 
@@ -93,10 +127,10 @@ def fit(
     scales: Scales = FIRST,
     *,
     slopes: Slopes | None = None,
-    rounds: int = 16,
-    renew: int = 3,
+    rounds: int = ROUNDS,
+    least: float = LEAST,
 ) -> Fit:
-    """Iterate to convergence, by Levenberg and Marquardt; a simulation without a solution shortens the step.
+    """Iterate to the joint optimum of numbers and scales; a simulation without a solution shortens the step.
 
     Args:
         problem: the trials, with the noise.
@@ -104,13 +138,14 @@ def fit(
         scales: to begin with.
         slopes: derivatives near the start, if they are known.
         rounds: most steps; with none the problem is made linear at the start, under the scales as given.
-        renew: how often the derivatives may be computed anew.
+        least: promised drop of the objective at which the fit has converged.
 
     Raises:
         EstimateError: a simulation at the start has no solution.
     """
-    scales = replace(scales, priors={**_own_scales(problem, start, start.vector), **scales.priors})
-    slopes = slopes or problem.slopes(start)
+    fine, away = least <= LEAST, 0.0 if slopes is None else AS_GOOD
+    scales = replace(scales, priors={**own_scales(problem, start, start.vector), **scales.priors})
+    slopes = slopes or problem.slopes(start, central=fine)
     responses = simulated(problem, start)
     if slopes is None or responses is None:
         raise EstimateError(
@@ -119,56 +154,169 @@ def fit(
     residuals = problem.residuals(start, responses)
     normal = problem.normal(start, slopes, residuals)
     state = _State(start, slopes, responses, residuals, problem.white(residuals), normal)
+    converged = False
     if rounds:
-        scales = learn(problem, state, scales, 1)
-    damping, fresh, learnt, converged = 0.0, True, True, False
-    for _ in range(rounds):
-        M, _ = state.normal.marginal(scales)
-        std, mean = problem.prior(state.point, scales)
-        here = M[-1, -1] + float(np.sum(((state.point.vector - mean) / std) ** 2))
-        aim = _aim(problem, state.point, M, std, mean - state.point.vector, damping)
-        promised = here - _linear(M, std, mean, state.point, aim)
-        least = LEAST_OF_LOUD * here if scales.loud else LEAST
-        drop = np.nan
-        if promised >= least:
-            drop = -np.inf
-            tried = simulated(problem, aim)
-            if tried is not None:
-                residuals = problem.residuals(aim, tried)
-                white = problem.white(residuals)
-                there = sum(state.normal.misfits(white, scales).values())
-                drop = here - there - float(np.sum(((aim.vector - mean) / std) ** 2))
-            if tried is not None and drop > 0:
-                state = _State(aim, state.slopes, tried, residuals, white, state.normal.at(white))
-                damping, fresh, learnt = damping / 10 if damping > 0.02 else 0.0, False, False
-                if drop < least and renew <= 0:  # at a kink of the model a step never brings what is promised
-                    converged = True
-                    break
-            else:
-                damping = max(10 * damping, 0.1)
-                if damping > MOST_DAMPED:
-                    break
-        elif fresh or renew <= 0:
-            if learnt:
-                converged = damping == 0.0
-                break
-            scales, learnt = learn(problem, state, scales), True
-        if not drop >= TRUSTED * promised and not fresh and renew > 0:
-            new = problem.slopes(state.point)
-            if new is None:
-                break
-            normal = problem.normal(state.point, new, state.residuals)
-            state, fresh, renew = replace(state, slopes=new, normal=normal), True, renew - 1
-    if rounds and not learnt:
-        scales = learn(problem, state, scales)
-    post = _posterior(problem, state.point, state.normal, scales)
+        scales = _learnt(problem, state, scales, 1)
+        state, scales, converged = _descended(problem, state, scales, rounds, least, away)
+        if converged and fine:
+            state, scales = _unlimited(problem, state, scales, rounds)
+    post = posterior_at(problem, state.point, state.normal, scales)
     evidence = post.evidence + log_prior(problem, scales, bool(state.point.effects))
     if rounds:  # nothing is credited beyond a bound, nor what the derivatives promise and was not found
-        evidence -= (post.promised - (_within_bounds(problem, state, scales) if converged else 0.0)) / 2
+        evidence -= post.promised / 2
     slopes, normal = replace(state.slopes), state.normal.alone()  # without what was kept for a next step
     return Fit(
-        state.point, scales, slopes, state.responses, state.residuals, normal, post, evidence, converged
+        point=state.point,
+        scales=scales,
+        slopes=slopes,
+        responses=state.responses,
+        residuals=state.residuals,
+        normal=normal,
+        posterior=post,
+        evidence=evidence,
+        promised=_promise(problem, state, scales, 0.0)[2],
+        converged=converged and fine,
     )
+
+
+def _descended(
+    problem: Problem, state: _State, scales: Scales, rounds: int, least: float, away: float = 0.0
+) -> tuple[_State, Scales, bool]:
+    """Return where steps by Levenberg and Marquardt end, the scales there, and whether that is an optimum.
+
+    The damping follows the drop over the promised one (H. B. Nielsen, Damping parameter in Marquardt's
+    method, IMM-REP-1999-05, Technical University of Denmark).
+
+    Args:
+        problem: the trials.
+        state: where to begin.
+        scales: to begin with.
+        rounds: most steps.
+        least: promised drop at which a fit ends; only a fine one takes differences to both sides.
+        away: how far the point is from where its derivatives were taken [std].
+    """
+    fine = least <= LEAST
+    good, trusted = (AS_GOOD, TRUSTED) if fine else (AS_GOOD_ROUGH, TRUSTED_ROUGH)
+    damping, growth, pace, before = 0.0, 2.0, 1.0, np.inf  # `before`: what the last step promised
+    since, stalled = np.inf, 0  # what the derivatives have brought; how often they brought nothing
+    for _ in range(rounds):
+        here, aim, promised = _promise(problem, state, scales, damping)
+        loud = scales.loud and not fine
+        enough = LEAST_OF_LOUD * here if loud else least
+        if loud and promised < enough and (away == 0 or damping > 0):
+            break
+        if damping > 0 and promised < least:
+            damping = 0.0
+            continue
+        if promised < least and away < good:
+            new = _learnt(problem, state, scales)
+            settled, scales = change(scales, new) < (SETTLED if fine else CLOSE), new
+            if settled:
+                return state, scales, True
+            continue
+        drop, tried = -np.inf, None
+        if promised >= least:
+            part = problem.moved(state.point, pace * (aim.vector - state.point.vector))
+            drop, tried = _tried(problem, state, scales, here, part)
+        ratio = drop / (promised * pace * (2 - pace)) if promised > 0 else -np.inf
+        near = promised < NEAR and damping == 0
+        closer = fine and near and drop > -NEAR and promised < before / 2
+        fresh, before = away == 0, promised if near and tried is not None else np.inf
+        if tried is not None and (drop > 0 or closer):
+            damping *= max(1 / 3, 1 - (2 * ratio - 1) ** 3)
+            damping, growth = damping if damping > LEAST_DAMPED else 0.0, 2.0
+            state, away, since = tried, away + pace * float(np.sqrt(promised)), since + drop
+            keep = away < good if near else abs(ratio - 1) < trusted
+            pace = min(1.0, 2 * pace) if ratio > HALF else pace
+        elif fresh and fine and damping == 0 and promised < WITHIN:
+            pace, keep = pace / 2, True
+            if pace < LEAST_PACE:
+                break
+        elif fresh:
+            damping, growth, keep = max(growth * damping, 10 * LEAST_DAMPED), 2 * growth, True
+            if damping > MOST_DAMPED or (not fine and promised < NEAR):
+                break
+        else:
+            keep = False
+        if not keep:
+            stalled += since < enough
+            if stalled >= (STALLS if fine else 1):
+                break
+            renewed = _renewed(problem, state, central=fine)
+            if renewed is None:
+                break
+            state, away, since = renewed, 0.0, 0.0
+        if not keep or near:
+            scales = _learnt(problem, state, scales, 1)
+    _, _, promised = _promise(problem, state, scales, 0.0)
+    return state, scales, bool(fine and away < good and promised < NO_FURTHER)
+
+
+def _unlimited(problem: Problem, state: _State, scales: Scales, rounds: int) -> tuple[_State, Scales]:
+    """Return the optimum at which the strength of the sand limits nothing, if there is one that is likelier.
+
+    Where the friction on the tyre rules in (10), cohesion and angle of friction say nothing. A fit that comes
+    from where they rule ends at the edge of that region, in a second optimum.
+    """
+    shared = np.where([name in STRENGTH for name in SHARED], 0.0, state.point.shared)
+    if np.array_equal(shared, state.point.shared):
+        return state, scales
+    raked = np.array([name in STRENGTH for name in SAND[:RAKED]])
+    trials = [np.concatenate([np.where(raked, 0.0, x[:RAKED]), x[RAKED:]]) for x in state.point.trials]
+    here, _, _ = _promise(problem, state, scales, 0.0)
+    rise, there = _tried(
+        problem, state, scales, here, replace(state.point, shared=shared, trials=tuple(trials))
+    )
+    there = _renewed(problem, there, central=True) if there is not None and rise > -NEAR else None
+    if there is None:
+        return state, scales
+    other, theirs, converged = _descended(problem, there, scales, rounds, LEAST)
+    better = converged and _evidence(problem, other, theirs) > _evidence(problem, state, scales)
+    return (other, theirs) if better else (state, scales)
+
+
+def _evidence(problem: Problem, state: _State, scales: Scales) -> float:
+    """Return the logarithm of the marginal likelihood at a point."""
+    post = posterior_at(problem, state.point, state.normal, scales)
+    return post.evidence - post.promised / 2 + log_prior(problem, scales, bool(state.point.effects))
+
+
+def _learnt(problem: Problem, state: _State, scales: Scales, passes: int = UPDATES) -> Scales:
+    """Return the scales at a point."""
+    return learn(problem, state.point, state.normal, state.white, scales, passes)
+
+
+def _promise(problem: Problem, state: _State, scales: Scales, damping: float) -> tuple[float, Point, float]:
+    """Return the objective at a point, where a damped step leads, and the drop that it promises."""
+    M, _ = state.normal.marginal(scales)
+    std, mean = problem.prior(state.point, scales)
+    here = M[-1, -1] + float(np.sum(((state.point.vector - mean) / std) ** 2))
+    aim = _aim(problem, state.point, M, std, mean - state.point.vector, damping)
+    return here, aim, here - _linear(M, std, mean, state.point, aim)
+
+
+def _tried(
+    problem: Problem, state: _State, scales: Scales, here: float, aim: Point
+) -> tuple[float, _State | None]:
+    """Return how far the objective falls with a step, and the state there; None without a solution."""
+    responses = simulated(problem, aim)
+    if responses is None:
+        return -np.inf, None
+    std, mean = problem.prior(aim, scales)
+    residuals = problem.residuals(aim, responses)
+    white = problem.white(residuals)
+    there = sum(state.normal.misfits(white, scales).values()) + float(
+        np.sum(((aim.vector - mean) / std) ** 2)
+    )
+    return here - there, _State(aim, state.slopes, responses, residuals, white, state.normal.at(white))
+
+
+def _renewed(problem: Problem, state: _State, *, central: bool) -> _State | None:
+    """Return a state with the derivatives at its point, None where a run has no solution."""
+    slopes = problem.slopes(state.point, central=central)
+    if slopes is None:
+        return None
+    return replace(state, slopes=slopes, normal=problem.normal(state.point, slopes, state.residuals))
 
 
 def under(problem: Problem, fitted: Fit, scales: Scales) -> Fit:
@@ -178,15 +326,17 @@ def under(problem: Problem, fitted: Fit, scales: Scales) -> Fit:
     nothing say how much the trials really differ.
     """
     own = replace(fitted.scales, priors=scales.priors)
-    own = _discrepancy(problem, fitted.normal, fitted.point, own)
-    post = _posterior(problem, fitted.point, fitted.normal, own)
+    own = discrepancy(problem, fitted.normal, fitted.point, own)
+    post = posterior_at(problem, fitted.point, fitted.normal, own)
     evidence = post.evidence + log_prior(problem, own, bool(fitted.point.effects))
     return replace(fitted, scales=own, posterior=post, evidence=evidence)
 
 
 def taken(problem: Problem, fitted: Fit, scales: Scales) -> Fit:
     """Return a fit, linear about its point, under scales that are taken for granted."""
-    return replace(fitted, scales=scales, posterior=_posterior(problem, fitted.point, fitted.normal, scales))
+    return replace(
+        fitted, scales=scales, posterior=posterior_at(problem, fitted.point, fitted.normal, scales)
+    )
 
 
 def simulated(problem: Problem, point: Point) -> tuple[Array, ...] | None:
@@ -218,140 +368,9 @@ def _aim(problem: Problem, point: Point, M: Array, std: Array, pull: Array, damp
         step = np.where(free, step, reached)
 
 
-def _within_bounds(problem: Problem, state: _State, scales: Scales) -> float:
-    """Return the drop of the objective that the derivatives promise at a point, the bounds kept."""
-    M, _ = state.normal.marginal(scales)
-    std, mean = problem.prior(state.point, scales)
-    aim = _aim(problem, state.point, M, std, mean - state.point.vector, 0.0)
-    return _linear(M, std, mean, state.point, state.point) - _linear(M, std, mean, state.point, aim)
-
-
 def _linear(M: Array, std: Array, mean: Array, point: Point, aim: Point) -> float:
     """Return the objective that the derivatives promise at another point."""
     p = std.size
     x = aim.vector - point.vector
     squares = M[-1, -1] - 2 * x @ M[:p, -1] + x @ M[:p, :p] @ x
     return float(squares + np.sum(((aim.vector - mean) / std) ** 2))
-
-
-def _posterior(problem: Problem, point: Point, normal: Normal, scales: Scales) -> Posterior:
-    std, mean = problem.prior(point, scales)
-    return posterior(*normal.marginal(scales), std**-2.0, mean - point.vector)
-
-
-def log_prior(problem: Problem, scales: Scales, formula: bool) -> float:
-    """Return the logarithm of the prior density of the scales, and of the noise being louder than learnt."""
-    away = [np.log(share / (TOLERANCE / 2)) for share in scales.shares.values()]
-    if formula:
-        away += [np.log(share / FORMULA_ERROR[0]) for share in scales.formulas.values()]
-    noise = sum(n * np.log(scales.louder.get(c, 1.0)) for c, n in problem.counts.items())
-    return -0.5 * float(np.sum((np.array(away) / SPREAD) ** 2)) - float(noise)
-
-
-def learn(problem: Problem, state: _State, scales: Scales, passes: int = UPDATES) -> Scales:
-    """Learn the scales at a point: discrepancy and what of the noise it does not explain, then the priors.
-
-    The first two ask for each other, and take `passes` at most to agree.
-
-    The scale of a number that differs from trial to trial is the mode of its posterior under an inverse
-    gamma prior whose weight is `PSEUDO_TRIALS` trials.
-    """
-    for _ in range(passes):
-        scales = _discrepancy(problem, state.normal, state.point, scales)
-        left = state.normal.misfits(state.white, scales)
-        before = {c: scales.louder.get(c, 1.0) for c in problem.counts}
-        louder = {
-            c: max(1.0, before[c] * float(np.sqrt(max(left[c], 0.0) / max(n, 1))))
-            for c, n in problem.counts.items()
-        }
-        scales = replace(scales, louder=louder)
-        if all(abs(np.log(louder[c] / before[c])) < CLOSE for c in louder):
-            break
-    normal = state.normal
-    M, logdet = normal.marginal(scales)
-    for _ in range(UPDATES):
-        std, mean = problem.prior(state.point, scales)
-        post = posterior(M, logdet, std**-2.0, mean - state.point.vector)
-        at, variance = state.point.vector + post.step, np.diag(post.covariance)
-        priors, old = learnt_priors(problem, state.point, at, variance), scales.priors
-        scales = replace(scales, priors=priors)
-        if all(name in old and abs(np.log(std / old[name])) < CLOSE for name, std in priors.items()):
-            break
-    return scales
-
-
-def _discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales) -> Scales:
-    """Learn the scales of the discrepancy by Fisher scoring of their logarithms, under the priors of these.
-
-    The gradient of the marginal likelihood is that of D. J. C. MacKay, Bayesian interpolation, Neural
-    Computation 4 (1992) 415-447; his fixed point hardly moves where the trials say little of a scale. There
-    the likelihood falls with the square of the scale, and Fisher's information is less than its curvature:
-    the larger of both is taken, for the scoring alone jumps to and fro.
-    """
-    names = tuple(problem.counts)
-    for _ in range(UPDATES):
-        step = np.append(-_posterior(problem, point, normal, scales).step, 1.0)
-        old = {(MOTION, c): scales.share_of(c) for c in names}
-        old |= {(FORMULA, c): scales.formula_of(c) for c in names}
-        rise = dict.fromkeys(old, 0.0)  # derivative of the marginal likelihood by the logarithm of a scale
-        information = dict.fromkeys(old, 0.0)
-        for part in normal.parts:
-            for c in part.channels:
-                mean, variance = c.amplitudes(step[part.place_in(step.size)], scales)
-                for name in ((MOTION, c.name), (FORMULA, c.name)):
-                    own = c.kind == name[0]
-                    known = 1 - variance[own] / old[name] ** 2  # share that the trials determine
-                    rise[name] += float(np.sum(mean[own] ** 2) / old[name] ** 2 - np.sum(known))
-                    information[name] += 2 * float(np.sum(known**2))
-        new = {}
-        for name, scale in old.items():
-            centre, bounds = (TOLERANCE / 2, SHARES) if name[0] == MOTION else (FORMULA_ERROR[0], FORMULAS)
-            slope = rise[name] - float(np.log(scale / centre)) / SPREAD**2
-            curvature = max(information[name], -2 * rise[name]) + SPREAD**-2.0
-            further = np.clip(slope / curvature, -1, 1)
-            new[name] = float(np.clip(scale * np.exp(further), *bounds))
-        shares, formulas = ({c: new[kind, c] for c in names} for kind in (MOTION, FORMULA))
-        scales = replace(scales, shares=shares, formulas=formulas)
-        if all(abs(np.log(found / old[name])) < CLOSE for name, found in new.items()):
-            break
-    return scales
-
-
-def learnt_priors(problem: Problem, point: Point, mean: Array, variance: Array) -> Mapping[str, float]:
-    """Return the scales of the numbers that differ from trial to trial.
-
-    Args:
-        problem: the trials.
-        point: which numbers there are.
-        mean, variance: (p,) of the posterior of all numbers.
-    """
-    squares: dict[str, list[float]] = {}
-    first: dict[str, float] = {}
-    k = 0
-    for t, x in zip(problem.trials, point.trials, strict=True):
-        for n, slack in ((n, s) for n, s in enumerate(t.slacks) if s.learnt):
-            squares.setdefault(slack.name, []).append(float(mean[k + n] ** 2 + variance[k + n]))
-            first[slack.name] = slack.std
-        k += x.size
-    found = {
-        name: float(np.sqrt((sum(q) + PSEUDO_TRIALS * first[name] ** 2) / (len(q) + PSEUDO_TRIALS)))
-        for name, q in squares.items()
-    }
-    return found | _own_scales(problem, point, mean, variance)
-
-
-def _own_scales(
-    problem: Problem, point: Point, mean: Array, variance: Array | float = 0.0
-) -> dict[str, float]:
-    """Return the rms of the numbers that each effect has in each trial: their scale, whatever it is."""
-    private = problem.parameters(point.effects, per_trial=True)
-    squares = mean**2 + variance
-    ends = np.cumsum([x.size for x in point.trials])
-    table = np.array([squares[end - len(private) : end] for end in ends]).reshape(ends.size, len(private))
-    found: dict[str, float] = {}
-    for id_ in dict.fromkeys(id_ for id_, _ in private):
-        at = [k for k, (e, _) in enumerate(private) if e == id_]
-        width = max(width_of(private[k][1]) for k in at)
-        rms = float(np.sqrt(np.mean(table[:, at])))
-        found[own_name(id_)] = float(np.clip(rms, LEAST_OWN * width, width))
-    return found

@@ -8,10 +8,11 @@ import numpy as np
 
 from granite_lab.estimation.noise import hann, spectral_density
 from granite_lab.inference.discrepancy import FORMULA, MOTION
-from granite_lab.inference.fit import FORMULAS, SHARES, Fit, under
+from granite_lab.inference.fit import Fit, under
 from granite_lab.inference.noise import ABOVE, CUT, errors
 from granite_lab.inference.normal import ChannelPart, Scales, posterior
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.scales import FORMULAS, SHARES
 from granite_lab.logs.trial import Array
 
 LEAST_BINS = 8

@@ -41,8 +41,10 @@ LATENCY_OF = {IMU: "latency", CURRENTS: "current_latency"}
 ARM_OF = {"accel_x": "arm_z", "accel_z": "arm_x"}
 """The number of `SENSORS` by which turning shows in a channel."""
 
-_SHIFT_STEP, _SPREAD_STEP = 1e-3, 1e-6
-"""Steps of derivatives by time [s] and by the variance of a low-pass [s^2]."""
+_SHIFT_STEP, _SPREAD_STEP = 2e-4, LOW_PASS_STD / 8
+"""Steps of derivatives by time [s], within which trials determine a latency, and by the variance of a
+low-pass [s^2]: with less its window ends within the same step of the simulation, beyond which the derivative
+is another."""
 
 
 @dataclass(frozen=True)
@@ -121,17 +123,14 @@ class TrialModel:
         return out
 
     def directions(self, response: Array) -> Array:
-        """Return the (8, M, 3) changes of a response that need no simulation.
-
-        They are the response itself, its change with the place of the IMU, its derivative by a later start.
-        """
-        return np.dstack([response, self._turning(response), self._later(response)])
+        """Return the (8, M, 2) response itself, and its change with the place of the IMU."""
+        return np.dstack([response, self._turning(response)])
 
     def columns(self, changes: Array, x: Array, sensors: Array) -> tuple[Array, Array, Array]:
         """Return the derivatives of `predict`.
 
         Args:
-            changes: (8, M, 3 + RAKED + k) of the response: its `directions`, its derivatives by the sand that
+            changes: (8, M, 2 + RAKED + k) of the response: its `directions`, its derivatives by the sand that
                 is raked, and k others.
             x: the trial's numbers.
             sensors: numbers of the sensors that all trials share.
@@ -141,15 +140,16 @@ class TrialModel:
         """
         bins = self.bins_of(changes, x, sensors)
         shown = self._shown(bins, x)
-        raked, others = slice(3, 3 + RAKED), slice(3 + RAKED, None)
+        later = self._later(changes[..., 0], x, sensors)
+        raked, others = slice(2, 2 + RAKED), slice(2 + RAKED, None)
         local = np.zeros((len(self.channels), self.observation.bins, self.size))
         by_sensor = np.zeros((*local.shape[:2], len(SENSORS)))
         for k, c in enumerate(self.channels):
-            local[k, :, :RAKED], local[k, :, RAKED] = shown[c][:, raked], shown[c][:, 2]
+            local[k, :, :RAKED], local[k, :, RAKED] = shown[c][:, raked], later[c]
             sensor = self.observation.streams[c].sensor
             if sensor != WHEELS:
-                by_sensor[k, :, SENSORS.index(LATENCY_OF[sensor])] = shown[c][:, 2]
-        for c, by_spread in self._spread(changes[..., 0], bins, x, sensors).items():
+                by_sensor[k, :, SENSORS.index(LATENCY_OF[sensor])] = later[c]
+        for c, by_spread in self._spread(changes[..., 0], x, sensors).items():
             by_sensor[self.channels.index(c), :, SENSORS.index("spread")] = by_spread
         for felt in ARM_OF if "accel_x" in bins else ():
             turning = self._shown({c: bins[c][:, 1] * (c == felt) for c in ARM_OF}, x)
@@ -175,14 +175,15 @@ class TrialModel:
         shown = self._shown(self.bins_of(changes, x, sensors), x)
         return np.concatenate([shown[c] for c in self.channels])
 
-    def _spread(
-        self, response: Array, bins: Mapping[str, Array], x: Array, sensors: Array
-    ) -> dict[str, Array]:
+    def _spread(self, response: Array, x: Array, sensors: Array) -> dict[str, Array]:
         """Return channel of the IMU to the (n,) derivative of its bins by the variance of the low-pass."""
         own = [c for c in self.channels if self.observation.streams[c].sensor == IMU]
-        wider = sensors + _SPREAD_STEP * (np.array(SENSORS) == "spread")
-        there = self.bins_of(response, x, wider, own) if own else {}
-        shown = self._shown({c: (there[c] - bins[c][:, 0]) / _SPREAD_STEP for c in own}, x)
+        if not own:
+            return {}
+        at, place = float(sensors[SENSORS.index("spread")]), np.array(SENSORS) == "spread"
+        narrow, wide = max(at - _SPREAD_STEP, 0.0), at + _SPREAD_STEP
+        low, high = (self.bins_of(response, x, np.where(place, s, sensors), own) for s in (narrow, wide))
+        shown = self._shown({c: (high[c] - low[c]) / (wide - narrow) for c in own}, x)
         return {c: shown[c] for c in own}
 
     def _turning(self, response: Array) -> Array:
@@ -192,13 +193,14 @@ class TrialModel:
         out[0], out[1] = pitching, -pitching
         return out
 
-    def _later(self, response: Array) -> Array:
-        """Return the (8, M) derivative of a response by a later start of the command."""
-        sooner, later = (
-            np.stack([np.interp(self.t + s * _SHIFT_STEP, self.t, signal) for signal in response])
-            for s in (1, -1)
-        )
-        return np.asarray((later - sooner) / (2 * _SHIFT_STEP))
+    def _later(self, response: Array, x: Array, sensors: Array) -> dict[str, Array]:
+        """Return channel to the (n,) derivative of its bins by a later start of the command.
+
+        A simulation is a chain of straight lines; where the stamps lie in them decides the derivative.
+        """
+        step = _SHIFT_STEP * (np.arange(x.size) == RAKED)
+        sooner, later = (self.bins_of(response, x + sign * step, sensors) for sign in (-1, 1))
+        return self._shown({c: (later[c] - sooner[c]) / (2 * _SHIFT_STEP) for c in later}, x)
 
     def _of(self, x: Array, name: str) -> float:
         return float(x[self._place[name]]) if name in self._place else 0.0

@@ -51,7 +51,7 @@ class Slopes:
 
     Attributes:
         response: per command the (8, M) response.
-        directions: per command (8, M, 3), see `TrialModel.directions`.
+        directions: per command (8, M, 2), see `TrialModel.directions`.
         sand: per command (8, M, 7), by the logarithms of the sand.
         common, own: per command (8, M, e), by the effects' shared and per-trial parameters.
         traces: per command (8, M, s), what each effect changes.
@@ -66,7 +66,7 @@ class Slopes:
 
     @cached_property
     def changes(self) -> tuple[Array, ...]:
-        """Per command (8, M, 10 + e) all that `TrialModel.columns` takes: directions, sand, own, common."""
+        """Per command (8, M, 9 + e) all that `TrialModel.columns` takes: directions, sand, own, common."""
         parts = zip(self.directions, self.sand, self.own, self.common, strict=True)
         return tuple(np.concatenate(own, axis=-1) for own in parts)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 
@@ -16,13 +16,49 @@ from granite_lab.inference.noise import Filter, Whitener, stretches
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
 from granite_lab.inference.nuisances import SENSORS, SENSORS_LEAST, SENSORS_STD, TrialModel
 from granite_lab.inference.point import SHARED, Further, Point, Slopes, stacked
-from granite_lab.inference.strengths import centre_of, own_name, step_of, width_of
+from granite_lab.inference.strengths import centre_of, is_central, own_name, step_of, width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 
-STEP = np.array((0.01, 0.01, -0.03, 0.01, -0.01, 0.01, 0.005))
-"""Steps of the differences by `SAND`. In the file's sand the friction on the tyre limits the shear stress
-(10); the smaller steps in the strength show what the other limit does where both rule."""
+STEP = np.array((0.01, 0.01, 0.03, 0.01, 0.01, 0.01, 0.005))
+"""Steps of the differences by `SAND`."""
+
+KINKED = ("cohesion", "shear_modulus", "friction_angle", "tyre_friction")
+"""Sand by which differences are central: (10) has a kink where the other limit of the shear stress begins to
+rule, and a difference to one side shows one of the two."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A difference that stands for a derivative.
+
+    Attributes:
+        step: of the number.
+        central: of both sides.
+        ahead, behind: the simulations a step further and a step back.
+    """
+
+    step: float
+    central: bool
+    ahead: Task
+    behind: Task
+
+    def derivative(self, base: Array | None, runs: Mapping[Task, Array | None]) -> Array | None:
+        """Return the (8, M) derivative, to the side that has a solution; None where neither has one.
+
+        Args:
+            base: the response in between.
+            runs: of the simulations, where they were made.
+        """
+        ahead, behind = runs.get(self.ahead), runs.get(self.behind)
+        if base is None or (ahead is None and behind is None):
+            return None
+        if self.central and ahead is not None and behind is not None:
+            return np.asarray((ahead - behind) / (2 * self.step))
+        if ahead is not None:
+            return np.asarray((ahead - base) / self.step)
+        assert behind is not None
+        return np.asarray((base - behind) / self.step)
 
 
 class Problem:
@@ -165,74 +201,75 @@ class Problem:
         found = [r for r in self.bench.run(tasks) if r is not None]
         return found if len(found) == len(tasks) else None
 
-    def slopes(self, point: Point, sand_from: Slopes | None = None) -> Slopes | None:
+    def slopes(self, point: Point, sand_from: Slopes | None = None, *, central: bool = True) -> Slopes | None:
         """Differentiate the responses at the centre of each command; None where a run has no solution.
 
-        Where a step leads out of the region with a solution, the opposite one is taken.
+        Where a step leads out of the region with a solution, the opposite one alone is taken.
 
         Args:
             point: where.
             sand_from: slopes whose derivatives by the sand are good enough to be kept.
+            central: take differences to both sides where the model has kinks.
         """
-        shared = [p for _, p in self.parameters(point.effects, per_trial=False)]
-        private = [p for _, p in self.parameters(point.effects, per_trial=True)]
-        tasks: list[Task] = []
-        steps: list[float] = []
-        opposite: dict[int, tuple[int, Task]] = {}
-
-        def differ(step: float, there: Callable[[float], Task]) -> None:
-            opposite[len(tasks)] = (len(steps), there(-step))
-            tasks.append(there(step))
-            steps.append(step)
-
-        for command, _ in enumerate(self.variants):
-            centre = self.centre(point, command)
-            at = np.concatenate([point.common, self._own_mean(point, command)])
-
-            def sandy(step: float, k: int, centre: Task = centre) -> Task:
-                moved = np.array(centre.sand)
-                moved[k] += step
-                return Task(centre.variant, as_values(moved), centre.setting)
-
-            def stronger(step: float, k: int, centre: Task = centre, at: Array = at) -> Task:
-                values = at.copy()
-                values[k] += step
-                own = self.setting(point.effects, values[: len(shared)], values[len(shared) :])
-                return Task(centre.variant, centre.sand, own)
-
-            tasks.append(centre)
-            if sand_from is None:
-                for k in range(len(SAND)):
-                    differ(float(STEP[k]), partial(sandy, k=k))
-            for k, p in enumerate([*shared, *private]):
-                differ(step_of(p, float(at[k])), partial(stronger, k=k))
-            for id_ in point.effects:
-                left = self.without_effect(point, id_)
-                without = self.setting(left.effects, left.common, self._own_mean(left, command))
-                tasks.append(Task(centre.variant, centre.sand, without))
-        runs = list(self.bench.run(tasks))
-        lost = [k for k in opposite if runs[k] is None]
-        for k, run in zip(lost, self.bench.run([opposite[k][1] for k in lost]) if lost else (), strict=True):
-            runs[k] = run
-            steps[opposite[k][0]] *= -1
-        found = [r for r in runs if r is not None]
-        if len(found) < len(runs):
-            return None
-        count, h = len(found) // len(self.variants), len(steps) // len(self.variants)
+        first = 0 if sand_from is None else len(SAND)
+        commands = range(len(self.variants))
+        plans = [self._differences(point, command, central)[first:] for command in commands]
+        centres = [self.centre(point, command) for command, _ in enumerate(self.variants)]
+        without = [self._without_each(point, command) for command, _ in enumerate(self.variants)]
+        sides = [
+            task
+            for plan in plans
+            for d in plan
+            for task in ((d.ahead, d.behind) if d.central else (d.ahead,))
+        ]
+        tasks = list(dict.fromkeys([*centres, *chain.from_iterable(without), *sides]))
+        runs = dict(zip(tasks, self.bench.run(tasks), strict=True))
+        lost = [d.behind for plan in plans for d in plan if not d.central and runs[d.ahead] is None]
+        runs |= zip(lost, self.bench.run(lost) if lost else (), strict=True)
+        shared = len(self.parameters(point.effects, per_trial=False))
         parts: list[tuple[Array, ...]] = []
-        for j, _ in enumerate(self.variants):
-            base, *others = found[j * count : (j + 1) * count]
-            derived = [
-                (other - base) / s for other, s in zip(others[:h], steps[j * h : (j + 1) * h], strict=True)
-            ]
-            n = 0 if sand_from is not None else len(SAND)
-            sand = sand_from.sand[j] if sand_from is not None else stacked(derived[:n], base)
-            effect = stacked(derived[n:], base)
-            traces = stacked([base - other for other in others[h:]], base)
-            common, own = np.split(effect, [len(shared)], axis=-1)
+        for j, (centre, plan, left) in enumerate(zip(centres, plans, without, strict=True)):
+            base, others = runs[centre], [run for task in left if (run := runs[task]) is not None]
+            derived = [found for d in plan if (found := d.derivative(base, runs)) is not None]
+            if base is None or len(others) < len(left) or len(derived) < len(plan):
+                return None
+            n = len(SAND) - first
+            sand = stacked(derived[:n], base) if sand_from is None else sand_from.sand[j]
+            common, own = np.split(stacked(derived[n:], base), [shared], axis=-1)
+            traces = stacked([base - other for other in others], base)
             directions = self.trials[self.commands[j][0]].directions(base)
             parts.append((base, directions, sand, common, own, traces))
         return Slopes(*map(tuple, zip(*parts, strict=True)))
+
+    def _differences(self, point: Point, command: int, central: bool) -> list[Difference]:
+        """Return the differences of a command by the sand and by the effects' parameters."""
+        centre, found = self.centre(point, command), []
+        for k, name in enumerate(SAND):
+            ahead, behind = np.array(centre.sand), np.array(centre.sand)
+            ahead[k], behind[k] = ahead[k] + STEP[k], behind[k] - STEP[k]
+            sides = [Task(centre.variant, as_values(values), centre.setting) for values in (ahead, behind)]
+            found.append(Difference(float(STEP[k]), central and name in KINKED, *sides))
+        shared = [p for _, p in self.parameters(point.effects, per_trial=False)]
+        private = [p for _, p in self.parameters(point.effects, per_trial=True)]
+        at = np.concatenate([point.common, self._own_mean(point, command)])
+        for k, p in enumerate([*shared, *private]):
+            step, sides = step_of(p, float(at[k])), []
+            for sign in (1, -1):
+                values = at.copy()
+                values[k] += sign * step
+                own = self.setting(point.effects, values[: len(shared)], values[len(shared) :])
+                sides.append(Task(centre.variant, centre.sand, own))
+            found.append(Difference(step, central and is_central(p, float(at[k]), step), *sides))
+        return found
+
+    def _without_each(self, point: Point, command: int) -> list[Task]:
+        """Return the simulations of a command with one of the effects switched off."""
+        centre, found = self.centre(point, command), []
+        for id_ in point.effects:
+            left = self.without_effect(point, id_)
+            own = self.setting(left.effects, left.common, self._own_mean(left, command))
+            found.append(Task(centre.variant, centre.sand, own))
+        return found
 
     def residuals(self, point: Point, responses: Sequence[Array]) -> tuple[Array, ...]:
         """Return per trial (C, n) measured minus predicted."""

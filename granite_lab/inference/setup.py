@@ -11,7 +11,7 @@ from granite_lab.errors import EstimateError, InputError
 from granite_lab.estimation.motion import Motion
 from granite_lab.inference.bench import SAND
 from granite_lab.inference.constants import LATENCY_STD, REST_SHARE
-from granite_lab.inference.fit import Fit, fit
+from granite_lab.inference.fit import LEAST, LEAST_OF_ROUGH, Fit, fit
 from granite_lab.inference.noise import FAST, FLOOR, NOMINAL, Whitener, at_rest, errors, learn, white
 from granite_lab.inference.nuisances import SENSORS, TrialModel
 from granite_lab.inference.observation import BIN, bin_width, observe
@@ -24,9 +24,9 @@ from granite_lab.parameters import Robot, Variant, load_variants
 TURNED = 0.005
 """Wheel angle by which the command has certainly begun [rad]; half a millimetre on the circumference."""
 
-QUICK, ROUGH, FINE = (2, 0), (8, 2), (12, 3)
-"""Most steps, and how often the derivatives are renewed: of the first fit of one trial, whose noise follows
-from the fast part of its residuals; of the first fit of several; of those with learnt noise."""
+QUICK, ROUGH = 2, 8
+"""Most steps of the first fit of one trial, whose noise follows from the fast part of its residuals; of the
+first fit of several."""
 
 FAR, TIMES = 1.5, 3
 """A trial alone learns its noise again, up to so often, while a fit ends more std away from where the noise
@@ -95,19 +95,19 @@ def baseline(problem: Problem) -> Fit:
         EstimateError: the robot cannot be simulated on the soil.
     """
     alone = len(problem.trials) == 1
-    rounds, renew = QUICK if alone else ROUGH
     start, _ = at_first(problem)
-    slopes = problem.slopes(start)
+    slopes = problem.slopes(start, central=False)
     if slopes is None:
         raise EstimateError(
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
         )
     problem.weigh(nominal(problem), start, slopes)
-    found = fit(problem, start, slopes=slopes, rounds=rounds, renew=renew)
+    found = fit(problem, start, slopes=slopes, rounds=QUICK if alone else ROUGH, least=LEAST_OF_ROUGH)
+    least = LEAST if alone else LEAST_OF_ROUGH
     for _ in range(TIMES if alone else 2):
         before = found.point.vector
         problem.weigh(learnt(problem, found.residuals), found.point, found.slopes)
-        found = fit(problem, found.point, found.scales, slopes=found.slopes, rounds=FINE[0], renew=FINE[1])
+        found = fit(problem, found.point, found.scales, slopes=found.slopes, least=least)
         std = np.sqrt(np.diag(found.posterior.covariance))
         if alone and np.all(np.abs(found.point.vector - before) < FAR * std):
             break

@@ -183,7 +183,7 @@ class Stage:
         point = self.point(problem, model)
         if (number, model) not in self._slopes:
             near = next((s for (n, _), s in self._slopes.items() if n == number), None)
-            if (found := problem.slopes(point, near)) is not None:
+            if (found := problem.slopes(point, near, central=False)) is not None:
                 self._slopes[number, model] = found
         slopes = self._slopes.get((number, model))
         runs = problem.respond([problem.centre(self.point(problem, other), 0) for other in others])

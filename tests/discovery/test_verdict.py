@@ -11,17 +11,19 @@ from granite_lab.discovery.candidates import rescreened, rivals, scores, screen
 from granite_lab.discovery.finding import FoundEffect
 from granite_lab.discovery.heldout import closed, predict
 from granite_lab.discovery.power import _by_noise_own, _shares
-from granite_lab.discovery.search import MOST, Search, fit_sets, search, strained
+from granite_lab.discovery.search import MOST, Search, search, strained
+from granite_lab.discovery.sets import fit_sets
 from granite_lab.discovery.verdict import OPEN, Judgement, Named, by_posterior, judge
 from granite_lab.discovery.words import provisional, sentence
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import REST_SHARE, WORTH
 from granite_lab.inference.discrepancy import MOTION, REST
-from granite_lab.inference.fit import FIRST, Fit, fit, taken
+from granite_lab.inference.fit import LEAST_OF_ROUGH, Fit, fit, taken
 from granite_lab.inference.noise import white
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.scales import FIRST
 from granite_lab.logs.trial import Array
 from tests.inference.stub import COMMANDS, TRACES, drawn, measure, problem_of, trace
 from tests.inference.test_normal import linear
@@ -336,11 +338,11 @@ def test_a_set_that_ends_below_a_part_is_fitted_again_from_it(monkeypatch: pytes
     measure(problem, replace(start, common=np.array([0.7])), rng)
     alone = fit(problem, problem.neutral())
 
-    def stuck(problem: Problem, at: Point, scales: Scales) -> Fit:
-        found = fit(problem, at, scales)
+    def stuck(problem: Problem, at: Point, scales: Scales, *, rounds: int, least: float) -> Fit:
+        found = fit(problem, at, scales, rounds=rounds, least=least)
         return replace(found, evidence=alone.evidence - 1) if at is start else found
 
-    monkeypatch.setattr("granite_lab.discovery.search.fit", stuck)
+    monkeypatch.setattr("granite_lab.discovery.sets.fit", stuck)
     given = [(start, alone.scales)]
     found, lost = (fit_sets(problem, given, known)["push",] for known in ({(): alone}, {}))
     assert found.evidence > alone.evidence > lost.evidence
@@ -354,7 +356,7 @@ def test_of_several_starts_the_best_fit_is_kept() -> None:
     measure(problem, replace(start, common=np.array([0.7])), rng)
     far = replace(start, shared=start.shared + 0.5)
     starts = [(far, FIRST), (start, FIRST), (problem.neutral(), FIRST)]
-    ends = [fit(problem, point, scales).evidence for point, scales in starts]
+    ends = [fit(problem, point, scales, least=LEAST_OF_ROUGH).evidence for point, scales in starts]
     for given in (starts, starts[::-1]):
         found = fit_sets(problem, given, {})
         assert found["push",].evidence == max(ends[:2])

@@ -18,6 +18,7 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.inference.bench import ACCURACY, RAKED, SAND, SIGNALS
 from granite_lab.inference.binning import means
 from granite_lab.inference.clocks import clocks
+from granite_lab.inference.constants import LOW_PASS_STD
 from granite_lab.inference.noise import STRETCH, at_rest, errors, learn, stretches
 from granite_lab.inference.nuisances import SENSORS, TrialModel
 from granite_lab.inference.observation import UNITS, Observation, bin_width, observe
@@ -413,9 +414,10 @@ def test_a_low_pass_moves_the_imu_alone_and_its_column_is_a_difference(
     point.shared[k] = spread
     before = int(sum(x.size for x in point.trials))
     column = problem.columns(1, point, problem.slopes(point))[:, point.trials[1].size + k]
-    step = 1e-6 * (np.arange(point.vector.size) == before + k)
-    up, here = (predicted(problem, problem.moved(point, s * step))[1] for s in (1, 0))
-    wanted = (up - here) / 1e-6
+    step = LOW_PASS_STD / 8 * (np.arange(point.vector.size) == before + k)
+    up, down = (problem.moved(point, sign * step) for sign in (1, -1))
+    apart = up.shared[k] - down.shared[k]
+    wanted = (predicted(problem, up)[1] - predicted(problem, down)[1]) / apart
     assert column.reshape(wanted.shape) == pytest.approx(wanted, abs=1e-6 * np.abs(wanted).max())
     moved = {c for c, row in zip(problem.trials[1].channels, wanted, strict=True) if np.abs(row).max() > 0}
     assert moved == set(IMU)

@@ -9,12 +9,13 @@ from granite_lab.errors import EstimateError
 from granite_lab.inference import noise
 from granite_lab.inference.bench import RAKED, SAND
 from granite_lab.inference.constants import PSEUDO_TRIALS
-from granite_lab.inference.fit import FORMULAS, SHARES, Fit, fit, log_prior, simulated, under
+from granite_lab.inference.fit import Fit, fit, simulated, under
 from granite_lab.inference.gap import discrepancies
 from granite_lab.inference.noise import FLOOR
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.scales import FORMULAS, SHARES, log_prior
 from granite_lab.inference.setup import at_first, nominal
 from granite_lab.parameters import load_robot, load_variants
 from tests.inference.stub import Respond, drawn, measure, measured, problem_of

@@ -8,10 +8,11 @@ import pytest
 from granite_lab.discovery.candidates import gain
 from granite_lab.inference.constants import REST_SHARE, SMOOTH
 from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, joined, modulated, smooth, variances
-from granite_lab.inference.fit import FIRST, Fit, fit
+from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.gap import beyond, discrepancies, scatter
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Rows, Scales, posterior
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.scales import FIRST
 from granite_lab.logs.trial import Array
 from tests.inference.stub import measured, predicted, problem_of
 

@@ -1,0 +1,67 @@
+"""Fits of sets of effects, side by side, from one or several starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from granite_lab.errors import EstimateError
+from granite_lab.inference.fit import LEAST_OF_ROUGH, ROUNDS, Fit, fit
+from granite_lab.inference.normal import Scales
+from granite_lab.inference.point import Point
+from granite_lab.inference.problem import Problem
+
+
+def fit_sets(
+    problem: Problem, starts: Sequence[tuple[Point, Scales]], known: Mapping[tuple[str, ...], Fit]
+) -> dict[tuple[str, ...], Fit]:
+    """Return the best fit of each set of effects, those left out whose starts have no solution.
+
+    A fit can be no worse than that of a part of the set: one that is has missed the optimum. It is made again
+    from the part, with the other effects at their neutral values.
+
+    Args:
+        problem: the trials.
+        starts: where to begin, with the set switched on, and the scales to begin with; several of a set.
+        known: fits of other sets.
+    """
+    found = attempts(problem, starts)
+    again: dict[tuple[str, ...], tuple[Point, Scales]] = {}
+    for key, effects in {set_of(start): start.effects for start, _ in starts}.items():
+        parts = [f for k, f in {**known, **found}.items() if set(k) < set(key)]
+        part = max(parts, key=lambda f: f.evidence, default=None)
+        if part is not None and not (key in found and found[key].evidence > part.evidence):
+            point = part.point
+            for id_ in (e for e in effects if e not in point.effects):
+                point = problem.with_effect(point, id_, [p.neutral for p in problem.parameters_of(id_)])
+            again[key] = point, part.scales
+    for key, other in attempts(problem, list(again.values())).items():
+        if key not in found or other.evidence > found[key].evidence:
+            found[key] = other
+    return found
+
+
+def attempts(
+    problem: Problem,
+    starts: Sequence[tuple[Point, Scales]],
+    least: float = LEAST_OF_ROUGH,
+    rounds: int = ROUNDS,
+) -> dict[tuple[str, ...], Fit]:
+    """Return the best fit of each set of effects from several starts, those without a solution left out."""
+
+    def one(k: int) -> Fit | None:
+        try:
+            return fit(problem, *starts[k], rounds=rounds, least=least)
+        except EstimateError:
+            return None
+
+    found: dict[tuple[str, ...], Fit] = {}
+    for (start, _), f in zip(starts, problem.bench.side_by_side(one, len(starts)), strict=True):
+        key = set_of(start)
+        if f is not None and (key not in found or f.evidence > found[key].evidence):
+            found[key] = f
+    return found
+
+
+def set_of(point: Point) -> tuple[str, ...]:
+    """Return the effects of a point, sorted."""
+    return tuple(sorted(point.effects))

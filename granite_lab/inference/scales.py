@@ -1,0 +1,171 @@
+"""What is learnt beside the numbers of a fit: discrepancy, loudness of the noise, widths of the priors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from granite_lab.inference.constants import FORMULA_ERROR, PSEUDO_TRIALS, SPREAD, TOLERANCE
+from granite_lab.inference.discrepancy import FORMULA, MOTION
+from granite_lab.inference.normal import Normal, Posterior, Scales, posterior
+from granite_lab.inference.point import Point
+from granite_lab.inference.problem import Problem
+from granite_lab.inference.strengths import own_name, width_of
+from granite_lab.logs.trial import Array
+
+SHARES = (TOLERANCE / 32, 32 * TOLERANCE)
+FORMULAS = (FORMULA_ERROR[1] / 2**14, FORMULA_ERROR[1])
+"""Smallest and largest scales of the discrepancy: none that matters, and all that a channel shows; of the
+error of formulas, which is a share of traces that may be 10,000 times the noise (a wrong wheel radius)."""
+
+LEAST_OWN = 1e-3
+"""Least scale of the numbers that an effect has in each trial, as a share of their prior's range."""
+
+UPDATES = 8
+"""Most steps of the scales, each time they are learnt."""
+
+CLOSE = 0.1
+"""Change of the logarithm of a scale at which it is learnt: a tenth of what its prior leaves open."""
+
+FIRST = Scales(2 * TOLERANCE, FORMULA_ERROR[0])
+"""Scales with which a search begins."""
+
+
+def change(before: Scales, after: Scales) -> float:
+    """Return the largest change of the logarithm of a scale, infinite for one that was not learnt before."""
+    names = ("shares", "formulas", "louder", "priors")
+    pairs = ((getattr(before, n), getattr(after, n)) for n in names)
+    ratios = [np.inf if k not in x else abs(np.log(y[k] / x[k])) for x, y in pairs for k in y]
+    return float(max(ratios, default=0.0))
+
+
+def posterior_at(problem: Problem, point: Point, normal: Normal, scales: Scales) -> Posterior:
+    """Return the posterior of the numbers, linear about a point."""
+    std, mean = problem.prior(point, scales)
+    return posterior(*normal.marginal(scales), std**-2.0, mean - point.vector)
+
+
+def log_prior(problem: Problem, scales: Scales, formula: bool) -> float:
+    """Return the logarithm of the prior density of the scales, and of the noise being louder than learnt."""
+    away = [np.log(share / (TOLERANCE / 2)) for share in scales.shares.values()]
+    if formula:
+        away += [np.log(share / FORMULA_ERROR[0]) for share in scales.formulas.values()]
+    noise = sum(n * np.log(scales.louder.get(c, 1.0)) for c, n in problem.counts.items())
+    return -0.5 * float(np.sum((np.array(away) / SPREAD) ** 2)) - float(noise)
+
+
+def learn(
+    problem: Problem,
+    point: Point,
+    normal: Normal,
+    white: Sequence[Array],
+    scales: Scales,
+    passes: int = UPDATES,
+) -> Scales:
+    """Learn the scales at a point: discrepancy and what of the noise it does not explain, then the priors.
+
+    The first two ask for each other, and take `passes` at most to agree.
+
+    The scale of a number that differs from trial to trial is the mode of its posterior under an inverse
+    gamma prior whose weight is `PSEUDO_TRIALS` trials.
+    """
+    for _ in range(passes):
+        scales = discrepancy(problem, normal, point, scales)
+        left = normal.misfits(white, scales)
+        before = {c: scales.louder.get(c, 1.0) for c in problem.counts}
+        louder = {
+            c: max(1.0, before[c] * float(np.sqrt(max(left[c], 0.0) / max(n, 1))))
+            for c, n in problem.counts.items()
+        }
+        scales = replace(scales, louder=louder)
+        if all(abs(np.log(louder[c] / before[c])) < CLOSE for c in louder):
+            break
+    M, logdet = normal.marginal(scales)
+    for _ in range(UPDATES):
+        std, mean = problem.prior(point, scales)
+        post = posterior(M, logdet, std**-2.0, mean - point.vector)
+        at, variance = point.vector + post.step, np.diag(post.covariance)
+        priors, old = learnt_priors(problem, point, at, variance), scales.priors
+        scales = replace(scales, priors=priors)
+        if all(name in old and abs(np.log(std / old[name])) < CLOSE for name, std in priors.items()):
+            break
+    return scales
+
+
+def discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales) -> Scales:
+    """Learn the scales of the discrepancy by Fisher scoring of their logarithms, under the priors of these.
+
+    The gradient of the marginal likelihood is that of D. J. C. MacKay, Bayesian interpolation, Neural
+    Computation 4 (1992) 415-447; his fixed point hardly moves where the trials say little of a scale. There
+    the likelihood falls with the square of the scale, and Fisher's information is less than its curvature:
+    the larger of both is taken, for the scoring alone jumps to and fro.
+    """
+    names = tuple(problem.counts)
+    for _ in range(UPDATES):
+        step = np.append(-posterior_at(problem, point, normal, scales).step, 1.0)
+        old = {(MOTION, c): scales.share_of(c) for c in names}
+        old |= {(FORMULA, c): scales.formula_of(c) for c in names}
+        rise = dict.fromkeys(old, 0.0)  # derivative of the marginal likelihood by the logarithm of a scale
+        information = dict.fromkeys(old, 0.0)
+        for part in normal.parts:
+            for c in part.channels:
+                mean, variance = c.amplitudes(step[part.place_in(step.size)], scales)
+                for name in ((MOTION, c.name), (FORMULA, c.name)):
+                    own = c.kind == name[0]
+                    known = 1 - variance[own] / old[name] ** 2  # share that the trials determine
+                    rise[name] += float(np.sum(mean[own] ** 2) / old[name] ** 2 - np.sum(known))
+                    information[name] += 2 * float(np.sum(known**2))
+        new = {}
+        for name, scale in old.items():
+            centre, bounds = (TOLERANCE / 2, SHARES) if name[0] == MOTION else (FORMULA_ERROR[0], FORMULAS)
+            slope = rise[name] - float(np.log(scale / centre)) / SPREAD**2
+            curvature = max(information[name], -2 * rise[name]) + SPREAD**-2.0
+            further = np.clip(slope / curvature, -1, 1)
+            new[name] = float(np.clip(scale * np.exp(further), *bounds))
+        shares, formulas = ({c: new[kind, c] for c in names} for kind in (MOTION, FORMULA))
+        scales = replace(scales, shares=shares, formulas=formulas)
+        if all(abs(np.log(found / old[name])) < CLOSE for name, found in new.items()):
+            break
+    return scales
+
+
+def learnt_priors(problem: Problem, point: Point, mean: Array, variance: Array) -> Mapping[str, float]:
+    """Return the scales of the numbers that differ from trial to trial.
+
+    Args:
+        problem: the trials.
+        point: which numbers there are.
+        mean, variance: (p,) of the posterior of all numbers.
+    """
+    squares: dict[str, list[float]] = {}
+    first: dict[str, float] = {}
+    k = 0
+    for t, x in zip(problem.trials, point.trials, strict=True):
+        for n, slack in ((n, s) for n, s in enumerate(t.slacks) if s.learnt):
+            squares.setdefault(slack.name, []).append(float(mean[k + n] ** 2 + variance[k + n]))
+            first[slack.name] = slack.std
+        k += x.size
+    found = {
+        name: float(np.sqrt((sum(q) + PSEUDO_TRIALS * first[name] ** 2) / (len(q) + PSEUDO_TRIALS)))
+        for name, q in squares.items()
+    }
+    return found | own_scales(problem, point, mean, variance)
+
+
+def own_scales(
+    problem: Problem, point: Point, mean: Array, variance: Array | float = 0.0
+) -> dict[str, float]:
+    """Return the rms of the numbers that each effect has in each trial: their scale, whatever it is."""
+    private = problem.parameters(point.effects, per_trial=True)
+    squares = mean**2 + variance
+    ends = np.cumsum([x.size for x in point.trials])
+    table = np.array([squares[end - len(private) : end] for end in ends]).reshape(ends.size, len(private))
+    found: dict[str, float] = {}
+    for id_ in dict.fromkeys(id_ for id_, _ in private):
+        at = [k for k, (e, _) in enumerate(private) if e == id_]
+        width = max(width_of(private[k][1]) for k in at)
+        rms = float(np.sqrt(np.mean(table[:, at])))
+        found[own_name(id_)] = float(np.clip(rms, LEAST_OWN * width, width))
+    return found

@@ -1,0 +1,91 @@
+"""Fits on the real simulator end at one optimum, wherever they begin; one that does not says so."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granite_lab.effects import get
+from granite_lab.estimation import correct
+from granite_lab.inference.bench import SAND, Bench, World
+from granite_lab.inference.fit import LEAST, NO_FURTHER, Fit, fit
+from granite_lab.inference.point import SHARED, Point
+from granite_lab.inference.problem import Problem
+from granite_lab.inference.scales import change
+from granite_lab.inference.setup import baseline, trial_models
+from granite_lab.inference.strengths import centre_of
+from granite_lab.logs import read_trial
+from granite_lab.parameters import load_robot, load_soil
+from granite_lab.processes import one_thread
+
+pytestmark = pytest.mark.slow
+SAMPLES = Path(__file__).parents[2] / "data" / "samples"
+CHOSEN = ("drive_reaction", "tyre_windup")
+"""What `discover` finds in the samples."""
+
+
+@dataclass(frozen=True)
+class Case:
+    problem: Problem
+    base: Fit
+
+    def start(self, ids: tuple[str, ...]) -> Point:
+        """Return the model's own fit with effects at half their range."""
+        point = self.base.point
+        for id_ in ids:
+            parameters = self.problem.parameters_of(id_)
+            values = [centre_of(p) if p.shape else (p.neutral + p.prior_high) / 2 for p in parameters]
+            point = self.problem.with_effect(point, id_, values)
+        return point
+
+    def off(self, point: Point, rng: np.random.Generator, size: float, *, everything: bool) -> Point:
+        """Return a point some prior std off in a drawn direction, of all numbers or of sand and effects."""
+        std, _ = self.problem.prior(point, self.base.scales)
+        first = sum(x.size for x in point.trials)
+        sand = np.r_[first : first + len(SAND), first + len(SHARED) : std.size]
+        places = np.arange(std.size) if everything else sand
+        direction = np.zeros(std.size)
+        direction[places] = rng.normal(size=places.size)
+        return self.problem.moved(point, size * std * direction / np.linalg.norm(direction))
+
+
+@pytest.fixture(scope="module")
+def case() -> Iterator[Case]:
+    robot = load_robot()
+    rows = [correct(read_trial(path), robot) for path in sorted(SAMPLES.glob("*.csv"))]
+    trials, motions = [r[0] for r in rows], [r[1] for r in rows]
+    models, variants = trial_models(trials, robot, motions)
+    world = World(robot, load_soil(), variants, {id_: get(id_) for id_ in CHOSEN})
+    with one_thread(), Bench(world) as bench:
+        problem = Problem(models, bench)
+        yield Case(problem, baseline(problem))
+
+
+def test_six_starts_end_at_one_optimum(case: Case) -> None:
+    """One prior std off in drawn directions, and a millionth."""
+    rng, start = np.random.default_rng(1), case.start(CHOSEN)
+    starts = [start, *(case.off(start, rng, 1.0, everything=False) for _ in range(4))]
+    starts.append(case.off(start, rng, 1e-6, everything=True))
+    found = [fit(case.problem, point, case.base.scales) for point in starts]
+    assert all(f.converged for f in found)
+    evidence = [f.evidence for f in found]
+    assert max(evidence) - min(evidence) < 0.5
+    best = found[int(np.argmax(evidence))]
+    std = np.sqrt(np.diag(best.posterior.covariance))
+    for f in found:
+        assert np.abs((f.point.vector - best.point.vector) / std).max() < 0.1
+        assert f.promised < NO_FURTHER
+        assert change(best.scales, f.scales) < 0.1
+
+
+def test_a_fit_of_a_model_that_is_wrong_does_not_pass_for_converged(case: Case) -> None:
+    """Without the reaction of the drives the kinks of (10) are sharper than the noise; what the derivatives
+    promise beyond the point is not credited."""
+    found = fit(case.problem, case.start(("tyre_windup",)), case.base.scales)
+    assert not found.converged
+    assert found.scales.loud
+    assert found.promised > LEAST
+    both = fit(case.problem, case.start(CHOSEN), case.base.scales)
+    assert both.evidence > found.evidence + 5000
