@@ -85,7 +85,7 @@ def _places(expression: Any) -> list[int]:
 
 
 def _coded(
-    function: Callable[[Any], Any], of: Any, names: Sequence[str], text: Callable[[program.Program], str]
+    function: Callable[[Any], Any], of: Any, names: Sequence[str], text: Callable[[], str]
 ) -> machine.Library:
     """Return machine code of an expression; its text is only made where none is kept.
 
@@ -96,8 +96,7 @@ def _coded(
         text: of the code.
     """
     _routines()
-    key = machine.key(_version(), function(of).serialize())
-    return _library(key, names, lambda: text(program.read(function(ca.cse(of)))), 0)
+    return _library(machine.key(_version(), function(of).serialize()), names, text, 0)
 
 
 @lru_cache(maxsize=64)
@@ -108,13 +107,12 @@ def _equations(effects: tuple[Effect, ...], kind: Kind = "trapezoid") -> machine
     def function(of: Any) -> Any:
         return ca.Function("rates", [graph.t, graph.x, ca.vertcat(graph.p, graph.u)], [of])
 
-    def text(code: program.Program) -> str:
-        rows = _places(graph.rates)
-        return "\n".join([
-            lowering.declarations(),
-            lowering.point("rates", code, rows),
-            lowering.point("slopes", code, rows, graph.x.numel()),
-        ])  # fmt: skip
+    def text() -> str:
+        rates = ca.cse(graph.rates)
+        slopes = ca.cse(ca.horzcat(ca.jacobian(rates, graph.x), ca.jacobian(rates, graph.t), rates))
+        routines = {"rates": rates, "slopes": slopes}
+        points = [lowering.point(n, program.read(function(of)), _places(of)) for n, of in routines.items()]
+        return "\n".join([lowering.declarations(), *points])
 
     return _coded(function, graph.rates, ("rates", "slopes"), text)
 
@@ -186,7 +184,8 @@ def _columns(effects: tuple[Effect, ...], kind: Kind, names: tuple[str, ...]) ->
     def function(of: Any) -> Any:
         return ca.Function("columns", [graph.t, ca.vertcat(graph.x, graph.u), graph.p], [of])
 
-    def text(code: program.Program) -> str:
+    def text() -> str:
+        code = program.read(function(ca.cse(stacked)))
         return lowering.declarations() + lowering.column("columns", code, _places(stacked))
 
     library = _coded(function, stacked, ("columns",), text)

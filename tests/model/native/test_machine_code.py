@@ -91,7 +91,7 @@ def test_rates_and_their_derivatives_are_those_of_the_graph(name: str) -> None:
         )
 
 
-def test_all_operations_and_their_derivatives_are_casadi_s() -> None:
+def test_all_operations_are_casadi_s() -> None:
     x = ca.SX.sym("x", 3)
     a, b, c = ca.vertsplit(x)
     unary = [
@@ -107,22 +107,19 @@ def test_all_operations_and_their_derivatives_are_casadi_s() -> None:
     y = ca.vertcat(*unary, *binary)
     t, p = ca.SX.sym("t"), ca.SX.sym("p")
     f = ca.Function("f", [t, x, p], [y])
-    jacobian = ca.Function("j", [t, x, p], [ca.densify(ca.jacobian(y, x))])
     rows = list(range(y.numel()))
     graphs._routines()
     n = y.numel()
-    code = lowering.declarations() + lowering.point("all", program.read(f), rows, n)
+    code = lowering.declarations() + lowering.point("all", program.read(f), rows)
     library_ = machine.Library(machine.compiled(code, effort=0), ["all"])
     points = np.random.default_rng(0).uniform(0.2, 3.0, (3, 16))
     lanes = over_lanes(y, x, points)
     for k in range(16):
-        point, out = points[:, k].copy(), np.zeros(n * (n + 2))
+        point, out = points[:, k].copy(), np.zeros(n)
         call(library_.address["all"], 0.0, point, np.zeros(1), out)
         truth = np.array(f(0, point, 0))[:, 0]
-        np.testing.assert_allclose(out[n * n + n :], truth, rtol=1e-13, atol=1e-14)
+        np.testing.assert_allclose(out, truth, rtol=1e-13, atol=1e-14)
         np.testing.assert_allclose(lanes[:, k], truth, rtol=1e-13, atol=1e-14)
-        got = out[: 3 * n].reshape(3, n).T
-        np.testing.assert_allclose(got, np.array(jacobian(0, point, 0)), rtol=1e-11, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["exp", "log", "sin", "cos"])
