@@ -11,8 +11,8 @@ from itertools import count
 
 import casadi as ca
 
-from granite_lab.model.native.operations import LIBRARY, operation, total
-from granite_lab.model.native.program import LANES, SUM, Node, Program, schedule, used
+from granite_lab.model.native.operations import LIBRARY, operation
+from granite_lab.model.native.program import LANES, Node, Program, schedule, used
 from granite_lab.model.native.writer import ELEMENTARY, Writer, symbol
 
 
@@ -37,8 +37,6 @@ class _Point:
             self.values[first] = self.one.constant(node.value)
         elif node.op == ca.OP_INPUT:
             self.values[first] = self.load(node)
-        elif len(group) == 1 and node.op == SUM:
-            self.values[first] = self.sum(list(node.operands))
         elif len(group) == 1:
             self.values[first] = operation(self.one, node.op, [self.number(o) for o in node.operands])
         else:
@@ -89,22 +87,6 @@ class _Point:
         for lane, text in enumerate(texts):
             vector = self.one.new(f"insertelement {real} {vector}, double {text}, i32 {lane}")
         return vector
-
-    def sum(self, nodes: list[int]) -> str:
-        """Return a sum; of terms that are all lanes of one vector at once."""
-        terms, rest = [], list(nodes)
-        for g in dict.fromkeys(self.lane[k][0] for k in nodes if k in self.lane):
-            members = set(self.groups[g])
-            if len(members) == LANES and members <= set(rest) and len(set(rest)) == len(rest):
-                rest = [k for k in rest if k not in members]
-                terms.append(_across(self.all, self.vectors[g]))
-        return total(self.one, terms + [self.number(k) for k in rest])
-
-
-def _across(w: Writer, vector: str) -> str:
-    """Return the sum of all lanes of a vector."""
-    kind = f"v{w.lanes}f64"
-    return w.new(f"call reassoc double @llvm.vector.reduce.fadd.{kind}(double -0.0, {w.real} {vector})")
 
 
 def point(name: str, program: Program, rows: Sequence[int]) -> str:
@@ -202,5 +184,4 @@ def declarations(*, functions: bool = True) -> str:
         if functions:
             outside += [(symbol(name, lanes), arity) for name, (_, arity) in ELEMENTARY.items()]
         texts += [f"declare {w.real} @{name}({', '.join([w.real] * arity)})" for name, arity in outside]
-    texts.append(f"declare double @llvm.vector.reduce.fadd.v{LANES}f64(double, <{LANES} x double>)")
     return "\n".join(texts) + "\n"

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 
 import casadi as ca
 
-from granite_lab.model.native.program import SUM
 from granite_lab.model.native.writer import ELEMENTARY, Writer
 
 _PLAIN = {ca.OP_ADD: "fadd", ca.OP_SUB: "fsub", ca.OP_MUL: "fmul", ca.OP_DIV: "fdiv"}
@@ -45,7 +44,6 @@ def operation(w: Writer, op: int, arguments: Sequence[str]) -> str:
     if op in _LIBRARY:
         return _by_lane(w, _LIBRARY[op], arguments)
     written: dict[int, Callable[[], str]] = {
-        SUM: lambda: total(w, list(arguments)),
         ca.OP_NEG: lambda: w.new(f"fneg {w.real} {a}"),
         ca.OP_SQ: lambda: w.arithmetic("fmul", a, a),
         ca.OP_TWICE: lambda: w.arithmetic("fadd", a, a),
@@ -63,14 +61,6 @@ def operation(w: Writer, op: int, arguments: Sequence[str]) -> str:
     if op not in written:
         raise NotImplementedError(f"instruction {op} cannot be compiled")
     return written[op]()
-
-
-def total(w: Writer, terms: list[str]) -> str:
-    """Return the sum of terms, in pairs, so that they need not wait for each other."""
-    while len(terms) > 1:
-        pairs = [w.arithmetic("fadd", *terms[k : k + 2]) for k in range(0, len(terms) - 1, 2)]
-        terms = pairs + terms[len(terms) - len(terms) % 2 :]
-    return terms[0]
 
 
 def _by_lane(w: Writer, name: str, arguments: Sequence[str]) -> str:
