@@ -79,10 +79,10 @@ class _Group(TyperGroup):
 
 def _warn_of_machine_code(*_: Any, **__: Any) -> None:
     """Warn where machine code could not be kept for the next command, if this one needed any."""
-    if (kept := sys.modules.get("granite_lab.model.kept")) is not None:
+    if (stored := sys.modules.get("granite_lab.stored")) is not None:
         from granite_lab.commands.printer import warn
 
-        warn(kept.doubts())
+        warn(stored.machine_code().doubts())
 
 
 app = typer.Typer(

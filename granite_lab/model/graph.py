@@ -17,7 +17,6 @@ import casadi as ca
 import numpy as np
 
 from granite_lab.model import body as bd
-from granite_lab.model import kept
 from granite_lab.model.command import Kind, contact_angle_ratio, desired_distance, desired_velocity
 from granite_lab.model.contact import (
     ArcLaws,
@@ -33,6 +32,7 @@ from granite_lab.model.effect import Axle, Effect, Own, Shaft
 from granite_lab.model.pieces import desired, spin, symbols
 from granite_lab.model.symbols import ModelParameters, model_parameters, symbolic, symbols_of
 from granite_lab.parameters import Soil, load_robot, load_soil, load_variants
+from granite_lab.stored import machine_code
 
 BODY_STATES = ("x_cm", "z_cm", "pitch", "x_cm_rate", "z_cm_rate", "pitch_rate")
 AXLE_STATES = ("angle", "rate", "current")
@@ -75,7 +75,8 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
         return _built(effects, kind)
     names = " ".join([kind, *(type(e).__qualname__ for e in effects)])
     name = f"{hashlib.sha256(_sources() + names.encode()).hexdigest()}.graph"
-    content = kept.read(name)
+    store = machine_code()
+    content = store.read(name)
     if content is not None:
         return _restored(effects, kind, ca.Function.deserialize(content.decode()))
     graph = _built(effects, kind)
@@ -83,7 +84,7 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
     parts |= {f"late_{n}": e for n, e in graph.delays.items()}
     given = [graph.t, graph.x, graph.p, graph.u]
     whole = ca.Function("graph", given, [*parts.values()], ["t", "x", "p", "u"], [*parts])
-    kept.keep(name, whole.serialize().encode())
+    store.keep(name, whole.serialize().encode())
     return graph
 
 

@@ -57,13 +57,10 @@ class Execution:
     scheduler: str | None = None
     cache: Cache | None = None
 
-    def tidied(self) -> tuple[str, ...]:
-        """Keep the cache within its size; return a line where nothing could be remembered."""
-        if self.cache is None:
-            return ()
-        self.cache.trim()
-        trouble = self.cache.trouble
-        return (f"nothing is remembered: {trouble.message}",) if trouble is not None else ()
+    def doubts(self) -> tuple[str, ...]:
+        """Return a line where nothing could be remembered."""
+        trouble = self.cache.trouble if self.cache is not None else ""
+        return (f"nothing is remembered: {trouble}",) if trouble else ()
 
 
 HERE = Execution()

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from llvmlite import binding
 
-from granite_lab.model import interpreted, kept
+from granite_lab.model import interpreted
 from granite_lab.model.command import Kind, corners, kind_of
 from granite_lab.model.effect import Effect
 from granite_lab.model.graph import build_graph
@@ -31,6 +31,7 @@ from granite_lab.model.native import (
 )
 from granite_lab.model.pieces import numbers_at, pieces
 from granite_lab.parameters import Variant
+from granite_lab.stored import machine_code
 
 Array = npt.NDArray[np.float64]
 _POINTER, _WHOLE = ctypes.c_void_p, ctypes.c_int64
@@ -48,10 +49,11 @@ def _version() -> str:
 
 
 def _library(name: str, names: Sequence[str], text: Callable[[], str], effort: int) -> machine.Library:
-    code = kept.read(f"{name}.o")
+    store = machine_code()
+    code = store.read(f"{name}.o")
     if code is None:
         code = machine.compiled(text(), effort=effort)
-        kept.keep(f"{name}.o", code)
+        store.keep(f"{name}.o", code)
     return machine.Library(code, names)
 
 
