@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
-from functools import cache
 
 import numpy as np
 from scipy.ndimage import (
-    correlate1d,
     gaussian_filter1d,
     maximum_filter1d,
     minimum_filter1d,
     uniform_filter1d,
 )
+from scipy.signal import savgol_filter
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import error_model as model
@@ -92,21 +90,12 @@ def choose(nominal: Nominal, period: float, spacing: float) -> np.ndarray:
     return np.flatnonzero(keep)
 
 
-def slope(values: Array, window: int, order: int, step: float, derivative: int = 1) -> Array:
-    """Return a derivative of polynomials through the neighbours of each sample (Savitzky and Golay).
+def slope(values: Array, window: int, order: int, derivative: int = 1) -> Array:
+    """Return a derivative of values on the `GRID`, by polynomials through neighbours (Savitzky and Golay).
 
-    The first and the last value continue beyond the ends; `step` is from sample to sample.
+    The first and the last value continue beyond the ends.
     """
-    weights = _weights(window, order, derivative) / step**derivative
-    return np.asarray(correlate1d(values, weights, mode="nearest"))
-
-
-@cache
-def _weights(window: int, order: int, derivative: int) -> Array:
-    """(window,) weights of the neighbours, a step of 1 apart."""
-    t = np.arange(window) - window // 2
-    fit = np.linalg.pinv(np.vander(t, order + 1, increasing=True))[derivative]
-    return np.asarray(fit * math.factorial(derivative))
+    return np.asarray(savgol_filter(values, window, order, derivative, GRID, mode="nearest"))
 
 
 def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
@@ -124,7 +113,7 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
         none = np.zeros(t.size)
         return Pace(speed, speed, none, none, none > 0)
     path = np.interp(grid, stamps, rolling.mean[known])
-    growth = np.where(pace < 0, -1.0, 1.0) * slope(path, window, 3, GRID, 2)
+    growth = np.where(pace < 0, -1.0, 1.0) * slope(path, window, 3, 2)
     # std of the second derivative of a cubic through n samples that span T: sqrt(720/n) sigma / T^2
     one = rolling.speed_std * period if rolling.by_rate else rolling.mean_std
     sigma = np.interp(grid, stamps, one[known]) * np.sqrt(720 * period / (window * GRID))
@@ -134,10 +123,10 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
     memory = np.exp(-np.arange(0, 2.0, GRID) / 0.4)
     lasting = np.convolve(relative, memory / memory.sum())[: grid.size]
     steady = np.interp(t, grid, maximum_filter1d((beyond > 0).astype(float), 3 * window)) == 0
-    quick = np.interp(t, grid, slope(path, window, 2, GRID)) if rolling.by_rate else speed
+    quick = np.interp(t, grid, slope(path, window, 2)) if rolling.by_rate else speed
     return Pace(
         speed=speed,
-        calm=np.where(steady, np.interp(t, grid, slope(path, 3 * window, 1, GRID)), quick),
+        calm=np.where(steady, np.interp(t, grid, slope(path, 3 * window, 1)), quick),
         unrest=np.interp(t, grid, np.maximum(relative, lasting)),
         growth=np.interp(t, grid, np.where(beyond > 0, growth, 0.0)),
         steady=steady,
