@@ -25,7 +25,7 @@ from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import Mask, runs
 from granite_lab.logs.sensors.standstill import MOVING, Interval, bridged, inside
 from granite_lab.logs.trial import Array, Series, Trial, TrialInfo
-from granite_lab.parameters import Robot, Variant
+from granite_lab.parameters import Robot, Variant, load_variants
 
 PHASES: tuple[PhaseName, ...] = ("rest", "accelerate", "steady", "brake")
 UP, STEADY, DOWN = 1, 2, 3
@@ -47,9 +47,7 @@ BAND = 0.05
 """The wheels run steadily within this share of their plateau."""
 
 
-def motion_of(
-    trial: Trial, problem: Problem, solution: Solution, health: Health, variants: Sequence[Variant]
-) -> Motion:
+def motion_of(trial: Trial, problem: Problem, solution: Solution, health: Health) -> Motion:
     """Add the smoothed drift to the nominal motion and derive slip, phases and variant.
 
     Raises:
@@ -67,7 +65,7 @@ def motion_of(
     course = find_phases(t, pace, health.rests, way.off)
     totals = totals_of(problem, solution, body, course.steady)
     start = command_start(trial.command, offset, course.onset)
-    variant, source, doubt = _command(trial, start, offset, replace(course, steady=totals.steady), variants)
+    variant, source, doubt = _command(trial, start, offset, replace(course, steady=totals.steady))
     more = [*way.said, *([doubt] if doubt else [])]
     if not np.isfinite(course.steady[0]):
         more.append("the wheels come no way: the robot's slip ratio is not defined")
@@ -148,16 +146,14 @@ def totals_of(problem: Problem, solution: Solution, body: BodyMotion, steady: In
     return replace(totals, steady=(float(nodes.t[i]), float(nodes.t[j])), slip_ratio=slip, slip_parts=parts)
 
 
-def motion_without_imu(
-    trial: Trial, robot: Robot, rolling: Rolling, variants: Sequence[Variant], by_hand: Sequence[Interval]
-) -> Motion:
+def motion_without_imu(trial: Trial, robot: Robot, rolling: Rolling, by_hand: Sequence[Interval]) -> Motion:
     """Report what the wheels alone tell: their velocities and phases, nothing of the body."""
     t = rolling.t
     assert robot.imu_grade is not None
     rests, _ = find_rests(None, rolling, robot.imu_grade, by_hand=by_hand)
     course = find_phases(t, rolling.speed_at(t), rests)
     start = command_start(trial.command, Estimate(0.0), course.onset)
-    variant, source, doubt = _command(trial, start, Estimate(0.0), course, variants)
+    variant, source, doubt = _command(trial, start, Estimate(0.0), course)
     lacking = "No IMU" if trial.imu is None else "No accelerometer along the robot's x axis"
     blank, four, none = np.full(t.size, NAN), np.full((t.size, 4), NAN), np.zeros(0)
     health = Health(
@@ -345,10 +341,10 @@ def first_crossing(t: Array, pace: Array, rest: np.ndarray, begin: int, plateau:
 
 
 def _command(
-    trial: Trial, start: Estimate, offset: Estimate, course: Phases, variants: Sequence[Variant]
+    trial: Trial, start: Estimate, offset: Estimate, course: Phases
 ) -> tuple[Variant, str, str | None]:
     """Return what was commanded: a course that is told, else the trapezoid; its source; a doubt or None."""
-    variant, source, doubt = recognise(course, trial.info, variants)
+    variant, source, doubt = recognise(course, trial.info, load_variants())
     told, of, other = commanded(trial, start, offset, course.steady, variant, source)
     return (told, of, other) if of in ("logged", "stated") else (variant, source, doubt)
 

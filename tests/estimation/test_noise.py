@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import softmax
 
-from granite_lab.estimation import estimate, slip, white
+from granite_lab.estimation import slip, white
 from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.nodes import heading
@@ -14,6 +14,7 @@ from granite_lab.estimation.nominal import Nominal, quieten
 from granite_lab.parameters import load_robot
 from tests.truth import TruthTrial, generate
 from tests.truth.long_logs import Drive, cycles, drive
+from tests.truth.motion import estimate
 
 SEEDS = (11, 12)
 
