@@ -126,7 +126,7 @@ def _built(effects: tuple[Effect, ...], kind: Kind) -> Graph:
     paper = symbolic(model_parameters(load_robot(), load_soil(), load_variants()[0]))
     names = states_of(effects, kind)
     x = ca.SX.sym("x", len(names))
-    state = dict(zip(names, ca.vertsplit(x), strict=True))
+    state: dict[str, Any] = dict(zip(names, ca.vertsplit(x), strict=True))
     column, piece = symbols(kind)
     hooks = hooks_of(effects, state, t, paper)
     p = paper
