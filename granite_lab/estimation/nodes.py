@@ -104,19 +104,19 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
     The slip ratio multiplies `calm`: were it `speed`, whose noise is that of the rolled distance as
     well, every update would find a little more slip than there is.
     """
-    known = np.isfinite(rolling.speed) & np.isfinite(rolling.mean)
-    stamps, grid = rolling.t[known] + offset, np.arange(t[0], t[-1] + GRID, GRID)
-    speed, pace = (np.interp(at, stamps, rolling.speed[known]) for at in (t, grid))
+    finite = np.isfinite(rolling.speed) & np.isfinite(rolling.mean)
+    stamps, grid = rolling.t[finite] + offset, np.arange(t[0], t[-1] + GRID, GRID)
+    speed, pace = (np.interp(at, stamps, rolling.speed[finite]) for at in (t, grid))
     period = max(float(np.median(np.diff(stamps))), GRID)
     window = max(round(0.16 / GRID), 8 * round(period / GRID)) | 1
     if grid.size <= 3 * window:
         none = np.zeros(t.size)
         return Pace(speed, speed, none, none, none > 0)
-    path = np.interp(grid, stamps, rolling.mean[known])
+    path = np.interp(grid, stamps, rolling.mean[finite])
     growth = np.where(pace < 0, -1.0, 1.0) * slope(path, window, 3, 2)
     # std of the second derivative of a cubic through n samples that span T: sqrt(720/n) sigma / T^2
-    one = rolling.speed_std * period if rolling.by_rate else rolling.mean_std
-    sigma = np.interp(grid, stamps, one[known]) * np.sqrt(720 * period / (window * GRID))
+    sample_std = rolling.speed_std * period if rolling.by_rate else rolling.mean_std
+    sigma = np.interp(grid, stamps, sample_std[finite]) * np.sqrt(720 * period / (window * GRID))
     beyond = np.maximum(np.abs(growth) - 0.05 - 3.0 * sigma / (window * GRID) ** 2, 0.0)
     # the slip ratio goes on changing for some tenths of a second after the wheels have settled
     relative = beyond / np.maximum(np.abs(pace), 0.1)
@@ -224,22 +224,24 @@ def build(
         begins[:-1] = creep[1:] > 0
         Q[:, V, V] += creep**2
     shaken = np.where(course.spinning, size / omega, 0.0)
-    told = model.rest_updates(imu, nominal, noise, problem.faults, course, shaken, begins)
+    measurements = model.rest_updates(imu, nominal, noise, problem.faults, course, shaken, begins)
     start = 0.0
     if rolling is not None:
         walked = problem.compliance * np.gradient(course.thrust, t)
         Q[:, D, D] += course.moving * walked**2 * LOOSE_TIME * dt
         wheels, start = model.wheel_updates(rolling, nominal, course, offset)
-        told.append(wheels)
+        measurements.append(wheels)
     last = np.array([t.size - 1])
     if problem.coasts:  # then the body is as slow as the wheels
         R = ZERO_VELOCITY**2 + float(speed[-1]) ** 2
-        told.append(model.updates_of("zero_velocity", last, -float(nominal.v[-1]), {V: 1.0, PD: -1.0}, R))
+        measurements.append(
+            model.updates_of("zero_velocity", last, -float(nominal.v[-1]), {V: 1.0, PD: -1.0}, R)
+        )
     if distance is not None:
         missed = distance.value - float(nominal.x[-1])
-        told.append(model.updates_of("distance", last, missed, {X: 1.0, P: -1.0}, distance.std**2))
-    told += [model.reference_updates(one, nominal, course) for one in problem.reference]
-    updates = model.in_order(told)
+        measurements.append(model.updates_of("distance", last, missed, {X: 1.0, P: -1.0}, distance.std**2))
+    measurements += [model.reference_updates(readings, nominal, course) for readings in problem.reference]
+    updates = model.in_order(measurements)
     for kind, factor in problem.louder.items():
         updates.R[updates.kind == kind] *= factor
     x0 = np.zeros((SIZE, 1))
@@ -258,7 +260,7 @@ def build(
 def _origin(problem: Problem) -> Array:
     """(14, 14) covariance at the start by the origin of a reference's place; that of X + D is the wheels'."""
     covariance = np.zeros((SIZE, SIZE))
-    if any(one.kind == "reference_x" for one in problem.reference):
+    if any(readings.kind == "reference_x" for readings in problem.reference):
         covariance[np.ix_([X, D], [X, D])] = ORIGIN**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     return covariance
 

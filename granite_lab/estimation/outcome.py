@@ -99,7 +99,9 @@ def body_motion(problem: Problem, solution: Solution) -> BodyMotion:
     extra = np.where(sparse, problem.noise.vibration / omega, 0.0)
     v_std = np.hypot(at_stamps(std_of(drift.P, {V: 1.0, PD: -1.0})), extra)
     x_std = np.hypot(at_stamps(std_of(drift.P, {X: 1.0, P: -1.0})), extra / omega)
-    if any(one.kind == "reference_x" for one in problem.reference):  # whose origin is none of the motion's
+    if any(
+        readings.kind == "reference_x" for readings in problem.reference
+    ):  # whose origin is none of the motion's
         x_std = np.hypot(x_std, x_std[0])
     return BodyMotion(
         x=x - x[0], x_std=x_std, v=v, v_std=np.hypot(v_std, _by_latency(t, v, problem, solution)),
@@ -164,7 +166,7 @@ def motion_without_imu(trial: Trial, robot: Robot, rolling: Rolling, by_hand: Se
     first, last = rolling.mean[np.isfinite(rolling.speed)][[0, -1]]
     rolled = Estimate(float(last - first), rolling.step)
     lost = "body velocity and slip cannot be estimated, only wheel velocities"
-    said = f"{lacking[0].lower()}{lacking[1:]}: {lost}"
+    doubt_of_body = f"{lacking[0].lower()}{lacking[1:]}: {lost}"
     return Motion(
         trial=trial.name, virtual=trial.info.virtual, t=t, x=blank, x_std=blank, v=blank, v_std=blank,
         pitch=blank, pitch_std=blank, v_wheel=rolling.velocity, v_wheel_std=rolling.velocity_std, slip=four,
@@ -172,7 +174,7 @@ def motion_without_imu(trial: Trial, robot: Robot, rolling: Rolling, by_hand: Se
         slip_ratio=Estimate(NAN), distance=Estimate(NAN), distance_wheels=rolled,
         steady=course.steady, t_start=start,
         clock_offset=Estimate(0.0), variant=variant, variant_source=source, noise={}, health=health,
-        warnings=(*trial.warnings, *map(str, rolling.doubts), said, *([doubt] if doubt else [])),
+        warnings=(*trial.warnings, *map(str, rolling.doubts), doubt_of_body, *([doubt] if doubt else [])),
     )  # fmt: skip
 
 
@@ -345,8 +347,8 @@ def _command(
 ) -> tuple[Variant, str, str | None]:
     """Return what was commanded: a course that is told, else the trapezoid; its source; a doubt or None."""
     variant, source, doubt = recognise(course, trial.info, load_variants())
-    told, of, other = commanded(trial, start, offset, course.steady, variant, source)
-    return (told, of, other) if of in ("logged", "stated") else (variant, source, doubt)
+    command, of, other = commanded(trial, start, offset, course.steady, variant, source)
+    return (command, of, other) if of in ("logged", "stated") else (variant, source, doubt)
 
 
 def _onset(t: Array, pace: Array, plateau: float) -> tuple[Estimate, float]:
