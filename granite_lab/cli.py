@@ -49,15 +49,15 @@ class _Commands(Mapping[str, Any]):
         if not isinstance(made, typer.Typer):
             function, made = made, typer.Typer(add_completion=False, rich_markup_mode=None)
             made.command(name)(function)
-        found = typer.main.get_command(made)
-        found.name = name
-        for one in (found, *getattr(found, "commands", {}).values()):
-            for parameter in one.params:
+        command = typer.main.get_command(made)
+        command.name = name
+        for part in (command, *getattr(command, "commands", {}).values()):
+            for parameter in part.params:
                 if parameter.param_type_name == "argument":  # its type in Python tells a reader nothing
                     vars(parameter)["display_type_rich"] = lambda ctx: None  # noqa: ARG005
                 elif not parameter.is_flag:
                     parameter.metavar = parameter.metavar or METAVARS.get(parameter.bare_type())
-        return found
+        return command
 
     def __iter__(self) -> Iterator[str]:
         return iter(COMMANDS)

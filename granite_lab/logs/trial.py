@@ -172,8 +172,8 @@ def unsaid(value: Any) -> bool:
 
 def over(first: TrialInfo, then: TrialInfo) -> TrialInfo:
     """Return what is known about a trial from two sources; the first one counts where it says anything."""
-    said = {name: value for name, value in vars(first).items() if not unsaid(value)}
-    return replace(then, **said | {"extra": then.extra | first.extra})
+    stated = {name: value for name, value in vars(first).items() if not unsaid(value)}
+    return replace(then, **stated | {"extra": then.extra | first.extra})
 
 
 @dataclass(frozen=True)

@@ -75,12 +75,13 @@ def _turnings(course: Course) -> list[Array]:
     """Return the numbers of the wheels, for each piece."""
     first, last = course.wheels[0], course.wheels[-1]
     rest = [
-        np.array([angle for axle in one[1:] for angle in (axle.angle, 0, 0, 0, 0)]) for one in (first, last)
+        np.array([angle for axle in instant[1:] for angle in (axle.angle, 0, 0, 0, 0)])
+        for instant in (first, last)
     ]
-    found = [rest[0]]
+    turnings = [rest[0]]
     for (t0, *here), (t1, *there) in zip(course.wheels, course.wheels[1:], strict=False):
-        found.append(np.concatenate([_cubic(a, b, t1 - t0) for a, b in zip(here, there, strict=True)]))
-    return [*found, rest[1]]
+        turnings.append(np.concatenate([_cubic(a, b, t1 - t0) for a, b in zip(here, there, strict=True)]))
+    return [*turnings, rest[1]]
 
 
 def _cubic(a: Turning, b: Turning, h: float) -> Array:
