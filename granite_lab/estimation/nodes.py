@@ -224,24 +224,22 @@ def build(
         begins[:-1] = creep[1:] > 0
         Q[:, V, V] += creep**2
     shaken = np.where(course.spinning, size / omega, 0.0)
-    measurements = model.rest_updates(imu, nominal, noise, problem.faults, course, shaken, begins)
+    parts = model.rest_updates(imu, nominal, noise, problem.faults, course, shaken, begins)
     start = 0.0
     if rolling is not None:
         walked = problem.compliance * np.gradient(course.thrust, t)
         Q[:, D, D] += course.moving * walked**2 * LOOSE_TIME * dt
         wheels, start = model.wheel_updates(rolling, nominal, course, offset)
-        measurements.append(wheels)
+        parts.append(wheels)
     last = np.array([t.size - 1])
     if problem.coasts:  # then the body is as slow as the wheels
         R = ZERO_VELOCITY**2 + float(speed[-1]) ** 2
-        measurements.append(
-            model.updates_of("zero_velocity", last, -float(nominal.v[-1]), {V: 1.0, PD: -1.0}, R)
-        )
+        parts.append(model.updates_of("zero_velocity", last, -float(nominal.v[-1]), {V: 1.0, PD: -1.0}, R))
     if distance is not None:
         missed = distance.value - float(nominal.x[-1])
-        measurements.append(model.updates_of("distance", last, missed, {X: 1.0, P: -1.0}, distance.std**2))
-    measurements += [model.reference_updates(readings, nominal, course) for readings in problem.reference]
-    updates = model.in_order(measurements)
+        parts.append(model.updates_of("distance", last, missed, {X: 1.0, P: -1.0}, distance.std**2))
+    parts += [model.reference_updates(readings, nominal, course) for readings in problem.reference]
+    updates = model.in_order(parts)
     for kind, factor in problem.louder.items():
         updates.R[updates.kind == kind] *= factor
     x0 = np.zeros((SIZE, 1))
