@@ -1,8 +1,7 @@
 """Files that are kept for the next run, machine code and results: whole, and from nobody but the user.
 
-Machine code runs as it stands, a graph of CasADi may name a library that is loaded with it, and results are
-pickles, which can run code, too. All are read only from a folder, and from files, that belong to the user and
-that nobody else can write.
+Machine code runs as it stands, and results are pickles, which can run code, too. Both are read only from a
+folder, and from files, that belong to the user and that nobody else can write.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ STALE = 3600.0
 """Age [s] after which a file that was never finished is removed."""
 
 _CHECK = hashlib.sha256().digest_size
-_NAME = r"[0-9a-f]{64}\.(?:o|graph|result)"
+_NAME = r"[0-9a-f]{64}\.(?:o|result)"
 _OWN = re.compile(rf"{_NAME}|\.{_NAME}\.[0-9a-f]{{12}}\.part")
 """Names of what this module writes, the last ones while it does; it removes nothing else."""
 
@@ -90,7 +89,7 @@ class Store:
         """Put content into the folder, whole or not at all; return why that could not be, else "".
 
         Args:
-            name: a SHA-256 in hexadecimal with the ending ``.o``, ``.graph`` or ``.result``.
+            name: a SHA-256 in hexadecimal with the ending ``.o`` or ``.result``.
             content: what `read` returns from then on.
         """
         try:
@@ -124,5 +123,5 @@ class Store:
 
 
 def machine_code() -> Store:
-    """Return where machine code and graphs are kept, about 70 kB each."""
+    """Return where machine code is kept, about 70 kB a graph."""
     return Store(root() / "machine-code", 100_000_000, "machine code is")

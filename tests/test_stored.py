@@ -9,7 +9,7 @@ import pytest
 from granite_lab.stored import Store
 
 NAME = f"{'a1' * 32}.o"
-FOREIGN = ("thesis.tex", "some.o", "a.graph", "0" * 64, ".x.part", f"{'0' * 64}.csv")
+FOREIGN = ("thesis.tex", "some.o", "a.result", "0" * 64, ".x.part", f"{'0' * 64}.csv")
 
 
 @pytest.fixture

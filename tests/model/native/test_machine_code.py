@@ -183,31 +183,6 @@ def test_a_command_makes_code_anew_with_one_warning_where_others_could_have_writ
     assert not list(kept_in.iterdir())
 
 
-@pytest.mark.parametrize("name", ["", "tyre_windup", "clock_offset"])
-def test_a_graph_that_was_kept_is_the_one_that_was_built(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv(FOLDER, str(tmp_path))
-    effects = (get(name),) if name else ()
-    texts = []
-    for _ in range(2):
-        build_graph.cache_clear()
-        graph = build_graph(effects)
-        parts = [graph.rates, *graph.outputs.values(), *graph.delays.values()]
-        texts.append(ca.Function("f", [graph.t, graph.x, graph.p], parts).serialize())
-        names = [graph.states, list(graph.outputs), list(graph.delays)]
-        texts.append(str(names))
-    assert texts[:2] == texts[2:]
-    assert len(list(tmp_path.glob("*/*.graph"))) == 1
-
-
-def test_a_graph_with_a_users_own_effect_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(FOLDER, str(tmp_path))
-    build_graph.cache_clear()
-    build_graph((Strange(),))
-    assert not list(tmp_path.rglob("*.graph"))
-
-
 LEAN = Accuracy(relative=5e-5, absolute=1e-7, travel=0.0018, lean=True, order=3)
 WITHIN = {
     "v_mps": 2e-5, "imu_ax_mps2": 4e-3, "imu_az_mps2": 4e-3, "imu_gy_radps": 5e-5, "enc_f_rad": 3e-5,
