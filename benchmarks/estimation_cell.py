@@ -9,10 +9,10 @@ import numpy.typing as npt
 
 from benchmarks.intervals import alike, wilson
 from granite_lab.errors import LabError
-from granite_lab.estimation import estimate
 from granite_lab.estimation.motion import Health
 from granite_lab.parameters import load_robot
 from tests.truth import generate
+from tests.truth.motion import estimate
 
 Array = npt.NDArray[np.float64]
 

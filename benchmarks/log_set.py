@@ -9,10 +9,11 @@ import numpy as np
 
 from benchmarks.against_truth import Array, Velocities
 from granite_lab.errors import LabError
-from granite_lab.estimation import Motion, estimate
+from granite_lab.estimation import Motion
 from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import load_robot, load_soil
+from tests.truth.motion import estimate
 
 
 @dataclass(frozen=True, eq=False)

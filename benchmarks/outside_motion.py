@@ -27,7 +27,7 @@ from benchmarks.outside import DEFAULT
 from granite_lab.estimation.chain import finish, solve
 from granite_lab.files import write_text
 from granite_lab.logs import read_trial
-from granite_lab.parameters import load_robot, load_variants
+from granite_lab.parameters import load_robot, load_soil
 
 STARTS = 1e-3
 """Speed from which the robot moves, by the truth [m/s]."""
@@ -80,8 +80,8 @@ def judged(log: Path) -> Judged:
     """Estimate a trial and compare it with the truth."""
     trial = read_trial(log)
     robot = load_robot(trial.info.robot or "granite")
-    solved = solve(trial, robot)
-    _, motion = finish(trial, robot, solved, load_variants())
+    solved = solve(trial, robot, soil=load_soil())
+    _, motion = finish(trial, robot, solved)
     name = f"{log.parent.name}_{log.stem.removeprefix('trial_')}.csv"
     truth = np.genfromtxt(log.parent.parent / "truth" / name, delimiter=",", names=True)
     t, x, v = truth["t_s"], truth["x_m"], truth["v_mps"]

@@ -29,7 +29,7 @@ from benchmarks import rk4
 from granite_lab.effects import get, library
 from granite_lab.errors import EstimateError
 from granite_lab.logs.trial import Array
-from granite_lab.model import Accuracy, interpreted, kept, simulate, simulator
+from granite_lab.model import Accuracy, interpreted, simulate, simulator
 from granite_lab.model.command import duration
 from granite_lab.model.effect import activate
 from granite_lab.model.engine import INTERPRETED
@@ -38,6 +38,7 @@ from granite_lab.model.native import graphs
 from granite_lab.model.simulator import parameter_vector, rest_state
 from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import load_paper, load_robot, load_soil, load_variants, variant_of
+from granite_lab.stored import FOLDER
 from tests.model.box import draw
 
 T = TypeVar("T")
@@ -281,7 +282,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        cold, warm = (first_run(**{kept.FOLDER: folder}) for _ in range(2))
+        cold, warm = (first_run(**{FOLDER: folder}) for _ in range(2))
         never = first_run(**{INTERPRETED: "1"})
         whole = ["simulate", "--variant", "0.5", "--out", f"{folder}/run.csv"]
         figures = {
@@ -290,7 +291,7 @@ def main() -> None:
             "whole": process_time(whole, options.repeats), **paper_table(options.repeats),
             **box(options.draws),
         }  # fmt: skip
-        os.environ[kept.FOLDER] = f"{folder}/empty"
+        os.environ[FOLDER] = f"{folder}/empty"
         graphs.forget()
         figures |= effects_table(options.repeats)
     text = PAGE.format(**figures)

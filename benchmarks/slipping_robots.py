@@ -24,10 +24,10 @@ from scipy.sparse.linalg import spsolve
 from benchmarks.against_truth import Array, Velocities, draw, errors, inside, rms, table
 from benchmarks.blind_code import commit
 from granite_lab.errors import LabError
-from granite_lab.estimation import estimate
 from granite_lab.files import write_text
 from granite_lab.logs.trial import ImuStream, Trial, TrialInfo, WheelStream
 from granite_lab.parameters import load_robot
+from tests.truth.motion import estimate
 
 KINDS = {
     "rings": "soft tyres: after each change of speed the body swings at 2 Hz relative to its wheels",

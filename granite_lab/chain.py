@@ -241,8 +241,8 @@ def find_effect(
     trials, motions = [trials[i] for i in order], [motions[i] for i in order]
     effects, cache = effects_of_search(options.effects), execution.cache
     key = search_key((*trials, *motions, robot, soil), options)
-    if cache is not None and isinstance(found := cache.get(key, effects), Finding):
-        return found
+    if cache is not None and isinstance(remembered := cache.get(key, effects), Finding):
+        return remembered
     with on_cluster(execution, options.effects) as respond:
         finding = discover(
             trials, robot, soil, effects=library(options.effects), motions=motions,
@@ -277,9 +277,9 @@ def names_of(trials: Sequence[Trial], options: Options) -> tuple[str, str]:
 
 def search_key(inputs: Sequence[Any], options: Options) -> str:
     """Return the key of a finding in certain inputs."""
-    own = fingerprint(options.effects) if options.effects else None
+    of_user = fingerprint(options.effects) if options.effects else None
     hashes = [content(record) for record in inputs]
-    return digest_of(code(), hashes, own, options.tolerance, options.latency)
+    return digest_of(code(), hashes, of_user, options.tolerance, options.latency)
 
 
 def _simulated(finding: Finding) -> tuple[float, ...]:
@@ -333,8 +333,8 @@ def source_of(
     rows = in_force(*names, changes=info.changes)
     given = options.given() + ((("discover", "no"),) if discover is False else ())
     used = [file for trial in trials for file in trial.inputs]
-    known = {file.path for file in used}
-    others = [*(path for path in paths if path not in known), *options.files()]
+    read_files = {file.path for file in used}
+    others = [*(path for path in paths if path not in read_files), *options.files()]
     inputs = [*used, *(InputFile(path, fingerprint(path)) for path in others)]
     return Source(
         version=__version__,

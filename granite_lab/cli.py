@@ -49,15 +49,15 @@ class _Commands(Mapping[str, Any]):
         if not isinstance(made, typer.Typer):
             function, made = made, typer.Typer(add_completion=False, rich_markup_mode=None)
             made.command(name)(function)
-        found = typer.main.get_command(made)
-        found.name = name
-        for one in (found, *getattr(found, "commands", {}).values()):
-            for parameter in one.params:
+        command = typer.main.get_command(made)
+        command.name = name
+        for part in (command, *getattr(command, "commands", {}).values()):
+            for parameter in part.params:
                 if parameter.param_type_name == "argument":  # its type in Python tells a reader nothing
                     vars(parameter)["display_type_rich"] = lambda ctx: None  # noqa: ARG005
                 elif not parameter.is_flag:
                     parameter.metavar = parameter.metavar or METAVARS.get(parameter.bare_type())
-        return found
+        return command
 
     def __iter__(self) -> Iterator[str]:
         return iter(COMMANDS)
@@ -79,10 +79,10 @@ class _Group(TyperGroup):
 
 def _warn_of_machine_code(*_: Any, **__: Any) -> None:
     """Warn where machine code could not be kept for the next command, if this one needed any."""
-    if (kept := sys.modules.get("granite_lab.model.kept")) is not None:
+    if (stored := sys.modules.get("granite_lab.stored")) is not None:
         from granite_lab.commands.printer import warn
 
-        warn(kept.doubts())
+        warn(stored.machine_code().doubts())
 
 
 app = typer.Typer(

@@ -106,8 +106,8 @@ def mean_over(estimates: Iterable[Estimate], vague: float = math.inf) -> Mean:
         return Mean(math.nan, math.nan, math.nan, math.nan, 0)
     values, w = np.array([e.value for e in finite]), np.array(weights_of(finite, vague))
     mean = float(w @ values)
-    own = np.where(w > 0, [e.std for e in finite], 0.0)
-    stated = float(np.linalg.norm(w * own))
+    stds = np.where(w > 0, [e.std for e in finite], 0.0)
+    stated = float(np.linalg.norm(w * stds))
     scatter = float(np.sqrt(w @ (values - mean) ** 2 / (n - 1))) if n > 1 else math.nan
     half = float(np.fmax(1.959964 * stated, float(stdtrit(max(n - 1, 1), 0.975)) * scatter))
     return Mean(mean, float(np.fmax(stated, scatter)), mean - half, mean + half, n)

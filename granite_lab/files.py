@@ -42,9 +42,9 @@ def readable(error: OSError, path: Path | str, doing: str = "read") -> LabError:
         path: the file it is about.
         doing: "read" gives an `InputError` (exit 3), anything else a plain `LabError` (exit 1).
     """
-    what, hint = _REASONS.get(error.errno or 0, (error.strerror or type(error).__name__, ""))
+    reason, hint = _REASONS.get(error.errno or 0, (error.strerror or type(error).__name__, ""))
     kind = InputError if doing == "read" else LabError
-    return kind(f"{path}: cannot be {'read' if doing == 'read' else 'written'}: {what}", hint)
+    return kind(f"{path}: cannot be {'read' if doing == 'read' else 'written'}: {reason}", hint)
 
 
 def is_folder(path: Path) -> bool:

@@ -64,9 +64,11 @@ def distinct(names: Sequence[str]) -> list[str]:
     """Return names of files, later ones numbered where they repeat, be it in capitals."""
     seen: list[str] = []
     for name in names:
-        known = {other.casefold() for other in seen}
+        taken = {other.casefold() for other in seen}
         again = (f"{name} ({k})" for k in count(2))
-        seen.append(next(one for one in chain([name], again) if one.casefold() not in known))
+        seen.append(
+            next(candidate for candidate in chain([name], again) if candidate.casefold() not in taken)
+        )
     return seen
 
 

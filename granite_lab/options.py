@@ -28,24 +28,24 @@ def _told(info: TrialInfo) -> dict[str, str | None]:
     tape = None if info.distance_measured is None else f"{info.distance_measured:.9g}"
     if tape and info.distance_measured_std is not None:
         tape += f"±{info.distance_measured_std:.9g}"
-    said = {"distance-measured": tape, "use-reference": "" if info.use_reference else None}
+    texts = {"distance-measured": tape, "use-reference": "" if info.use_reference else None}
     stds = {"ref-v-std": info.ref_v_std, "ref-x-std": info.ref_x_std}
-    return said | {name: None if std is None else f"{std:.9g}" for name, std in stds.items()}
+    return texts | {name: None if std is None else f"{std:.9g}" for name, std in stds.items()}
 
 
 def _info_of(given: Sequence[tuple[str, str]]) -> TrialInfo:
     """Return what is known of all trials, from what `Options.given` made of it."""
-    said = dict(given)
-    tape, _, std = said.get("distance-measured", "").partition("±")
+    texts = dict(given)
+    tape, _, std = texts.get("distance-measured", "").partition("±")
     named: dict[str, Any] = {
         field: tuple(tuple(map(float, value.split(":"))) for key, value in given if key == name)
         for name, field in RESTS
     }
     named["changes"] = tuple((key, float(value)) for key, value in _pairs(given, "set"))
     numbers = {"distance_measured": tape, "distance_measured_std": std}
-    numbers |= {field: said.get(field.replace("_", "-"), "") for field in ("ref_v_std", "ref_x_std")}
+    numbers |= {field: texts.get(field.replace("_", "-"), "") for field in ("ref_v_std", "ref_x_std")}
     named |= {field: float(text) for field, text in numbers.items() if text}
-    return TrialInfo(**named, use_reference="use-reference" in said)
+    return TrialInfo(**named, use_reference="use-reference" in texts)
 
 
 def _pairs(given: Sequence[tuple[str, str]], option: str) -> tuple[tuple[str, str], ...]:
@@ -103,8 +103,8 @@ class Options:
 
     def known(self, log: Path) -> TrialInfo | None:
         """Return what is known of a trial besides what its log says."""
-        own = dict(self.of_trials).get(str(log))
-        return over(self.info, own) if self.info and own else self.info or own
+        of_trial = dict(self.of_trials).get(str(log))
+        return over(self.info, of_trial) if self.info and of_trial else self.info or of_trial
 
     def given(self) -> tuple[tuple[str, str], ...]:
         """Return what was said about all trials, as the options of the command line."""
@@ -122,23 +122,23 @@ class Options:
         rests = ((name, f"{a:.9g}:{b:.9g}") for name, field in RESTS for a, b in getattr(info, field))
         topics = tuple(("topic", f"{role}={topic}") for role, topic in self.topics)
         changes = (("set", f"{key}={value!r}") for key, value in info.changes)
-        said = ((key, str(value)) for key, value in named.items() if value is not None)
+        texts = ((key, str(value)) for key, value in named.items() if value is not None)
         excluded = (("exclude", f"{trial}={reason}") for trial, reason in self.exclude)
-        return (*said, *rests, *changes, *topics, *excluded)
+        return (*texts, *rests, *changes, *topics, *excluded)
 
     @classmethod
     def from_given(cls, given: Sequence[tuple[str, str]]) -> Options:
         """Return what `given` was made from; other names are passed over."""
-        said = dict(given)
-        fields: dict[str, Any] = {f: kind(said[name]) for name, (f, kind) in GIVEN.items() if name in said}
-        if {"from", "to"} & set(said):
-            fields["window"] = float(said.get("from", "-inf")), float(said.get("to", "inf"))
+        texts = dict(given)
+        fields: dict[str, Any] = {f: kind(texts[name]) for name, (f, kind) in GIVEN.items() if name in texts}
+        if {"from", "to"} & set(texts):
+            fields["window"] = float(texts.get("from", "-inf")), float(texts.get("to", "inf"))
         info = _info_of(given)
         return cls(
             **fields,
             info=None if info == TrialInfo() else info,
             topics=_pairs(given, "topic"),
             exclude=_pairs(given, "exclude"),
-            tolerance=float(said.get("tolerance", TOLERANCE)),
-            latency=float(said.get("latency", 1e3 * LATENCY_LIMIT)) / 1e3,
+            tolerance=float(texts.get("tolerance", TOLERANCE)),
+            latency=float(texts.get("latency", 1e3 * LATENCY_LIMIT)) / 1e3,
         )

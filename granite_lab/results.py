@@ -20,7 +20,7 @@ from granite_lab.errors import InputError, LabError
 from granite_lab.files import readable
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.folders import distinct
-from granite_lab.logs.trial import Array, Trial, trial_files
+from granite_lab.logs.trial import Trial, trial_files
 from granite_lab.origin import NOTHING, Failure, Origin, Source, Written
 from granite_lab.shown import Shown
 
@@ -146,14 +146,6 @@ def of_search(finding: Finding, folder: Path) -> StudyResult:
     return StudyResult(folder.resolve().name, (), (), None, source, finding)
 
 
-def mean_of_known(values: Array, axis: int) -> Array:
-    """Return the mean along an axis over what is finite; NaN where nothing is."""
-    known = np.isfinite(values)
-    count = known.sum(axis=axis)
-    total = np.where(known, values, 0.0).sum(axis=axis)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
-
-
 CHANNELS = {
     "velocity": "body velocity",
     "wheels": "wheel speeds",
@@ -231,9 +223,9 @@ def _pool(channel: str, phase: str, size: float, misfits: list[Misfit]) -> Gap:
     def mean(values: list[float], of: list[Misfit]) -> float:
         return float(np.average(values, weights=[m.samples for m in of]))
 
-    known = [m for m in misfits if math.isfinite(m.normalised)]
+    judged = [m for m in misfits if math.isfinite(m.normalised)]
     rms = math.sqrt(mean([m.rms**2 for m in misfits], misfits))
-    normalised = math.sqrt(mean([m.normalised**2 for m in known], known)) if known else math.nan
+    normalised = math.sqrt(mean([m.normalised**2 for m in judged], judged)) if judged else math.nan
     bias, peak = mean([m.bias for m in misfits], misfits), max(m.peak for m in misfits)
     return Gap(channel, misfits[0].unit, phase, rms, bias, peak, normalised, size, len(misfits))
 
@@ -263,7 +255,7 @@ def load_report(path: Path) -> dict[str, Any]:
             f"{file}: is not the report of a study of this version",
             "give a folder that 'granite-lab study' wrote, or run the study again",
         )
-    found = document.get("discovery")
-    if found is not None and (not isinstance(found, dict) or found.get("schema") != DISCOVERY):
+    search = document.get("discovery")
+    if search is not None and (not isinstance(search, dict) or search.get("schema") != DISCOVERY):
         raise InputError(f"{file}: its search is of another version", "run the study again")
     return document

@@ -178,8 +178,8 @@ class Number:
     @property
     def with_std(self) -> str:
         """``value ± std``, without the unit."""
-        known = math.isfinite(self.value) and math.isfinite(self.std)
-        return f"{self.text} ± {places(self.std, self.decimals)}" if known else self.text
+        finite = math.isfinite(self.value) and math.isfinite(self.std)
+        return f"{self.text} ± {places(self.std, self.decimals)}" if finite else self.text
 
     @property
     def interval(self) -> str:

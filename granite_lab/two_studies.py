@@ -130,13 +130,13 @@ def compare_studies(first: Path | str, second: Path | str) -> Compared:
     if names[0] == names[1]:
         names = (f"{names[0]} (A)", f"{names[1]} (B)")
     searched = a["discovery"] is not None and b["discovery"] is not None
-    own = [dict(_quantities(d, effects=searched)) for d in (a, b)]
+    quantities = [dict(_quantities(d, effects=searched)) for d in (a, b)]
     rows = []
-    for quantity in dict.fromkeys([*own[0], *own[1]]):
-        found = [study.get(quantity) for study in own]
-        only = "" if all(found) else f"only in {'A' if found[0] else 'B'}"
-        stated = next(one for one in found if one)
-        values = [one.value if one else Value() for one in found]
+    for quantity in dict.fromkeys([*quantities[0], *quantities[1]]):
+        pair = [study.get(quantity) for study in quantities]
+        only = "" if all(pair) else f"only in {'A' if pair[0] else 'B'}"
+        stated = next(stated_value for stated_value in pair if stated_value)
+        values = [stated_value.value if stated_value else Value() for stated_value in pair]
         unit, scale = stated.shown(max((abs(v.value) for v in values if math.isfinite(v.value)), default=0.0))
         a_value, b_value = (Value(*(scale * x for x in v)) for v in values)
         rows.append(Row(quantity, unit, a_value, b_value, only))
@@ -170,12 +170,12 @@ def _quantities(document: Mapping[str, Any], *, effects: bool) -> Iterator[tuple
             yield quantity, _Stated(unit, _value(p), effect["id"], name)
 
 
-def _value(known: Mapping[str, Any]) -> Value:
+def _value(stated: Mapping[str, Any]) -> Value:
     """Return a number of a report with its interval, by its std where it states none."""
-    if known.get("value") is None:
+    if stated.get("value") is None:
         return Value()
-    value, std = float(known["value"]), known.get("std")
-    low, high = known.get("ci95") or (None, None)
+    value, std = float(stated["value"]), stated.get("std")
+    low, high = stated.get("ci95") or (None, None)
     if low is not None and high is not None:
         return Value(value, float(low), float(high))
     half = 1.959964 * float(std) if std is not None else math.nan
@@ -205,14 +205,14 @@ def _notes(a: Mapping[str, Any], b: Mapping[str, Any], rows: Sequence[Row]) -> I
         yield f"The data of {study} are virtual, those of the other study are not."
 
 
-def compared_table(found: Compared) -> FilledTable:
+def compared_table(compared: Compared) -> FilledTable:
     """Return the rows as a table."""
 
     def value(v: Value) -> Cell:
         return Cell(number(v.value, 4 if abs(v.value) >= 10 else 3).text, v)
 
     tones = {DIFFERS: "fair", ALIKE: "good"}
-    a, b = found.names
+    a, b = compared.names
     return Table[Row](
         "differences",
         f"{b} minus {a}",
@@ -228,35 +228,37 @@ def compared_table(found: Compared) -> FilledTable:
         Column("verdict", lambda r: words(r.verdict, tones.get(r.verdict, ""))),
         note=f"A: {a}; B: {b}. B − A: 95 % interval of the difference. Detectable: the smallest difference "
         "that is found with a probability of 80 %.",
-    ).fill(found.rows, virtual=found.virtual)  # fmt: skip
+    ).fill(compared.rows, virtual=compared.virtual)  # fmt: skip
 
 
-def compared_as_json(found: Compared) -> dict[str, Any]:
+def compared_as_json(compared: Compared) -> dict[str, Any]:
     """Return the comparison as plain objects."""
     rows = [
         {
             "quantity": r.quantity, "unit": r.unit, "a": r.a.as_json(), "b": r.b.as_json(),
             "difference": r.difference.as_json(), "smallest_seen": r.smallest, "verdict": r.verdict,
         }
-        for r in found.rows
+        for r in compared.rows
     ]  # fmt: skip
-    about = {"studies": found.names, "virtual": found.virtual, "rows": rows, "notes": found.notes}
+    about = {"studies": compared.names, "virtual": compared.virtual, "rows": rows, "notes": compared.notes}
     return {"schema": "granite-lab/compare-studies/1"} | about
 
 
-def compared_figure(found: Compared) -> Figure | None:
+def compared_figure(compared: Compared) -> Figure | None:
     """Draw the differences over half of their intervals; None without any."""
-    rows = [r for r in found.rows if r.verdict in (DIFFERS, ALIKE)]
+    rows = [r for r in compared.rows if r.verdict in (DIFFERS, ALIKE)]
     if not rows:
         return None
     differ = [r.quantity for r in rows if r.verdict == DIFFERS]
     title = f"{len(differ)} of {len(rows)} quantities differ" if differ else "No difference is seen"
-    a, b = found.names
+    a, b = compared.names
     caption = (
         f"{b} minus {a}, divided by half the width of its 95 % interval. Bars that do not include 0 are "
         "significant."
     )
-    return reporting.canvas.Figure("differences", title, caption, partial(_differences, rows), found.virtual)
+    return reporting.canvas.Figure(
+        "differences", title, caption, partial(_differences, rows), compared.virtual
+    )
 
 
 def _differences(rows: Sequence[Row]) -> Canvas:
@@ -273,13 +275,15 @@ def _differences(rows: Sequence[Row]) -> Canvas:
     return figure
 
 
-def write_compared(found: Compared, folder: Path) -> Path:
+def write_compared(compared: Compared, folder: Path) -> Path:
     """Write ``compared.md``, a table and a figure of two studies and return the page.
 
     Raises:
         LabError: a file cannot be written.
     """
-    figure = compared_figure(found)
+    figure = compared_figure(compared)
     drawn = [reporting.report.Gallery((figure,))] if figure is not None else []
-    reporting.write_parts([compared_table(found), *drawn, list(found.notes)], folder, page="compared.md")
+    reporting.write_parts(
+        [compared_table(compared), *drawn, list(compared.notes)], folder, page="compared.md"
+    )
     return folder / "compared.md"

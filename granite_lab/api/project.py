@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import json
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,8 +16,7 @@ from granite_lab.effects import library
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import refuse_special, sha256
-from granite_lab.logs.canonical import Said
-from granite_lab.logs.trial import TrialInfo, is_log, name_of, over, trial_files
+from granite_lab.logs.trial import Stated, TrialInfo, is_log, name_of, over, trial_files
 from granite_lab.options import Options
 from granite_lab.origin import EXCLUDED, Failure
 from granite_lab.parameters.catalogue import find, forget, load_robot, load_soil
@@ -36,7 +34,7 @@ class Excluded:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OfTrial(Said):
+class OfTrial(Stated):
     """What is known of a trial, by the name of its log without the ending."""
 
     name: str
@@ -64,15 +62,17 @@ class Project:
     exclude: tuple[Excluded, ...] = ()
     logs: tuple[str, ...] = ()
     use_reference: bool = False
-    ref_v_std: float = quantity("m/s", 1e-6, 10, "std of the reference's velocity", "", math.nan)
-    ref_x_std: float = quantity("m", 1e-6, 100, "std of the reference's place", "", math.nan)
+    ref_v_std: float | None = quantity("m/s", 1e-6, 10, "std of the reference's velocity", "", None)
+    ref_x_std: float | None = quantity("m", 1e-6, 100, "std of the reference's place", "", None)
     trial: tuple[OfTrial, ...] = ()
 
     def known(self, name: str) -> TrialInfo:
         """Return what is known of a trial."""
         own = next((one.info for one in self.trial if one.name == name), TrialInfo())
-        common = Said(use_reference=self.use_reference, ref_v_std=self.ref_v_std, ref_x_std=self.ref_x_std)
-        return over(own, common.info)
+        common = TrialInfo(
+            use_reference=self.use_reference, ref_v_std=self.ref_v_std, ref_x_std=self.ref_x_std
+        )
+        return over(own, common)
 
 
 @dataclass(frozen=True)

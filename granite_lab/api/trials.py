@@ -63,7 +63,7 @@ def _analysed(
     results, failed = sifted(chosen.files, outcomes, strict=strict)
     lines = [f"{r.trial.name}: {line}" for r in results for line in r.comparison.motion.warnings]
     source = source_of(command, chosen.files, [r.trial for r in results], chosen.options)
-    return results, Origin(source, (*chosen.excluded, *failed), (*lines, *execution.tidied()))
+    return results, Origin(source, (*chosen.excluded, *failed), (*lines, *execution.doubts()))
 
 
 def fit_k92(
@@ -265,7 +265,7 @@ def study(
             result = _write(result, chosen.options, folder, execution, recordings, progress)
     import granite_lab.reporting.notebook  # noqa: F401, PLC0415, heavy: how a notebook shows the result
 
-    return replace(result, warnings=execution.tidied())
+    return replace(result, warnings=execution.doubts())
 
 
 def _write(
@@ -394,7 +394,7 @@ def discover(
             result = write(of_search(finding, folder), options, folder, searched, jobs=execution.jobs)
         finding = result.finding or finding
         origin = replace(origin, written=result.written)
-    return replace(finding, origin=replace(origin, warnings=(*lines, *execution.tidied())))
+    return replace(finding, origin=replace(origin, warnings=(*lines, *execution.doubts())))
 
 
 def plan_next(

@@ -105,13 +105,13 @@ def contract(effect: Effect) -> list[Check]:
     return [_checked(name, check, effect) for name, check in checks]
 
 
-def refuse_failed(found: Mapping[str, Sequence[Check]], where: str) -> None:
+def refuse_failed(results: Mapping[str, Sequence[Check]], where: str) -> None:
     """Refuse effects of which a check failed.
 
     Raises:
         InputError: naming the file or id `where`, the effect and its first failed check.
     """
-    for name, checks in found.items():
+    for name, checks in results.items():
         failed = [c for c in checks if c.passed is False]
         if failed:
             raise InputError(
@@ -186,9 +186,11 @@ def _derivatives(effect: Effect) -> tuple[bool, str]:
     """Look at rest and in motion, at neutral and at a typical size, by every state and parameter."""
     graph = build_graph((effect,))
     p = model_parameters(load_robot(), load_soil(), variant_of(0.5), a_theta=load_paper().a_theta)
-    what = ca.vertcat(graph.rates, *graph.outputs.values(), *graph.delays.values())
+    expressions = ca.vertcat(graph.rates, *graph.outputs.values(), *graph.delays.values())
     derivative = ca.Function(
-        "d", [graph.t, graph.x, graph.p], [ca.jacobian(what, graph.x), ca.jacobian(what, graph.p)]
+        "d",
+        [graph.t, graph.x, graph.p],
+        [ca.jacobian(expressions, graph.x), ca.jacobian(expressions, graph.p)],
     )
     for active in (activate(effect, {}), typical(effect)):
         rest = rest_state(p, (active,))
@@ -206,8 +208,8 @@ def _seen(effect: Effect) -> tuple[bool, str]:
     plain, run = (simulate(variant, robot, soil, effects=e) for e in ((), (active,)))
     shares = {c: float(np.abs(run[c] - plain[c]).max() / np.abs(plain[c]).max()) for c in CHANNELS}
     best = max(shares, key=shares.__getitem__)
-    said = f"{_told(active)} changes {best} by {100 * shares[best]:.2g} % of its largest value"
-    return shares[best] > SEEN, said
+    detail = f"{_told(active)} changes {best} by {100 * shares[best]:.2g} % of its largest value"
+    return shares[best] > SEEN, detail
 
 
 def _linear(effect: Effect) -> tuple[bool | None, str]:
@@ -279,12 +281,12 @@ def _compiled(effect: Effect) -> tuple[bool | None, str]:
     active, variant = typical(effect), variant_of(0.5)
     p = model_parameters(load_robot(), load_soil(), variant, a_theta=load_paper().a_theta)
     start, vector = rest_state(p, (active,)), parameter_vector(p, (active,))
-    one, other = (e.run((effect,), variant, FINE, start, vector) for e in (engine, interpreted))
-    scale = np.abs(other).max(axis=1) + 1e-6
-    gap = float((np.abs(one - other).max(axis=1) / scale).max())
+    compiled, plain = (e.run((effect,), variant, FINE, start, vector) for e in (engine, interpreted))
+    scale = np.abs(plain).max(axis=1) + 1e-6
+    gap = float((np.abs(compiled - plain).max(axis=1) / scale).max())
     names = tuple(build_graph((effect,)).outputs)
-    t = np.linspace(0.0, 1.0, other.shape[1])
-    a, b = (e.outputs((effect,), variant, names, t, other, vector) for e in (engine, interpreted))
+    t = np.linspace(0.0, 1.0, plain.shape[1])
+    a, b = (e.outputs((effect,), variant, names, t, plain, vector) for e in (engine, interpreted))
     same = float((np.abs(a - b) / np.fmax(1, np.abs(b))).max())
     good = gap <= SAME_STATES and same <= SAME_NUMBER
     return good, f"states within {gap:.1g} of their largest values, outputs within {same:.1g}"

@@ -72,14 +72,14 @@ of robot and soil. Written by `python -m granite_lab.effects.documentation`.
 
 def markdown() -> str:
     """Return the page."""
-    known = library()
+    effects = library()
     named = [name for names in AREAS.values() for name in names]
-    areas = AREAS | {"Further": tuple(name for name in known if name not in named)}
+    areas = AREAS | {"Further": tuple(name for name in effects if name not in named)}
     parts = [HEAD]
     for area, names in areas.items():
         if names:
             parts.append(f"## {area}\n")
-            parts += [_section(known[name]) for name in names]
+            parts += [_section(effects[name]) for name in names]
     return "\n".join([*parts, HOOKS])
 
 

@@ -70,16 +70,16 @@ class GearBacklash(Effect):
 
     def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
         """Return the rates of the leads."""
-        found: dict[str, Any] = {}
+        rates: dict[str, Any] = {}
         for axle in axles:
             name = _name(axle)
             plain = axle.rim_acceleration(p.chassis.wheel_inertia)
             motor = own.p["motor_share"] * p.chassis.wheel_inertia
             ahead = (axle.drive_torque - _teeth(axle, p, own)) / motor
             ahead -= self.rim_acceleration(plain, axle, p, own)
-            found[f"lead_{name}"] = own.x[f"lead_rate_{name}"]
-            found[f"lead_rate_{name}"] = ahead / _reach(own)
-        return found
+            rates[f"lead_{name}"] = own.x[f"lead_rate_{name}"]
+            rates[f"lead_rate_{name}"] = ahead / _reach(own)
+        return rates
 
 
 def _name(axle: Axle) -> str:

@@ -29,11 +29,11 @@ from granite_lab.parameters import load_robot, load_soil, load_variants
 
 @lru_cache
 def _library() -> dict[str, Effect]:
-    found: dict[str, Effect] = {}
+    effects: dict[str, Effect] = {}
     for info in sorted(pkgutil.iter_modules([str(Path(__file__).parent)]), key=lambda m: m.name):
         module = importlib.import_module(f"{__package__}.{info.name}")
-        found |= {effect.id: effect for effect in _effects_of(module)}
-    return found
+        effects |= {effect.id: effect for effect in _effects_of(module)}
+    return effects
 
 
 def library(own: Path | str | None = None) -> dict[str, Effect]:
@@ -246,10 +246,10 @@ def _check_neutral(effect: Effect, path: str) -> None:
         )
 
 
-def _trouble(path: str, error: BaseException, what: str = "") -> InputError:
+def _trouble(path: str, error: BaseException, subject: str = "") -> InputError:
     """Name the line of the user's file at which an exception arose."""
     lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == path]
     return InputError(
-        f"{at(path, lines[-1] if lines else None)}: {what}{type(error).__name__}: {error}",
+        f"{at(path, lines[-1] if lines else None)}: {subject}{type(error).__name__}: {error}",
         "the error is in your file; docs/effects.md lists what each hook receives and returns",
     )

@@ -123,11 +123,11 @@ def load_model(path: Path | str, code: Path | str | None = None) -> ModelFile:
         raise InputError(
             f"{where}: schema = {table.get('schema')!r} is not that of a model file", f'expected "{SCHEMA}"'
         )
-    known = library() | dictionary() | (load_effects(code) if code else {})
+    effects = library() | dictionary() | (load_effects(code) if code else {})
     rows = table.get("effect", [])
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise InputError(f"{where}: 'effect' must be a list of tables", "write [[effect]] above each")
-    fitted = tuple(_read_effect(f"{where}: [[effect]] {i}", row, known) for i, row in enumerate(rows, 1))
+    fitted = tuple(_read_effect(f"{where}: [[effect]] {i}", row, effects) for i, row in enumerate(rows, 1))
     ids = [f.effect.id for f in fitted]
     for name in ids:
         if ids.count(name) > 1:
@@ -153,12 +153,12 @@ def _read_sand(where: str, table: Any) -> dict[str, Estimate]:
         raise InputError(f"{place}: is not a table of numbers", "write key = { value = …, std = … }")
     of = {key_of(f): f for f in fields(Soil) if "unit" in f.metadata}
     _known(place, table, tuple(of))
-    found = {}
+    sand = {}
     for key, row in table.items():
-        m, own = of[key].metadata, f"{place}: {key}"
-        _known(own, row, ("value", "std"))
-        found[of[key].name] = _read_estimate(own, row, m["unit"], m["low"], m["high"])
-    return found
+        m, entry = of[key].metadata, f"{place}: {key}"
+        _known(entry, row, ("value", "std"))
+        sand[of[key].name] = _read_estimate(entry, row, m["unit"], m["low"], m["high"])
+    return sand
 
 
 def _known(where: str, table: dict[str, Any], keys: tuple[str, ...]) -> None:
@@ -202,13 +202,13 @@ def _read_estimate(place: str, table: dict[str, Any], unit: str, low: float, hig
     return Estimate(value, check_number(place, "std", table["std"], unit, 0.0, 1e12))
 
 
-def _read_effect(place: str, row: dict[str, Any], known: Mapping[str, Effect]) -> FittedEffect:
+def _read_effect(place: str, row: dict[str, Any], effects: Mapping[str, Effect]) -> FittedEffect:
     _known(place, row, ("id", "parameters", "indistinguishable_from"))
     name = row.get("id")
     if not isinstance(name, str):
         raise InputError(f"{place}: 'id' is missing", 'add id = "<effect>"')
     try:
-        effect = get(name, known)
+        effect = get(name, effects)
     except LabError as error:
         hint = f"{error.hint}; an effect of your own needs --effects FILE"
         raise InputError(f"{place}: {error.message}", hint) from None

@@ -1,5 +1,5 @@
-from .chain import correct, estimate
+from .chain import correct
 from .motion import Health, Judgement, Motion, judge
 from .outcome import wheel_slip
 
-__all__ = ["Health", "Judgement", "Motion", "correct", "estimate", "judge", "wheel_slip"]
+__all__ = ["Health", "Judgement", "Motion", "correct", "judge", "wheel_slip"]

@@ -108,13 +108,13 @@ def _sources(nodes: Nodes, noise: Noise, scatter: float) -> Mapping[str, tuple[K
 def _reference(nodes: Nodes) -> tuple[str, float]:
     """Return unit and std of what an external reference measures; of the velocity where it gives both."""
     for kind, unit in (("reference_v", "m/s"), ("reference_x", "m")):
-        found = nodes.updates.R[nodes.updates.kind == kind]
-        if found.size:
-            return unit, math.sqrt(float(np.median(found)))
+        variances = nodes.updates.R[nodes.updates.kind == kind]
+        if variances.size:
+            return unit, math.sqrt(float(np.median(variances)))
     return "m/s", 0.0
 
 
-def _shares(nodes: Nodes, found: Smoothed, towards: Array, i: int, j: int) -> dict[str, float]:
+def _shares(nodes: Nodes, smoothed: Smoothed, towards: Array, i: int, j: int) -> dict[str, float]:
     """Return the variance of ``towards @ (x_j - x_i)`` by source, before any widening.
 
     With the noise w of the step that leads to the next node, the error of the smoothed state is
@@ -125,14 +125,14 @@ def _shares(nodes: Nodes, found: Smoothed, towards: Array, i: int, j: int) -> di
     weights[i] -= towards
     weights[j] += towards
     for k in range(n - 1):
-        behind[k + 1] = weights[k].dot(found.gains[k])
+        behind[k + 1] = weights[k].dot(smoothed.gains[k])
         weights[k + 1] += behind[k + 1]
     weights[:-1] -= (behind[1:, None] @ nodes.F[1:])[:, 0]
-    _, c, told = adjoint(nodes, found.innovations.gain, np.zeros(updates.R.size), weights)
+    _, c, of_updates = adjoint(nodes, smoothed.innovations.gain, np.zeros(updates.R.size), weights)
     shares: dict[str, float] = defaultdict(float)
     for kind in dict.fromkeys(updates.kind.tolist()):
         of_kind = updates.kind == kind
-        shares[MEASURED[kind]] += float(np.sum(told[of_kind] ** 2 * updates.R[of_kind]))
+        shares[MEASURED[kind]] += float(np.sum(of_updates[of_kind] ** 2 * updates.R[of_kind]))
     begun, origin = np.diagonal(nodes.P0).copy(), -float(nodes.P0[X, D])
     begun[[X, D]] -= origin  # of a reference's place, which both have in common
     shares[MEASURED["reference_x"]] += float((c[0, X] - c[0, D]) ** 2 * origin)
@@ -147,8 +147,8 @@ def _add_steps(shares: dict[str, float], nodes: Nodes, c: Array) -> None:
     F, Q, w, dt = nodes.F[1:], nodes.Q[1:], nodes.w[1:], np.diff(nodes.t)
 
     def share(noise: Array, *states: int) -> float:
-        own = c[:, states]
-        return float(np.einsum("ki,kij,kj->", own, noise[:, states][:, :, states], own))
+        weights = c[:, states]
+        return float(np.einsum("ki,kij,kj->", weights, noise[:, states][:, :, states], weights))
 
     for place, name in WALKING.items():
         shares[name] += share(Q, place)

@@ -24,49 +24,23 @@ from granite_lab.logs.sensors.imu import mounted
 from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.sensors.two_clocks import together
 from granite_lab.logs.trial import ImuStream, Trial
-from granite_lab.parameters import Robot, Soil, Variant, load_soil, load_variants
+from granite_lab.parameters import Robot, Soil, load_soil
 
 TAPE = 0.005
 """Std of a distance by tape, if none is stated [m]: a mark in sand is read to half a centimetre."""
 
 
-def estimate(
-    trial: Trial,
-    robot: Robot,
-    *,
-    variants: Sequence[Variant] | None = None,
-    rests: Sequence[Interval] = (),
-    distance_measured: Estimate | None = None,
-    soil: Soil | None = None,
-) -> Motion:
-    """Estimate the motion of one trial: the second of what `correct` returns."""
-    return correct(
-        trial, robot, variants=variants, rests=rests, distance_measured=distance_measured, soil=soil
-    )[1]
-
-
-def correct(
-    trial: Trial,
-    robot: Robot,
-    *,
-    variants: Sequence[Variant] | None = None,
-    rests: Sequence[Interval] = (),
-    distance_measured: Estimate | None = None,
-    soil: Soil | None = None,
-) -> tuple[Trial, Motion]:
+def correct(trial: Trial, robot: Robot, *, soil: Soil | None = None) -> tuple[Trial, Motion]:
     """Correct a trial, and estimate its body velocity, distance, pitch, wheel velocities and slip.
 
     Between two standstills velocity is the integral of specific force, corrected for pitch by the
     gyro; zero-velocity updates and a smoother fix what drifts. The wheels show when the robot stands
-    and enter as body velocity plus a slip velocity that is free to take any value. The external
-    reference of a trial is used where the trial says so.
+    and enter as body velocity plus a slip velocity that is free to take any value. Standstills, a measured
+    distance and an external reference are used where the trial says so.
 
     Args:
         trial: what was logged.
         robot: its parameters, with an IMU grade.
-        variants: motions to recognise, Table 2 by default.
-        rests: standstills of the body given by hand, in the log's time [s], besides those the trial names.
-        distance_measured: measured total distance with its std [m]; by default as the trial says.
         soil: what it drives on, whose slip ratio counts far from standstills; dry sand by default.
 
     Returns:
@@ -77,8 +51,7 @@ def correct(
         EstimateError: no standstill to start from, one named by hand in which the robot moved, samples
             missing in motion, or nothing to estimate.
     """
-    variants = load_variants() if variants is None else variants
-    rests, distance_measured = (*rests, *named_rests(trial, robot)), distance_measured or _tape(trial)
+    soil, rests = load_soil() if soil is None else soil, named_rests(trial, robot)
     if not _feels_thrust(trial.imu, robot):
         wheels, rolling, turned = stages.roll_wheels(trial, None, robot)
         if rolling is None:
@@ -86,15 +59,15 @@ def correct(
                 f"{trial.name}: neither IMU nor encoder samples", "inspect the log and its column map"
             )
         rolling = replace(rolling, doubts=(*turned, *rolling.doubts))
-        motion = motion_without_imu(trial, robot, rolling, variants, rests)
+        motion = motion_without_imu(trial, robot, rolling, rests)
         return clean_trial(trial, robot, motion, wheels, rolling), motion
     trial, moved = together(trial, robot)
     apart = moved != 0.0 and trial.info.clock_offset is None
-    solved = solve(trial, robot, rests=rests, distance_measured=distance_measured, soil=soil, apart=apart)
-    clean, motion = finish(trial, robot, solved, variants)
+    solved = solve(trial, robot, rests=rests, soil=soil, apart=apart)
+    clean, motion = finish(trial, robot, solved)
     gaps = common_gaps(motion, solved.problem.faults.gaps, solved.problem.wheels)
     limits = [doubt for doubt in solved.problem.doubts if doubt.grade != "good"]
-    motion = guard(motion, load_soil() if soil is None else soil, (*limits, *solved.limits, *gaps))
+    motion = guard(motion, soil, (*limits, *solved.limits, *gaps))
     offset = replace(motion.clock_offset, value=motion.clock_offset.value + moved)
     return clean, replace(motion, clock_offset=offset, clock_applied=motion.clock_applied + moved)
 
@@ -114,33 +87,27 @@ class Solved:
 
 
 def solve(
-    trial: Trial,
-    robot: Robot,
-    *,
-    rests: Sequence[Interval] = (),
-    distance_measured: Estimate | None = None,
-    soil: Soil | None = None,
-    apart: bool = False,
+    trial: Trial, robot: Robot, *, rests: Sequence[Interval] = (), soil: Soil, apart: bool = False
 ) -> Solved:
-    """Filter and smooth a trial with an IMU; arguments and errors are those of `correct`.
+    """Filter and smooth a trial with an IMU; errors are those of `correct`.
 
-    The clocks were `apart` by seconds, and `together` has brought them together roughly.
+    The robot stands in `rests` [s]. The clocks were `apart` by seconds, and `together` has brought them
+    together roughly.
     """
-    soil = load_soil() if soil is None else soil
     problem = stages.stand(stages.roll(trial, robot), rests)
     clock = stages.compare_clocks(problem, trial.info.clock_offset, apart=apart)
     problem = stages.refer(problem, trial, clock.expected)
     problem = stages.stand_by_clock(problem, clock.expected, rests)
     problem = stages.slip_and_noise(problem, clock, soil)
-    solution = stages.smoothed(problem, clock, soil, distance_measured)
+    solution = stages.smoothed(problem, clock, soil, _tape(trial))
     return Solved(problem, solution, stages.lacking(problem, clock.expected))
 
 
-def finish(trial: Trial, robot: Robot, solved: Solved, variants: Sequence[Variant]) -> tuple[Trial, Motion]:
+def finish(trial: Trial, robot: Robot, solved: Solved) -> tuple[Trial, Motion]:
     """Return the corrected trial and its motion, as `correct` does, from what the smoother found."""
     problem, solution = solved.problem, solved.solution
     health = assess(solution, problem.imu.t, problem.rests, problem.faults, problem.noise)
-    motion = motion_of(trial, problem, solution, health, variants)
+    motion = motion_of(trial, problem, solution, health)
     return clean_trial(trial, robot, motion, problem.wheels, problem.rolling, problem, solution), motion
 
 

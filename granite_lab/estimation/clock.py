@@ -172,8 +172,8 @@ def find_offset(problem: Problem, *, apart: bool = False) -> Clock:
     lags = 0.0 < shown.value < follows and applied.compliance > problem.compliance
     if abs(shown.value) < OUTLYING * latency / LATENCY:
         return Clock(usual, shown, 0.0 if lags else likely)
-    ordinary = settle(problem, usual, robust=False).found.innovations
-    if applied.found.innovations.log_likelihood - ordinary.log_likelihood < LOG_ODDS:
+    ordinary = settle(problem, usual, robust=False).by_filter.innovations
+    if applied.by_filter.innovations.log_likelihood - ordinary.log_likelihood < LOG_ODDS:
         return Clock(usual, shown, 0.0)
     return Clock(usual, usual, 0.0) if lags else Clock(unusual, shown, shown.value)
 
@@ -250,18 +250,18 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
         for part in tuple(parts):
             left = Estimate(0.0, 0.5 * spacing)
             solved = [forward(build(*part, float(c), left)) for c in offsets]
-            likely = np.array([found.innovations.log_likelihood for found in solved])
+            likely = np.array([filtered.innovations.log_likelihood for filtered in solved])
             telling = TEMPER * (likely - likely.max())
             score += np.logaddexp(telling, -LOG_ODDS)
             if telling.min() > -1.0:  # by this change all offsets are alike
                 parts.remove(part)
-            after = 1.0 / np.array([found.P[-1, TAU, TAU] for found in solved])
+            after = 1.0 / np.array([filtered.P[-1, TAU, TAU] for filtered in solved])
             precision += TEMPER * (after - cell)
-            pull += TEMPER * after * np.array([found.x[-1, TAU] for found in solved])
+            pull += TEMPER * after * np.array([filtered.x[-1, TAU] for filtered in solved])
         weight, offsets = softmax(score), offsets + pull / precision
         mean = float(weight @ offsets)
         return mean, float(np.sqrt(weight @ ((offsets - mean) ** 2 + 1.0 / precision)))
 
-    found, std = posterior(coarse.value, 2.0 * coarse.std, WIDE)
-    found, std = posterior(found, max(1.5 * WIDE, 2.5 * std), FINE)
-    return Estimate(found, float(np.sqrt(std**2 + LEFT_OVER**2 + doubt**2)))
+    mean, std = posterior(coarse.value, 2.0 * coarse.std, WIDE)
+    mean, std = posterior(mean, max(1.5 * WIDE, 2.5 * std), FINE)
+    return Estimate(mean, float(np.sqrt(std**2 + LEFT_OVER**2 + doubt**2)))

@@ -36,9 +36,9 @@ def commanded(
         variant, source: the trapezoid by metadata or motion.
     """
     stretch = (steady[0] - start.value, steady[1] - start.value)
-    known = stretch if math.isfinite(stretch[0]) else None
+    measured = stretch if math.isfinite(stretch[0]) else None
     if trial.info.command:
-        return _from_start(np.array(parse_path(trial.info.command)).T, known), "stated", None
+        return _from_start(np.array(parse_path(trial.info.command)).T, measured), "stated", None
     if trial.command is None or not math.isfinite(start.value):
         return variant, source, None
     t, v = _points(trial.command, np.nan_to_num(offset.value) - start.value)
@@ -52,7 +52,7 @@ def commanded(
         doubt = (
             f"the logged command misses the stated trapezoid by {100 * off:.0f} %: the logged one is taken"
         )
-    return _from_start(np.array([t, v]), known), "logged", doubt
+    return _from_start(np.array([t, v]), measured), "logged", doubt
 
 
 def _points(command: Series, shift: float) -> tuple[Array, Array]:

@@ -273,8 +273,8 @@ def spread(Q: Array, variance: Array, gains: Mapping[int, Array | float]) -> Non
     It enters the first state of `gains`, the second integrates that one, and so on: an impulse at the share s
     of the step before its end changes the i-th state by its gain times s^i / i!.
     """
-    for (i, (one, a)), (j, (other, b)) in product(enumerate(gains.items()), repeat=2):
-        Q[:, one, other] += variance * a * b / (factorial(i) * factorial(j) * (i + j + 1))
+    for (i, (first, a)), (j, (second, b)) in product(enumerate(gains.items()), repeat=2):
+        Q[:, first, second] += variance * a * b / (factorial(i) * factorial(j) * (i + j + 1))
 
 
 def noises(F: Array, course: Course, gyro: Array, size: Array, slip: SlipModel, noise: Noise) -> Array:
@@ -364,7 +364,7 @@ def rest_updates(
     # v_nominal is frozen but for the lever's part, which is zero at rest
     R = ZERO_VELOCITY**2 + np.where(course.spinning, 0.0, course.speed)[k] ** 2
     stands = ~creeps[k]
-    found = [updates_of("zero_velocity", k[stands], -nominal.v[i[stands]], {V: 1.0}, R[stands])]
+    updates = [updates_of("zero_velocity", k[stands], -nominal.v[i[stands]], {V: 1.0}, R[stands])]
     usable = nominal.rest & ~faults.doubt & np.isfinite(imu.forward)
     place = np.searchsorted(course.index, np.flatnonzero(usable))  # a sample counts at the next node
     signals = np.ones(usable.size), imu.forward, np.nan_to_num(imu.pitch_rate)
@@ -376,11 +376,11 @@ def rest_updates(
         alike[a:b] = np.count_nonzero((k >= a) & (k < b))  # they share one error
     if imu.has_pitch_rate:
         R = noise.gyro**2 / (n * imu.period)
-        found.append(updates_of("zero_rate", k, rate / n - nominal.gyro_bias, {BG: 1.0}, R))
+        updates.append(updates_of("zero_rate", k, rate / n - nominal.gyro_bias, {BG: 1.0}, R))
     z = force / n + imu.gravity * np.sin(nominal.pitch[i]) - nominal.accel_bias
     R = noise.accel**2 / (n * imu.period) + 2.0 * (shaken[k] / (n * imu.period)) ** 2
     R = R + alike[k] * noise.accel_level**2
-    return [*found, updates_of("specific_force", k, z, {BA: 1.0, TH: -nominal.coupling[i]}, R)]
+    return [*updates, updates_of("specific_force", k, z, {BA: 1.0, TH: -nominal.coupling[i]}, R)]
 
 
 def wheel_updates(rolling: Rolling, nominal: Nominal, course: Course, offset: float) -> tuple[Updates, float]:
@@ -390,9 +390,9 @@ def wheel_updates(rolling: Rolling, nominal: Nominal, course: Course, offset: fl
     """
     t, w, rest = course.t, course.w, course.rest
     stamps = rolling.t + offset
-    known = np.isfinite(rolling.mean) & np.isfinite(rolling.speed)
-    known &= (stamps >= t[0] - 1e-3) & (stamps <= t[-1] + 1e-3)
-    samples = np.flatnonzero(known)
+    usable = np.isfinite(rolling.mean) & np.isfinite(rolling.speed)
+    usable &= (stamps >= t[0] - 1e-3) & (stamps <= t[-1] + 1e-3)
+    samples = np.flatnonzero(usable)
     place = np.clip(np.searchsorted(t, stamps[samples]), 1, t.size - 1)
     place -= (stamps[samples] - t[place - 1]) < (t[place] - stamps[samples])
     order = np.lexsort((np.abs(t[place] - stamps[samples]), place))
@@ -412,12 +412,12 @@ def wheel_updates(rolling: Rolling, nominal: Nominal, course: Course, offset: fl
     R = rolling.mean_std[m] ** 2 + (0.5 * UNEVEN * ahead**2) ** 2 + NEAREST**2
     start = float(np.sqrt(R[0])) if k.size else 0.0
     still = rest & np.append(True, rest[:-1]) & np.append(rest[1:], True)
-    told = ~(still | course.spinning)[k]  # a constant reading at rest says nothing new
-    told[:1] = False
+    telling = ~(still | course.spinning)[k]  # a constant reading at rest says nothing new
+    telling[:1] = False
     # an offset also moves the wheel speed that the mean slip goes by
-    H = {X: 1.0, D: 1.0, P: -1.0, C: course.thrust[k][told], TAU: (speed - course.loss[k])[told]}
-    R = R[told] * repeated(rolling.mean[m][told])
-    return updates_of("wheel", k[told], (z - z[:1])[told], H, R), start
+    H = {X: 1.0, D: 1.0, P: -1.0, C: course.thrust[k][telling], TAU: (speed - course.loss[k])[telling]}
+    R = R[telling] * repeated(rolling.mean[m][telling])
+    return updates_of("wheel", k[telling], (z - z[:1])[telling], H, R), start
 
 
 def reference_updates(readings: Readings, nominal: Nominal, course: Course) -> Updates:

@@ -49,8 +49,8 @@ class Statistics:
 
 def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Faults, noise: Noise) -> Health:
     """Build the health record of the smoother's last pass; biases at the IMU's stamps t (N,) [s]."""
-    nodes, found, nominal = solution.nodes, solution.smoothed, solution.nominal
-    came = found.innovations
+    nodes, smoothed, nominal = solution.nodes, solution.smoothed, solution.nominal
+    came = smoothed.innovations
     sigma = np.sqrt(came.variance)
     kinds: dict[str, Statistics] = {}
     for kind in dict.fromkeys(came.updates.kind.tolist()):
@@ -60,7 +60,7 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
         ratio = (came.value / sigma)[of_kind]
         nis, wild = float(np.mean(ratio**2)), float(np.mean(np.abs(ratio) > 4.0))
         kinds[kind] = Statistics(nis, ratio.size, correlation(ratio), ljung_box(ratio), wild)
-    std = np.sqrt(np.maximum(np.diagonal(found.P, axis1=1, axis2=2), 0.0))
+    std = np.sqrt(np.maximum(np.diagonal(smoothed.P, axis1=1, axis2=2), 0.0))
 
     def spread(values: Array) -> Array:
         return np.interp(t, nodes.t, values)
@@ -73,13 +73,13 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
     )  # fmt: skip
     return Health(
         t=nodes.t[came.updates.node], kind=tuple(came.updates.kind.tolist()), innovation=came.value,
-        innovation_std=sigma, nis={kind: one.nis for kind, one in kinds.items()},
-        accel_bias=spread(found.x[:, BA] + nominal.accel_bias), accel_bias_std=spread(std[:, BA]),
-        gyro_bias=spread(found.x[:, BG] + nominal.gyro_bias), gyro_bias_std=spread(std[:, BG]),
+        innovation_std=sigma, nis={kind: statistics.nis for kind, statistics in kinds.items()},
+        accel_bias=spread(smoothed.x[:, BA] + nominal.accel_bias), accel_bias_std=spread(std[:, BA]),
+        gyro_bias=spread(smoothed.x[:, BG] + nominal.gyro_bias), gyro_bias_std=spread(std[:, BG]),
         rests=rests, verdict=sentence(grade, reasons, remark), grade=grade,
         reasons=reasons,
-        whiteness={kind: one.white for kind, one in kinds.items()},
-        ljung_box={kind: one.chance for kind, one in kinds.items()},
+        whiteness={kind: statistics.white for kind, statistics in kinds.items()},
+        ljung_box={kind: statistics.chance for kind, statistics in kinds.items()},
         gaps=faults.gaps, plateaus=faults.plateaus,
     )  # fmt: skip
 
@@ -114,15 +114,15 @@ def judge_health(
     the largest wheel speed [m/s], `shaken` the white noise of the pitch gyro in motion over that at rest.
     """
     complaints = []
-    for kind, one in kinds.items():
-        if one.nis > max(3.0, usual(one.count)):
+    for kind, statistics in kinds.items():
+        if statistics.nis > max(3.0, usual(statistics.count)):
             complaints.append(
-                f"{WHAT[kind]} scatters {np.sqrt(one.nis):.1f} times more than the noise explains, "
+                f"{WHAT[kind]} scatters {np.sqrt(statistics.nis):.1f} times more than the noise explains, "
                 "and the std is widened by as much"
             )
-        elif one.wild > 0.02:
-            complaints.append(f"{WHAT[kind]} has {100 * one.wild:.0f} % outliers")
-        elif kind == "wheel" and one.white > 0.5 and one.nis > 1.0:
+        elif statistics.wild > 0.02:
+            complaints.append(f"{WHAT[kind]} has {100 * statistics.wild:.0f} % outliers")
+        elif kind == "wheel" and statistics.white > 0.5 and statistics.nis > 1.0:
             complaints.append(f"{WHAT[kind]} wander in a way that the slip model does not know")
     if shaken > SHAKEN:
         complaints.append(f"motion makes the pitch gyro {shaken:.0f} times as noisy as it is at rest")
@@ -169,7 +169,7 @@ def _anchor(rests: Sequence[Interval], loose: Sequence[str], *, referred: bool) 
 
 def sentence(grade: Grade, reasons: Sequence[str], remark: str = "") -> str:
     """Return the verdict on an estimate: one sentence that gives the reasons for its grade."""
-    said = "; ".join(reasons)
+    text = "; ".join(reasons)
     if grade == "good":
-        return f"The estimate can be trusted: {said}, and all measurements agree with their noise{remark}."
-    return {"fair": "Usable, within its std: ", "poor": "Look twice: "}[grade] + said + "."
+        return f"The estimate can be trusted: {text}, and all measurements agree with their noise{remark}."
+    return {"fair": "Usable, within its std: ", "poor": "Look twice: "}[grade] + text + "."

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
-from functools import cache
 
 import numpy as np
 from scipy.ndimage import (
-    correlate1d,
     gaussian_filter1d,
     maximum_filter1d,
     minimum_filter1d,
     uniform_filter1d,
 )
+from scipy.signal import savgol_filter
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import error_model as model
@@ -92,21 +90,12 @@ def choose(nominal: Nominal, period: float, spacing: float) -> np.ndarray:
     return np.flatnonzero(keep)
 
 
-def slope(values: Array, window: int, order: int, step: float, derivative: int = 1) -> Array:
-    """Return a derivative of polynomials through the neighbours of each sample (Savitzky and Golay).
+def slope(values: Array, window: int, order: int, derivative: int = 1) -> Array:
+    """Return a derivative of values on the `GRID`, by polynomials through neighbours (Savitzky and Golay).
 
-    The first and the last value continue beyond the ends; `step` is from sample to sample.
+    The first and the last value continue beyond the ends.
     """
-    weights = _weights(window, order, derivative) / step**derivative
-    return np.asarray(correlate1d(values, weights, mode="nearest"))
-
-
-@cache
-def _weights(window: int, order: int, derivative: int) -> Array:
-    """(window,) weights of the neighbours, a step of 1 apart."""
-    t = np.arange(window) - window // 2
-    fit = np.linalg.pinv(np.vander(t, order + 1, increasing=True))[derivative]
-    return np.asarray(fit * math.factorial(derivative))
+    return np.asarray(savgol_filter(values, window, order, derivative, GRID, mode="nearest"))
 
 
 def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
@@ -115,29 +104,29 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
     The slip ratio multiplies `calm`: were it `speed`, whose noise is that of the rolled distance as
     well, every update would find a little more slip than there is.
     """
-    known = np.isfinite(rolling.speed) & np.isfinite(rolling.mean)
-    stamps, grid = rolling.t[known] + offset, np.arange(t[0], t[-1] + GRID, GRID)
-    speed, pace = (np.interp(at, stamps, rolling.speed[known]) for at in (t, grid))
+    finite = np.isfinite(rolling.speed) & np.isfinite(rolling.mean)
+    stamps, grid = rolling.t[finite] + offset, np.arange(t[0], t[-1] + GRID, GRID)
+    speed, pace = (np.interp(at, stamps, rolling.speed[finite]) for at in (t, grid))
     period = max(float(np.median(np.diff(stamps))), GRID)
     window = max(round(0.16 / GRID), 8 * round(period / GRID)) | 1
     if grid.size <= 3 * window:
         none = np.zeros(t.size)
         return Pace(speed, speed, none, none, none > 0)
-    path = np.interp(grid, stamps, rolling.mean[known])
-    growth = np.where(pace < 0, -1.0, 1.0) * slope(path, window, 3, GRID, 2)
+    path = np.interp(grid, stamps, rolling.mean[finite])
+    growth = np.where(pace < 0, -1.0, 1.0) * slope(path, window, 3, 2)
     # std of the second derivative of a cubic through n samples that span T: sqrt(720/n) sigma / T^2
-    one = rolling.speed_std * period if rolling.by_rate else rolling.mean_std
-    sigma = np.interp(grid, stamps, one[known]) * np.sqrt(720 * period / (window * GRID))
+    sample_std = rolling.speed_std * period if rolling.by_rate else rolling.mean_std
+    sigma = np.interp(grid, stamps, sample_std[finite]) * np.sqrt(720 * period / (window * GRID))
     beyond = np.maximum(np.abs(growth) - 0.05 - 3.0 * sigma / (window * GRID) ** 2, 0.0)
     # the slip ratio goes on changing for some tenths of a second after the wheels have settled
     relative = beyond / np.maximum(np.abs(pace), 0.1)
     memory = np.exp(-np.arange(0, 2.0, GRID) / 0.4)
     lasting = np.convolve(relative, memory / memory.sum())[: grid.size]
     steady = np.interp(t, grid, maximum_filter1d((beyond > 0).astype(float), 3 * window)) == 0
-    quick = np.interp(t, grid, slope(path, window, 2, GRID)) if rolling.by_rate else speed
+    quick = np.interp(t, grid, slope(path, window, 2)) if rolling.by_rate else speed
     return Pace(
         speed=speed,
-        calm=np.where(steady, np.interp(t, grid, slope(path, 3 * window, 1, GRID)), quick),
+        calm=np.where(steady, np.interp(t, grid, slope(path, 3 * window, 1)), quick),
         unrest=np.interp(t, grid, np.maximum(relative, lasting)),
         growth=np.interp(t, grid, np.where(beyond > 0, growth, 0.0)),
         steady=steady,
@@ -235,22 +224,22 @@ def build(
         begins[:-1] = creep[1:] > 0
         Q[:, V, V] += creep**2
     shaken = np.where(course.spinning, size / omega, 0.0)
-    told = model.rest_updates(imu, nominal, noise, problem.faults, course, shaken, begins)
+    parts = model.rest_updates(imu, nominal, noise, problem.faults, course, shaken, begins)
     start = 0.0
     if rolling is not None:
         walked = problem.compliance * np.gradient(course.thrust, t)
         Q[:, D, D] += course.moving * walked**2 * LOOSE_TIME * dt
         wheels, start = model.wheel_updates(rolling, nominal, course, offset)
-        told.append(wheels)
+        parts.append(wheels)
     last = np.array([t.size - 1])
     if problem.coasts:  # then the body is as slow as the wheels
         R = ZERO_VELOCITY**2 + float(speed[-1]) ** 2
-        told.append(model.updates_of("zero_velocity", last, -float(nominal.v[-1]), {V: 1.0, PD: -1.0}, R))
+        parts.append(model.updates_of("zero_velocity", last, -float(nominal.v[-1]), {V: 1.0, PD: -1.0}, R))
     if distance is not None:
         missed = distance.value - float(nominal.x[-1])
-        told.append(model.updates_of("distance", last, missed, {X: 1.0, P: -1.0}, distance.std**2))
-    told += [model.reference_updates(one, nominal, course) for one in problem.reference]
-    updates = model.in_order(told)
+        parts.append(model.updates_of("distance", last, missed, {X: 1.0, P: -1.0}, distance.std**2))
+    parts += [model.reference_updates(readings, nominal, course) for readings in problem.reference]
+    updates = model.in_order(parts)
     for kind, factor in problem.louder.items():
         updates.R[updates.kind == kind] *= factor
     x0 = np.zeros((SIZE, 1))
@@ -269,7 +258,7 @@ def build(
 def _origin(problem: Problem) -> Array:
     """(14, 14) covariance at the start by the origin of a reference's place; that of X + D is the wheels'."""
     covariance = np.zeros((SIZE, SIZE))
-    if any(one.kind == "reference_x" for one in problem.reference):
+    if any(readings.kind == "reference_x" for readings in problem.reference):
         covariance[np.ix_([X, D], [X, D])] = ORIGIN**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     return covariance
 

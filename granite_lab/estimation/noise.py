@@ -1,16 +1,16 @@
 """Noise identified from the trial itself: at rest, with the robot's file as prior, and in motion.
 
 An IMU may be noisier in motion than at rest; `white` tells white noise from vibration by the spectrum.
-
-Densities are as `scipy.signal` has them, whose import takes half a second.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from scipy import signal
 
 from granite_lab.estimation.error_model import Noise
 from granite_lab.estimation.nodes import SWAY, pace_of
@@ -66,7 +66,7 @@ BLOCKS = 4
 """Parts of a standstill whose levels are compared."""
 
 
-def white(t: Array, signal: Array, rests: Sequence[Interval], prior: float) -> float:
+def white(t: Array, values: Array, rests: Sequence[Interval], prior: float) -> float:
     """Find the white noise density (std times sqrt(dt)) of a signal at standstill by its Allan variance.
 
     The Allan variance at one sample is precise, that over eight samples is blind to noise beyond the
@@ -75,10 +75,10 @@ def white(t: Array, signal: Array, rests: Sequence[Interval], prior: float) -> f
     """
     sums = np.zeros((2, 2))  # of squares, and of degrees of freedom: differences overlap, so each has 2/3
     for rest in rests:
-        at = inside(t, [rest]) & np.isfinite(signal)
+        at = inside(t, [rest]) & np.isfinite(values)
         if at.sum() < 16:
             continue
-        part, dt = signal[at], float(np.median(np.diff(t[at])))
+        part, dt = values[at], float(np.median(np.diff(t[at])))
         for i, m in enumerate((1, 8)):
             step = np.diff(part[: part.size // m * m].reshape(-1, m).mean(axis=1))
             sums[i] += (step @ step) * m * dt / 3.0, step.size * 2.0 / 3.0
@@ -120,11 +120,11 @@ def vibration(
     if part.size < 64 or dt > 0.05:
         return 0.0, prior_frequency, 0.3
     size = int(min(part.size, 2 ** np.ceil(np.log2(1.28 / dt))))
-    frequency, densities = periodograms(part, 1.0 / dt, hann(size))
+    frequency, _, densities = signal.spectrogram(part, 1.0 / dt, "hann", size, size // 2)
     band = frequency >= min(5.0, 0.2 / dt)
     # a jerk of the body at a change of speed is in few segments: it is no vibration
     mean, typical = (
-        np.maximum(average(densities, axis=0) - 2.0 * accel**2, 0.0)[band] for average in (np.mean, np.median)
+        np.maximum(average(densities, axis=1) - 2.0 * accel**2, 0.0)[band] for average in (np.mean, np.median)
     )
     frequency, power = frequency[band], float(mean.sum() * (frequency[1] - frequency[0]))
     if power <= (0.5 * accel) ** 2 / dt or not typical.any():
@@ -191,14 +191,14 @@ def silent(still: Array, step: float, density: float, period: float) -> bool:
     return still.size > 1 and not np.ptp(still) and density / float(np.sqrt(period)) > 3.0 * step
 
 
-def level_error(signal: Array, rest: np.ndarray, step: float, bias: float) -> float:
+def level_error(values: Array, rest: np.ndarray, step: float, bias: float) -> float:
     """Std of what the readings (N,) at rest are off alike, and those in motion are not.
 
     Noise of half a step makes rounding errors independent. Below, all readings of a standstill share one. If
     they are muted they say nothing of the `bias`, and motion tells it no better than its mean (else: 0).
     """
-    finite = np.isfinite(signal)
-    still, motion = signal[rest & finite], signal[~rest & finite]
+    finite = np.isfinite(values)
+    still, motion = values[rest & finite], values[~rest & finite]
     if bias > 0.0:
         return float(np.hypot(bias, np.mean(motion) - still[0])) if motion.size else bias
     noise = float(np.std(np.diff(still))) / np.sqrt(2.0) if still.size > 1 else np.inf
@@ -252,7 +252,7 @@ def most_folded(imu: BodyImu, moving: np.ndarray) -> float:
         return np.inf
     if part.size < rate:
         return 0.0
-    frequency, density = spectral_density(part, rate, hann(int(rate)))
+    frequency, density = signal.welch(part, rate, nperseg=int(rate))
     beyond, last = frequency > MOTION, frequency > LAST * rate
     smooth = np.convolve(density[beyond], np.full(3, 1.0 / 3.0), "same")
     top, peak = float(np.mean(density[last])), float(frequency[beyond][np.argmax(smooth)])
@@ -340,9 +340,9 @@ def spectrum(
     densities = [np.empty((3, 0))]
     for a, b, speed in parts:
         length = (b - a) * dt
-        window = blackman_harris(b - a - 1)
-        frequency, force = spectral_density(np.diff(nominal.v[a:b]) / dt, 1.0 / dt, window)
-        _, rate = spectral_density(np.diff(nominal.pitch[a:b]) / dt, 1.0 / dt, window)
+        window: Any = signal.windows.blackmanharris(b - a - 1)  # SciPy's types know no window as an array
+        frequency, force = signal.periodogram(np.diff(nominal.v[a:b]) / dt, 1.0 / dt, window)
+        _, rate = signal.periodogram(np.diff(nominal.pitch[a:b]) / dt, 1.0 / dt, window)
         lug = turning * speed
         use = (frequency > LOBE / length) & (frequency < FASTEST / dt)
         use &= (frequency < MOTION) | (frequency > MOTION + LOBE / length)
@@ -367,7 +367,7 @@ def all_white(
     """
     low = []
     for a, b, _ in parts:
-        frequency, density = spectral_density(np.diff(nominal.v[a:b]) / dt, 1.0 / dt, hann(b - a - 1))
+        frequency, density = signal.periodogram(np.diff(nominal.v[a:b]) / dt, 1.0 / dt, "hann")
         least = max(band[0], 2.0 / ((b - a) * dt))  # the window spreads the mean up to there
         low.append(density[(frequency >= least) & (frequency < band[1])])
     ordinates = np.concatenate([np.empty(0), *low])
@@ -376,33 +376,3 @@ def all_white(
         return 0.0
     mean = float(np.mean(ordinates)) * independent / (independent - 1.0)
     return float(np.sqrt(max(0.5 * mean - rest**2, 0.0)))
-
-
-def periodograms(values: Array, rate: float, window: Array) -> tuple[Array, Array]:
-    """(F,) frequencies [Hz] and (S, F) one-sided densities [unit^2/Hz] of segments that overlap by half.
-
-    The mean of each segment, as long as the window, is removed.
-    """
-    size = window.size
-    parts = np.lib.stride_tricks.sliding_window_view(values, size)[:: max(1, size - size // 2)]
-    parts = parts - parts.mean(axis=1, keepdims=True)
-    power = np.abs(np.fft.rfft(parts * window, axis=1)) ** 2 / (rate * np.sum(window**2))
-    power[:, 1 : None if size % 2 else -1] *= 2.0
-    return np.asarray(np.fft.rfftfreq(size, 1.0 / rate)), np.asarray(power)
-
-
-def spectral_density(values: Array, rate: float, window: Array) -> tuple[Array, Array]:
-    """Return the mean of the `periodograms` (Welch)."""
-    frequency, density = periodograms(values, rate, window)
-    return frequency, np.asarray(density.mean(axis=0))
-
-
-def hann(size: int) -> Array:
-    """Return a periodic Hann window."""
-    return np.asarray(0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(size) / size))
-
-
-def blackman_harris(size: int) -> Array:
-    """Return the symmetric window of four cosines with the least side lobes (Harris, 1978)."""
-    phase = np.linspace(0.0, 2.0 * np.pi, size)
-    return np.asarray(np.array([0.35875, -0.48829, 0.14128, -0.01168]) @ np.cos(np.outer(range(4), phase)))

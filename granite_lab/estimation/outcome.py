@@ -25,7 +25,7 @@ from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import Mask, runs
 from granite_lab.logs.sensors.standstill import MOVING, Interval, bridged, inside
 from granite_lab.logs.trial import Array, Series, Trial, TrialInfo
-from granite_lab.parameters import Robot, Variant
+from granite_lab.parameters import Robot, Variant, load_variants
 
 PHASES: tuple[PhaseName, ...] = ("rest", "accelerate", "steady", "brake")
 UP, STEADY, DOWN = 1, 2, 3
@@ -47,9 +47,7 @@ BAND = 0.05
 """The wheels run steadily within this share of their plateau."""
 
 
-def motion_of(
-    trial: Trial, problem: Problem, solution: Solution, health: Health, variants: Sequence[Variant]
-) -> Motion:
+def motion_of(trial: Trial, problem: Problem, solution: Solution, health: Health) -> Motion:
     """Add the smoothed drift to the nominal motion and derive slip, phases and variant.
 
     Raises:
@@ -67,7 +65,7 @@ def motion_of(
     course = find_phases(t, pace, health.rests, way.off)
     totals = totals_of(problem, solution, body, course.steady)
     start = command_start(trial.command, offset, course.onset)
-    variant, source, doubt = _command(trial, start, offset, replace(course, steady=totals.steady), variants)
+    variant, source, doubt = _command(trial, start, offset, replace(course, steady=totals.steady))
     more = [*way.said, *([doubt] if doubt else [])]
     if not np.isfinite(course.steady[0]):
         more.append("the wheels come no way: the robot's slip ratio is not defined")
@@ -101,7 +99,9 @@ def body_motion(problem: Problem, solution: Solution) -> BodyMotion:
     extra = np.where(sparse, problem.noise.vibration / omega, 0.0)
     v_std = np.hypot(at_stamps(std_of(drift.P, {V: 1.0, PD: -1.0})), extra)
     x_std = np.hypot(at_stamps(std_of(drift.P, {X: 1.0, P: -1.0})), extra / omega)
-    if any(one.kind == "reference_x" for one in problem.reference):  # whose origin is none of the motion's
+    if any(
+        readings.kind == "reference_x" for readings in problem.reference
+    ):  # whose origin is none of the motion's
         x_std = np.hypot(x_std, x_std[0])
     return BodyMotion(
         x=x - x[0], x_std=x_std, v=v, v_std=np.hypot(v_std, _by_latency(t, v, problem, solution)),
@@ -148,16 +148,14 @@ def totals_of(problem: Problem, solution: Solution, body: BodyMotion, steady: In
     return replace(totals, steady=(float(nodes.t[i]), float(nodes.t[j])), slip_ratio=slip, slip_parts=parts)
 
 
-def motion_without_imu(
-    trial: Trial, robot: Robot, rolling: Rolling, variants: Sequence[Variant], by_hand: Sequence[Interval]
-) -> Motion:
+def motion_without_imu(trial: Trial, robot: Robot, rolling: Rolling, by_hand: Sequence[Interval]) -> Motion:
     """Report what the wheels alone tell: their velocities and phases, nothing of the body."""
     t = rolling.t
     assert robot.imu_grade is not None
     rests, _ = find_rests(None, rolling, robot.imu_grade, by_hand=by_hand)
     course = find_phases(t, rolling.speed_at(t), rests)
     start = command_start(trial.command, Estimate(0.0), course.onset)
-    variant, source, doubt = _command(trial, start, Estimate(0.0), course, variants)
+    variant, source, doubt = _command(trial, start, Estimate(0.0), course)
     lacking = "No IMU" if trial.imu is None else "No accelerometer along the robot's x axis"
     blank, four, none = np.full(t.size, NAN), np.full((t.size, 4), NAN), np.zeros(0)
     health = Health(
@@ -168,7 +166,7 @@ def motion_without_imu(
     first, last = rolling.mean[np.isfinite(rolling.speed)][[0, -1]]
     rolled = Estimate(float(last - first), rolling.step)
     lost = "body velocity and slip cannot be estimated, only wheel velocities"
-    said = f"{lacking[0].lower()}{lacking[1:]}: {lost}"
+    doubt_of_body = f"{lacking[0].lower()}{lacking[1:]}: {lost}"
     return Motion(
         trial=trial.name, virtual=trial.info.virtual, t=t, x=blank, x_std=blank, v=blank, v_std=blank,
         pitch=blank, pitch_std=blank, v_wheel=rolling.velocity, v_wheel_std=rolling.velocity_std, slip=four,
@@ -176,7 +174,7 @@ def motion_without_imu(
         slip_ratio=Estimate(NAN), distance=Estimate(NAN), distance_wheels=rolled,
         steady=course.steady, t_start=start,
         clock_offset=Estimate(0.0), variant=variant, variant_source=source, noise={}, health=health,
-        warnings=(*trial.warnings, *map(str, rolling.doubts), said, *([doubt] if doubt else [])),
+        warnings=(*trial.warnings, *map(str, rolling.doubts), doubt_of_body, *([doubt] if doubt else [])),
     )  # fmt: skip
 
 
@@ -345,12 +343,12 @@ def first_crossing(t: Array, pace: Array, rest: np.ndarray, begin: int, plateau:
 
 
 def _command(
-    trial: Trial, start: Estimate, offset: Estimate, course: Phases, variants: Sequence[Variant]
+    trial: Trial, start: Estimate, offset: Estimate, course: Phases
 ) -> tuple[Variant, str, str | None]:
     """Return what was commanded: a course that is told, else the trapezoid; its source; a doubt or None."""
-    variant, source, doubt = recognise(course, trial.info, variants)
-    told, of, other = commanded(trial, start, offset, course.steady, variant, source)
-    return (told, of, other) if of in ("logged", "stated") else (variant, source, doubt)
+    variant, source, doubt = recognise(course, trial.info, load_variants())
+    command, of, other = commanded(trial, start, offset, course.steady, variant, source)
+    return (command, of, other) if of in ("logged", "stated") else (variant, source, doubt)
 
 
 def _onset(t: Array, pace: Array, plateau: float) -> tuple[Estimate, float]:

@@ -56,20 +56,20 @@ def readings_of(trial: Trial, rolling: Rolling | None, offset: float) -> tuple[R
     info = trial.info
     if not info.use_reference:
         return ()
-    found = []
+    readings = []
     place, speed = trial.reference_x, trial.reference_v
     if place is not None and place.places == 1 and info.ref_x_std:
-        found.append(_readings("reference_x", place, info.ref_x_std))
+        readings.append(_readings("reference_x", place, info.ref_x_std))
     if speed is not None and (std := _speed_std(trial)):
         if speed.places > 1:
             speed = Series(speed.t[:: speed.places], speed.value[:: speed.places], speed.places)
-        one = _readings("reference_v", speed, std)
+        speeds = _readings("reference_v", speed, std)
         if place is None or place.places > 1:
-            found.append(_ahead(one, rolling, offset) if place is not None else one)
-        elif not found or trial.reference_v.places == 1:  # type: ignore[union-attr]
-            found.append(one)
-    if found:
-        return tuple(found)
+            readings.append(_ahead(speeds, rolling, offset) if place is not None else speeds)
+        elif not readings or trial.reference_v.places == 1:  # type: ignore[union-attr]
+            readings.append(speeds)
+    if readings:
+        return tuple(readings)
     if place is None and speed is None:
         raise EstimateError(
             f"{trial.name}: there is no external reference to use",
@@ -95,25 +95,25 @@ def _speed_std(trial: Trial) -> float:
 
 
 def _readings(kind: Literal["reference_v", "reference_x"], series: Series, std: float) -> Readings:
-    known = np.isfinite(series.value)
-    return Readings(kind, series.t[known], series.value[known], np.full(np.count_nonzero(known), std))
+    finite = np.isfinite(series.value)
+    return Readings(kind, series.t[finite], series.value[finite], np.full(np.count_nonzero(finite), std))
 
 
-def _ahead(one: Readings, rolling: Rolling | None, offset: float) -> Readings:
+def _ahead(speeds: Readings, rolling: Rolling | None, offset: float) -> Readings:
     """Return speeds with their directions, by the wheels; those that are too slow to be told are left out."""
-    kept = one.value > TOLD * one.std
-    t, value = one.t[kept], one.value[kept]
+    kept = speeds.value > TOLD * speeds.std
+    t, value = speeds.t[kept], speeds.value[kept]
     if rolling is not None and t.size:
         value = value * np.where(rolling.speed_at(t, offset) < 0, -1.0, 1.0)
-    return Readings(one.kind, t, value, one.std[kept])
+    return Readings(speeds.kind, t, value, speeds.std[kept])
 
 
-def anchors(found: Sequence[Readings], t: Array, rests: Sequence[Interval]) -> bool:
+def anchors(readings: Sequence[Readings], t: Array, rests: Sequence[Interval]) -> bool:
     """Whether a reference, with the standstills, tells the velocity all along the stamps t (N,) [s]."""
-    if not found:
+    if not readings:
         return False
     grid = np.arange(t[0], t[-1], 0.5 * PAUSE)
-    stamps = np.sort(np.concatenate([one.t for one in found]))
+    stamps = np.sort(np.concatenate([reading.t for reading in readings]))
     if not stamps.size:
         return False
     after = np.clip(np.searchsorted(stamps, grid), 0, stamps.size - 1)

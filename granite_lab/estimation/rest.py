@@ -49,16 +49,16 @@ def find_rests(
         of each [m/s], else 0.
     """
     wheels = None if rolling is None else turning_of(rolling)
-    found, unseen = find_standstills(imu, wheels, grade, offset=offset)
+    rests, unseen = find_standstills(imu, wheels, grade, offset=offset)
     if not by_hand:
-        return tuple(found), unseen
+        return tuple(rests), unseen
     if imu is not None:
         t = imu.t
     else:
         assert rolling is not None
         t = rolling.t + offset
     named = inside(t, by_hand)
-    union = [(float(t[a]), float(t[b - 1])) for a, b in runs(inside(t, found) | named) if b - a > 1]
+    union = [(float(t[a]), float(t[b - 1])) for a, b in runs(inside(t, rests) | named) if b - a > 1]
     return tuple(union), np.where(named, 0.0, unseen)
 
 
@@ -111,7 +111,7 @@ def refuse_moved(imu: BodyImu, by_hand: Sequence[Interval]) -> None:
         # it settles, which shows as gravity's share; the mean is bias and slope
         speed = integral(t, force + imu.gravity * turned)
         speed -= np.interp(t, t[[0, -1]], speed[[0, -1]])
-        for gained, limit, what in (
+        for gained, limit, change in (
             (speed, GAINED, "its velocity along x changes by {:.2f} m/s"),
             (turned, TURNED, "it turns about y by {:.2f} rad"),
             (integral(t, yaw_rate), TURNED, "it turns about z by {:.2f} rad"),
@@ -119,7 +119,7 @@ def refuse_moved(imu: BodyImu, by_hand: Sequence[Interval]) -> None:
             if np.ptp(gained) > limit * max(1.0, float(np.sqrt(t[-1] - t[0]))):
                 raise EstimateError(
                     f"the robot moved in the standstill named from {begin:g} s to {end:g} s: by the IMU "
-                    + what.format(np.ptp(gained)),
+                    + change.format(np.ptp(gained)),
                     "name the part in which the body stands; its wheels may spin",
                 )
 

@@ -97,8 +97,8 @@ class Smoothed(Filtered):
         total = np.eye(SIZE)
         for k in range(i, j):
             total = total @ self.gains[k]
-        one, other = self.common[i], self.common[j]
-        return np.asarray(total @ (self.P[j] - np.outer(other, other)) + np.outer(one, other))
+        first, second = self.common[i], self.common[j]
+        return np.asarray(total @ (self.P[j] - np.outer(second, second)) + np.outer(first, second))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,14 +106,14 @@ class Settled:
     """The last pass, not smoothed yet.
 
     Attributes:
-        nominal, nodes, found: nominal motion, nodes about it, and what the filter found.
+        nominal, nodes, by_filter: nominal motion, nodes about it, and what the filter found.
         near: by which the wheels' stamps were moved [s].
         compliance: by which the displacement between wheels and body walked [s^2].
     """
 
     nominal: Nominal
     nodes: Nodes
-    found: Filtered
+    by_filter: Filtered
     near: float
     compliance: float
 
@@ -231,13 +231,13 @@ def filtered(nodes: Nodes, innovations: Innovations) -> Filtered:
     return Filtered(xs, Ps, innovations)
 
 
-def backward(nodes: Nodes, found: Filtered) -> Smoothed:
+def backward(nodes: Nodes, by_filter: Filtered) -> Smoothed:
     """Smooth backwards by filterpy (Rauch, Tung & Striebel 1965); F and Q lead *into* each node.
 
     Blocks of nodes share their first and last one, so that predicted covariances need no memory.
     """
     kalman = KalmanFilter(dim_x=SIZE, dim_z=1)
-    x, P = found.x.copy(), found.P.copy()
+    x, P = by_filter.x.copy(), by_filter.P.copy()
     n = x.shape[0]
     gains = np.zeros_like(P)
     for end in range(n, 1, -BLOCK):
@@ -247,7 +247,7 @@ def backward(nodes: Nodes, found: Filtered) -> Smoothed:
         )
         gains[part][:-1] = gain[:-1]
     P = 0.5 * (P + P.transpose(0, 2, 1))
-    return Smoothed(x, P, found.innovations, gains, common=np.zeros_like(x))
+    return Smoothed(x, P, by_filter.innovations, gains, common=np.zeros_like(x))
 
 
 def _inverse(covariance: Array) -> Array:
@@ -257,7 +257,7 @@ def _inverse(covariance: Array) -> Array:
     return np.asarray(np.linalg.inv(covariance * weight) * weight)
 
 
-def with_steady_slip(nodes: Nodes, found: Smoothed) -> Smoothed:
+def with_steady_slip(nodes: Nodes, smoothed: Smoothed) -> Smoothed:
     """Add the effect of a steady slip ratio of the std `UNKNOWN`, which the filter leaves out (Schmidt 1966).
 
     The estimate is linear in its measurements: it is made again from those that the error alone would give,
@@ -270,7 +270,7 @@ def with_steady_slip(nodes: Nodes, found: Smoothed) -> Smoothed:
     given = nodes.updates
     updates = replace(given, z=np.vecdot(given.H, error[given.node]))
     missed = smoothed_states(nodes, forward(replace(nodes, updates=updates, x0=np.zeros((SIZE, 1))))) - error
-    return replace(found, P=found.P + missed[:, :, None] * missed[:, None, :], common=missed)
+    return replace(smoothed, P=smoothed.P + missed[:, :, None] * missed[:, None, :], common=missed)
 
 
 def nominal_of(problem: Problem, offset: float, start: Start = AT_REST) -> Nominal:
@@ -303,12 +303,12 @@ def settle(
             steady = pace_of(problem.rolling, at, nominal.t).steady
             nominal = quieten(nominal, steady, problem.noise.vibration_frequency)
         nodes = build(problem, nominal, at, Estimate(offset.value - at, std), distance)
-        found = forward(nodes)
-        x = smoothed_states(nodes, found)
+        by_filter = forward(nodes)
+        x = smoothed_states(nodes, by_filter)
         level = float(np.max(np.abs(x[:, TH]))) < SETTLED
         # a compliance beyond what the walk allows for calls for another pass
         compliance = max(abs(float(x[-1, C])), problem.compliance)
-        sizes = mismatch(found.innovations) if robust else {}
+        sizes = mismatch(by_filter.innovations) if robust else {}
         grown = {kind: sizes[kind] for kind in NOISY if sizes.get(kind, 1.0) > 1.0}
         if not more or (level and compliance == problem.compliance and not grown):
             break
@@ -321,15 +321,15 @@ def settle(
                 gyro_bias=nominal.gyro_bias + float(middle[BG]),
                 pitch=start.pitch + float(x[0, TH]),
             )
-    return Settled(nominal, nodes, found, at, problem.compliance)
+    return Settled(nominal, nodes, by_filter, at, problem.compliance)
 
 
 def smooth(last: Settled) -> Solution:
     """Smooth the last pass; what is too large in it too widens the std of everything."""
-    found = backward(last.nodes, filtered(last.nodes, last.found.innovations))
-    found = replace(found, P=found.P * widening(found.innovations))
-    offset = Estimate(last.near + float(found.x[-1, TAU]), float(np.sqrt(found.P[-1, TAU, TAU])))
-    return Solution(**vars(last), smoothed=found, offset=offset)
+    smoothed = backward(last.nodes, filtered(last.nodes, last.by_filter.innovations))
+    smoothed = replace(smoothed, P=smoothed.P * widening(smoothed.innovations))
+    offset = Estimate(last.near + float(smoothed.x[-1, TAU]), float(np.sqrt(smoothed.P[-1, TAU, TAU])))
+    return Solution(**vars(last), smoothed=smoothed, offset=offset)
 
 
 def mismatch(came: Innovations) -> dict[str, float]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import periodogram
 
-from granite_lab.estimation.noise import hann, spectral_density
 from granite_lab.inference.discrepancy import FORMULA, MOTION
 from granite_lab.inference.fit import Fit, under
 from granite_lab.inference.noise import ABOVE, CUT, errors
@@ -164,7 +164,7 @@ def _powers(rows: Array, width: float, low: float, high: float) -> Array:
     found = [np.zeros(0)]
     for row in (r[np.isfinite(r)] for r in rows):
         if row.size > LEAST_BINS:
-            f, power = spectral_density(row, 1 / width, hann(row.size))
+            f, power = periodogram(row, 1 / width, "hann")
             found.append(power[(f > 0) & (f >= low) & (f < high)])
     return np.concatenate(found)
 

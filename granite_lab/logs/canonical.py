@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from granite_lab.errors import InputError, at
 from granite_lab.files import write_text, writing
 from granite_lab.logs.quantities import ACCELERATION, CURRENTS, ENCODERS, RATE
-from granite_lab.logs.trial import Trial, TrialInfo, unsaid
+from granite_lab.logs.trial import Stated, Trial, TrialInfo, unsaid
 from granite_lab.parameters import parse_path
 from granite_lab.parameters.quantity import (
     build,
@@ -38,34 +38,7 @@ Metadata = dict[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Said:
-    """Keys by which a laboratory says what it knows about a trial, with their bounds."""
-
-    soil: str = ""
-    v_desired: float = quantity("m/s", 0, 50, "desired velocity of the steady part", "v_Ru", math.nan)
-    a_max: float = quantity("m/s^2", 0, 500, "largest acceleration", "a_Rmax", math.nan)
-    distance: float = quantity("m", 0, 1e6, "total desired distance", "L_p", math.nan)
-    repetition: float = quantity("", 0, 1e6, "number of the repetition", "", math.nan)
-    clock_offset: float = quantity("s", -1e4, 1e4, "encoder clock behind the IMU's", "", math.nan)
-    command: str = ""
-    rests: tuple[tuple[float, float], ...] = ()
-    body_rests: tuple[tuple[float, float], ...] = ()
-    distance_measured: float = quantity("m", 1e-3, 1e6, "total distance by tape", "", math.nan)
-    distance_measured_std: float = quantity("m", 1e-6, 1e4, "its std", "", math.nan)
-    ref_v_std: float = quantity("m/s", 1e-6, 10, "std of the reference's velocity", "", math.nan)
-    ref_x_std: float = quantity("m", 1e-6, 100, "std of the reference's place", "", math.nan)
-    use_reference: bool = False
-
-    @property
-    def info(self) -> TrialInfo:
-        """The same as a record."""
-        names = {f.name for f in dataclasses.fields(TrialInfo)} & vars(self).keys()
-        values = {name: getattr(self, name) for name in names}
-        return TrialInfo(**{name: value for name, value in values.items() if not unsaid(value)})
-
-
-@dataclass(frozen=True, kw_only=True)
-class Known(Said):
+class Known(Stated):
     """Keys that mean something to the reader of a log, with their bounds."""
 
     robot: str = ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,6 +17,7 @@ from granite_lab.logs.quantities import WORDS
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.parameters import WHEELS
 from granite_lab.parameters.changes import Changes
+from granite_lab.parameters.quantity import quantity
 
 Array = npt.NDArray[np.float64]
 
@@ -110,41 +111,56 @@ class InputFile:
     sha256: str
 
 
-@dataclass(frozen=True)
-class TrialInfo:
-    """What is known about a trial besides its samples; None where nobody said.
+@dataclass(frozen=True, kw_only=True)
+class Stated:
+    """What a laboratory says about a trial, by keys of TOML with their bounds; None where nobody said.
 
     Attributes:
-        robot, soil: names of the catalogue or paths of TOML files.
+        soil: name of the catalogue or path of a TOML file.
         v_desired, a_max, distance: of the desired motion [m/s], [m/s^2], [m].
-        command: the desired velocity as a list, as `parameters.parse_path` reads it.
-        virtual: a simulator wrote the log.
         clock_offset: known offset of the encoder clock behind the IMU's [s].
+        command: the desired velocity as a list, as `parameters.parse_path` reads it.
         rests: intervals in which robot and wheels stood still (start, end) [s, the log's time].
         body_rests: intervals in which the body stood still; its wheels may have turned.
         distance_measured, distance_measured_std: total distance by tape measure [m].
         ref_v_std, ref_x_std: std of the external reference's velocity [m/s] and place [m].
         use_reference: the reference enters the estimate as a measurement.
+    """
+
+    soil: str | None = None
+    v_desired: float | None = quantity("m/s", 0, 50, "desired velocity of the steady part", "v_Ru", None)
+    a_max: float | None = quantity("m/s^2", 0, 500, "largest acceleration", "a_Rmax", None)
+    distance: float | None = quantity("m", 0, 1e6, "total desired distance", "L_p", None)
+    repetition: int | None = quantity("", 0, 1e6, "number of the repetition", "", None)
+    clock_offset: float | None = quantity("s", -1e4, 1e4, "encoder clock behind the IMU's", "", None)
+    command: str | None = None
+    rests: tuple[tuple[float, float], ...] = ()
+    body_rests: tuple[tuple[float, float], ...] = ()
+    distance_measured: float | None = quantity("m", 1e-3, 1e6, "total distance by tape", "", None)
+    distance_measured_std: float | None = quantity("m", 1e-6, 1e4, "its std", "", None)
+    ref_v_std: float | None = quantity("m/s", 1e-6, 10, "std of the reference's velocity", "", None)
+    ref_x_std: float | None = quantity("m", 1e-6, 100, "std of the reference's place", "", None)
+    use_reference: bool = False
+
+    @property
+    def info(self) -> TrialInfo:
+        """The same as what is known of a trial."""
+        return TrialInfo(**{f.name: getattr(self, f.name) for f in fields(Stated)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialInfo(Stated):
+    """What is known about a trial besides its samples.
+
+    Attributes:
+        robot: name of the catalogue or path of a TOML file.
+        virtual: a simulator wrote the log.
         changes: numbers of robot and soil that were given in place of those of their files.
         extra: other metadata of the file, as text.
     """
 
     robot: str | None = None
-    soil: str | None = None
-    v_desired: float | None = None
-    a_max: float | None = None
-    distance: float | None = None
-    repetition: int | None = None
-    command: str | None = None
     virtual: bool = False
-    clock_offset: float | None = None
-    rests: tuple[tuple[float, float], ...] = ()
-    body_rests: tuple[tuple[float, float], ...] = ()
-    distance_measured: float | None = None
-    distance_measured_std: float | None = None
-    ref_v_std: float | None = None
-    ref_x_std: float | None = None
-    use_reference: bool = False
     changes: Changes = ()
     extra: dict[str, str] = field(default_factory=dict, hash=False)
 
@@ -156,8 +172,8 @@ def unsaid(value: Any) -> bool:
 
 def over(first: TrialInfo, then: TrialInfo) -> TrialInfo:
     """Return what is known about a trial from two sources; the first one counts where it says anything."""
-    said = {name: value for name, value in vars(first).items() if not unsaid(value)}
-    return replace(then, **said | {"extra": then.extra | first.extra})
+    stated = {name: value for name, value in vars(first).items() if not unsaid(value)}
+    return replace(then, **stated | {"extra": then.extra | first.extra})
 
 
 @dataclass(frozen=True)

@@ -296,18 +296,17 @@ class Active:
         return {p.name: v for p, v in zip(self.effect.parameters, self.values, strict=True)}
 
 
-def activate(effect: Effect, values: Mapping[str, float], where: str = "") -> Active:
+def activate(effect: Effect, values: Mapping[str, float]) -> Active:
     """Switch an effect on.
 
     Args:
         effect: the effect.
         values: parameter values; what is not given stays neutral.
-        where: file for messages.
 
     Raises:
         InputError: unknown parameter or a value outside its bounds.
     """
-    place = f"{where}: effect '{effect.id}'" if where else f"effect '{effect.id}'"
+    place = f"effect '{effect.id}'"
     known = {p.name: p for p in effect.parameters}
     for name, value in values.items():
         if name not in known:

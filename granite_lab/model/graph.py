@@ -6,18 +6,14 @@ Effects rewrite single quantities on the way.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
-from pathlib import Path
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from granite_lab.model import body as bd
-from granite_lab.model import kept
 from granite_lab.model.command import Kind, contact_angle_ratio, desired_distance, desired_velocity
 from granite_lab.model.contact import (
     ArcLaws,
@@ -32,7 +28,7 @@ from granite_lab.model.drive import control_voltage, current_rate, drive_torque
 from granite_lab.model.effect import Axle, Effect, Own, Shaft
 from granite_lab.model.pieces import desired, spin, symbols
 from granite_lab.model.symbols import ModelParameters, model_parameters, symbolic, symbols_of
-from granite_lab.parameters import Soil, load_robot, load_soil, load_variants
+from granite_lab.parameters import Soil, Variant, load_robot, load_soil, load_variants
 
 BODY_STATES = ("x_cm", "z_cm", "pitch", "x_cm_rate", "z_cm_rate", "pitch_rate")
 AXLE_STATES = ("angle", "rate", "current")
@@ -63,54 +59,6 @@ class Graph:
     delays: dict[str, Any]
 
 
-@lru_cache(maxsize=64)
-def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> Graph:
-    """Build the graph of the paper's model with effects, in the order in which their hooks apply.
-
-    Every number is a symbol, so that one graph serves all robots, soils and motions of a kind. It is kept on
-    disk, which gives it back six times faster than it is built; one with a user's own effects is not, for
-    nobody knows what these depend on.
-    """
-    own = ("granite_lab.effects.", "granite_lab.model.")
-    if any(vars(e) or not type(e).__module__.startswith(own) for e in effects):
-        return _built(effects, kind)
-    names = " ".join([kind, *(type(e).__qualname__ for e in effects)])
-    name = f"{hashlib.sha256(_sources() + names.encode()).hexdigest()}.graph"
-    content = kept.read(name)
-    if content is not None:
-        return _restored(effects, kind, ca.Function.deserialize(content.decode()))
-    graph = _built(effects, kind)
-    parts = {"rates": graph.rates} | {f"out_{n}": e for n, e in graph.outputs.items()}
-    parts |= {f"late_{n}": e for n, e in graph.delays.items()}
-    given = [graph.t, graph.x, graph.p, graph.u]
-    whole = ca.Function("graph", given, [*parts.values()], ["t", "x", "p", "u"], [*parts])
-    kept.keep(name, whole.serialize().encode())
-    return graph
-
-
-def _restored(effects: tuple[Effect, ...], kind: Kind, whole: Any) -> Graph:
-    """Return the graph that a function holds."""
-    t, x, p, u = symbols = whole.sx_in()
-    found = dict(zip(whole.name_out(), whole.call(symbols), strict=True))
-    outputs, delays = (
-        {n.removeprefix(part): e for n, e in found.items() if n.startswith(part)}
-        for part in ("out_", "late_")
-    )
-    return Graph(t, x, p, u, found["rates"], outputs, states_of(effects, kind), delays)
-
-
-@cache
-def _sources() -> bytes:
-    """Return a hash of what a graph depends on: model, effects, parameters and libraries."""
-    package = Path(__file__).parents[1]
-    files = [
-        file for part in ("model", "effects", "parameters") for file in sorted((package / part).glob("*.py"))
-    ]
-    paper = repr(model_parameters(load_robot(), load_soil(), load_variants()[0]))
-    texts = [ca.CasadiMeta.version(), np.__version__, paper, *(file.read_text("utf-8") for file in files)]
-    return hashlib.sha256("\0".join(texts).encode()).digest()
-
-
 def states_of(effects: tuple[Effect, ...], kind: Kind) -> tuple[str, ...]:
     """Return the names of the states: those of the model, then those of its effects."""
     return own_states(kind) + tuple(f"{e.id}.{name}" for e in effects for name in e.states)
@@ -121,12 +69,17 @@ def own_states(kind: Kind) -> tuple[str, ...]:
     return BODY_STATES if kind == "wheels" else STATES
 
 
-def _built(effects: tuple[Effect, ...], kind: Kind) -> Graph:
+@lru_cache(maxsize=64)
+def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> Graph:
+    """Build the graph of the paper's model with effects, in the order in which their hooks apply.
+
+    Every number is a symbol, so that one graph serves all robots, soils and motions of a kind.
+    """
     t = ca.SX.sym("t")
     paper = symbolic(model_parameters(load_robot(), load_soil(), load_variants()[0]))
     names = states_of(effects, kind)
     x = ca.SX.sym("x", len(names))
-    state = dict(zip(names, ca.vertsplit(x), strict=True))
+    state: dict[str, Any] = dict(zip(names, ca.vertsplit(x), strict=True))
     column, piece = symbols(kind)
     hooks = hooks_of(effects, state, t, paper)
     p = paper
@@ -134,12 +87,8 @@ def _built(effects: tuple[Effect, ...], kind: Kind) -> Graph:
         p = e.system(p, own)
 
     # command: (5), section 4
-    if kind == "trapezoid":
-        v_k92 = v_d = desired_velocity(t, p.variant)
-        s_d = desired_distance(t, p.variant)
-    else:
-        v_d, s_d = desired(t, piece)
-        v_k92 = ca.fmax(0, v_d)
+    v_d, s_d = _commanded(t, p.variant, piece)
+    v_k92 = v_d if kind == "trapezoid" else ca.fmax(0, v_d)
     body = bd.BodyState(*(state[name] for name in BODY_STATES))
     reference = bd.point(body, p.chassis, 0, 0)  # R
     v, _ = bd.to_robot(body.pitch, reference.x_rate, reference.z_rate)
@@ -181,6 +130,11 @@ def _built(effects: tuple[Effect, ...], kind: Kind) -> Graph:
     parameters = ca.vertcat(symbols_of(paper), own_parameters(hooks))
     change_of = ca.vertcat(*map(rates.__getitem__, names))
     return Graph(t, x, parameters, column, change_of, outputs | sensors, names, delays)
+
+
+def _commanded(t: Any, variant: Variant, piece: dict[str, Any]) -> tuple[Any, Any]:
+    """Return v_d [m/s] and s_d [m] at time t of a piece of a course, or else of the trapezoid."""
+    return desired(t, piece) if piece else (desired_velocity(t, variant), desired_distance(t, variant))
 
 
 def _shown(reference: bd.PointMotion, v: Any, body: bd.BodyState) -> dict[str, Any]:

@@ -5,7 +5,6 @@ The graph holds symbols for the numbers of one piece; a run gives them new value
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -29,29 +28,20 @@ NUMBERS: dict[Kind, tuple[str, ...]] = {
 axle θ [rad] there and ω = rate + linear τ + square τ² + cube τ³ [rad/s], τ the time since the begin."""
 
 
-@dataclass(frozen=True)
-class Spin:
-    """Angle [rad], rate [rad/s] and acceleration [rad/s^2] of a wheel that is turned; expressions."""
-
-    angle: Any
-    rate: Any
-    acceleration: Any
-
-
 def desired(t: Any, u: dict[str, Any]) -> tuple[Any, Any]:
     """Return v_d [m/s] and s_d [m] of a piece at time t."""
     τ = t - u["begin"]
     return u["velocity"] + u["slope"] * τ, u["distance"] + τ * (u["velocity"] + u["slope"] * τ / 2)
 
 
-def spin(t: Any, u: dict[str, Any], axle: str) -> Spin:
+def spin(t: Any, u: dict[str, Any], axle: str) -> Turning:
     """Return how a wheel of an axle, "f" or "r", turns in a piece at time t."""
     τ = t - u["begin"]
     angle, rate, a, b, c = (u[f"{name}_{axle}"] for name in _AXLE)
-    return Spin(
-        angle + τ * (rate + τ * (a / 2 + τ * (b / 3 + τ * c / 4))),
-        rate + τ * (a + τ * (b + τ * c)),
-        a + τ * (2 * b + τ * 3 * c),
+    return Turning(
+        angle=angle + τ * (rate + τ * (a / 2 + τ * (b / 3 + τ * c / 4))),
+        rate=rate + τ * (a + τ * (b + τ * c)),
+        acceleration=a + τ * (2 * b + τ * 3 * c),
     )
 
 
@@ -85,12 +75,13 @@ def _turnings(course: Course) -> list[Array]:
     """Return the numbers of the wheels, for each piece."""
     first, last = course.wheels[0], course.wheels[-1]
     rest = [
-        np.array([angle for axle in one[1:] for angle in (axle.angle, 0, 0, 0, 0)]) for one in (first, last)
+        np.array([angle for axle in instant[1:] for angle in (axle.angle, 0, 0, 0, 0)])
+        for instant in (first, last)
     ]
-    found = [rest[0]]
+    turnings = [rest[0]]
     for (t0, *here), (t1, *there) in zip(course.wheels, course.wheels[1:], strict=False):
-        found.append(np.concatenate([_cubic(a, b, t1 - t0) for a, b in zip(here, there, strict=True)]))
-    return [*found, rest[1]]
+        turnings.append(np.concatenate([_cubic(a, b, t1 - t0) for a, b in zip(here, there, strict=True)]))
+    return [*turnings, rest[1]]
 
 
 def _cubic(a: Turning, b: Turning, h: float) -> Array:

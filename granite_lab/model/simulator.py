@@ -69,8 +69,8 @@ def _rest_state(p: ModelParameters, effects: Sequence[Active], vector: Array) ->
     places, evaluate = _rest_function(chosen, kind).buffer()
     for k, given in enumerate((q, vector)):
         places.set_arg(k, given.data)
-    for k, found in enumerate((residual, columns, place)):
-        places.set_res(k, found.data)
+    for k, result in enumerate((residual, columns, place)):
+        places.set_res(k, result.data)
     for _ in range(60):
         evaluate()
         if not np.isfinite(columns).all():

@@ -302,10 +302,10 @@ class SingleWheel:
             changes: Array = rates(sinkage, x, vector).full()[:, 0]
             return changes
 
-        found = scipy.optimize.root(unbalanced, start)
-        if not found.success:
+        equilibrium = scipy.optimize.root(unbalanced, start)
+        if not equilibrium.success:
             raise EstimateError("the effects have no steady state on a single wheel", "use fewer effects")
-        settled: Array = found.x
+        settled: Array = equilibrium.x
         return settled
 
 
@@ -348,24 +348,26 @@ def _functions(effects: tuple[Effect, ...]) -> tuple[Any, Any, Any]:
         )  # fmt: skip
         return on_ground(state, model.soil, k92, 0.0, hooks)
 
-    one, other = wheel(True), wheel(False)
-    forces, angles = one.forces, one.angles
-    told = ca.vertcat(
+    front, rear = wheel(True), wheel(False)
+    forces, angles = front.forces, front.angles
+    shown = ca.vertcat(
         forces.normal, forces.longitudinal, -forces.moment, forces.thrust, forces.resistance, z,
         angles.front, angles.rear,
     )  # fmt: skip
     ϑ = -angles.rear + (angles.front + angles.rear) * ca.DM(np.linspace(0, 1, NODES))
-    σ, τ = one.stresses(ϑ)
+    σ, τ = front.stresses(ϑ)
     axles = tuple(
         Axle(0.0, g.state, g.angles, g.forces, ca.SX(0.0), -g.forces.moment, g.forces.moment)
-        for g in (one, other)
+        for g in (front, rear)
     )
     rates = [e.rates((axles[0], axles[1]), model, own) for e, own in hooks]
-    changes = [found[name] for e, found in zip(effects, rates, strict=True) for name in e.states]
+    changes = [
+        rates_of_states[name] for e, rates_of_states in zip(effects, rates, strict=True) for name in e.states
+    ]
     numbers = ca.vertcat(v, rate, angle, symbols_of(paper), own_parameters(hooks))
     given: list[Any] = [z, ca.vertcat(*states.values()), numbers]
     return (
-        ca.Function("forces", given, [ca.cse(ca.densify(told))]),
+        ca.Function("forces", given, [ca.cse(ca.densify(shown))]),
         ca.Function("arc", given, [ca.cse(ca.densify(ca.horzcat(ϑ, σ, τ)))]),
         ca.Function("rates", given, [ca.cse(ca.densify(ca.vertcat(*changes)))]),
     )

@@ -103,14 +103,14 @@ def _floats(record: Hashable) -> tuple[float, ...]:
 
 def vector_of(record: Any) -> list[float]:
     """Return the numbers of a record as one flat list."""
-    found: list[float] = []
+    numbers: list[float] = []
     for name in _names(record.__class__):
         value = getattr(record, name)
         if isinstance(value, (int, float)) and not isinstance(value, bool):
-            found.append(float(value))
+            numbers.append(float(value))
         elif dataclasses.is_dataclass(value):
-            found += _floats(cast(Hashable, value))
-    return found
+            numbers += _floats(cast(Hashable, value))
+    return numbers
 
 
 def symbols_of(record: Any) -> Any:

@@ -193,8 +193,10 @@ def in_force(robot: str, soil: str, grade: str | None = None, changes: Changes =
         ("soil", load_soil(soil, changes), find("soils", soil)),
     ):
         rows += _list(record, group, _short(path), read_toml(path))
-    own = dict(changes)
-    return [dataclasses.replace(p, origin=OPTION) if f"{p.group}.{p.key}" in own else p for p in rows]
+    changed_keys = dict(changes)
+    return [
+        dataclasses.replace(p, origin=OPTION) if f"{p.group}.{p.key}" in changed_keys else p for p in rows
+    ]
 
 
 def _short(path: Path) -> str:

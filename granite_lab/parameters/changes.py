@@ -31,7 +31,9 @@ def _of(record: type[Any], group: str) -> Iterator[tuple[str, Mapping[str, Any]]
     hints = typing.get_type_hints(record)
     for field in dataclasses.fields(record):
         hint, key = hints[field.name], f"{group}.{key_of(field)}"
-        inside = next((one for one in (hint, *typing.get_args(hint)) if dataclasses.is_dataclass(one)), None)
+        inside = next(
+            (part for part in (hint, *typing.get_args(hint)) if dataclasses.is_dataclass(part)), None
+        )
         if inside is not None:
             yield from _of(typing.cast("type[Any]", inside), key)
         elif "unit" in field.metadata:
@@ -48,12 +50,12 @@ def checked(given: Mapping[str, Any], where: str = OPTION) -> Changes:
     Raises:
         InputError: a key is not known, which tells the nearest one, or a number is out of its bounds.
     """
-    known = quantities()
+    settable = quantities()
     for key in given:
-        if key not in known:
-            (close,) = difflib.get_close_matches(key, known, n=1, cutoff=0)
+        if key not in settable:
+            (close,) = difflib.get_close_matches(key, settable, n=1, cutoff=0)
             raise InputError(f"{where}: unknown key '{key}'", f"the nearest known is '{close}'")
-    bounds = {key: (m["unit"], m["low"], m["high"]) for key, m in known.items()}
+    bounds = {key: (m["unit"], m["low"], m["high"]) for key, m in settable.items()}
     return tuple((key, check_number(where, key, value, *bounds[key])) for key, value in given.items())
 
 

@@ -55,12 +55,10 @@ SUFFIX = {
 
 
 def quantity(
-    unit: str, low: float, high: float, meaning: str, symbol: str = "", default: float | None = None
+    unit: str, low: float, high: float, meaning: str, symbol: str = "", default: Any = dataclasses.MISSING
 ) -> Any:
     """Declare a dataclass field that holds a number in a unit between two bounds (both allowed)."""
     metadata = {"unit": unit, "low": low, "high": high, "meaning": meaning, "symbol": symbol}
-    if default is None:
-        return dataclasses.field(metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
 
 

@@ -6,58 +6,43 @@ import dataclasses
 import hashlib
 import importlib.metadata
 import json
-import os
 import platform
-import re
-import time
 from collections.abc import Mapping
-from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from platformdirs import user_cache_path
-
 import granite_lab
 from granite_lab.errors import LabError
-from granite_lab.files import sha256, write_bytes
+from granite_lab.files import sha256
 from granite_lab.logs.trial import sidecar
 from granite_lab.options import Options
-from granite_lab.running.codec import MAGIC, Arena, content, decode
+from granite_lab.running.codec import Arena, content, decode
+from granite_lab.stored import Store, root
 
 if TYPE_CHECKING:
     from granite_lab.model.effect import Effect
 
-VARIABLE = "GRANITE_LAB_CACHE"
-"""Environment variable with the folder of the cache."""
-
 LARGEST = 5_000_000_000
-"""Size [bytes] above which the results that were not used for longest are removed; a trial takes 2 MB."""
-
-STALE = 3600.0
-"""Age [s] after which a file that was never finished is removed."""
+"""Size of all results [bytes]; a trial takes 2 MB."""
 
 PACKAGE = Path(granite_lab.__file__).parent
 LIBRARIES = ("casadi", "filterpy", "numpy", "pandas", "scipy")
 DRAWING = ("jinja2", "matplotlib", "rerun-sdk")
-
-OWN = re.compile(r"[0-9a-f]{2}/([0-9a-f]{62}\.bin|\.[0-9a-f]{62}\.bin\.[0-9a-f]{12}\.part)")
-"""Paths in the folder of what is remembered, and of what is being written; nothing else is removed."""
 
 SHOWS = ("api", "cli.py", "commands", "hidden", "reporting", "study_folder.py", "two_studies.py")
 """Parts of the package that no cached result depends on: they only call and show."""
 
 
 class Cache:
-    """A folder of results; each is a file that stands whole or not at all.
+    """A folder of results.
 
     A cache that cannot be written costs time, nothing else: `trouble` says what was wrong.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
-        chosen = folder or os.environ.get(VARIABLE)
-        self.folder = Path(chosen) if chosen else user_cache_path("granite-lab", appauthor=False)
-        self.trouble: LabError | None = None
+        self._store = Store((folder or root()) / "results", LARGEST, "results are")
+        self.folder, self.trouble = self._store.folder, ""
 
     def get(
         self, key: str, effects: Mapping[str, Effect] | None = None, arena: Arena | None = None
@@ -69,50 +54,15 @@ class Cache:
             effects: as in `decode`.
             arena: where the record lies from then on.
         """
-        path = self._path(key)
-        try:
-            data = path.read_bytes()
-            depends, record = decode(arena.hold(data) if arena else data, effects)
-            if any(fingerprint(Path(file)) != sha for file, sha in depends):
-                return None
-            os.utime(path)
-        except Exception:  # whatever a missing, damaged or foreign file leads to, the result is made again
+        data = self._store.read(f"{key}.result")
+        if data is None:
             return None
-        return record
+        depends, record = decode(arena.hold(data) if arena else data, effects)
+        return None if any(fingerprint(Path(file)) != sha for file, sha in depends) else record
 
     def put(self, key: str, data: bytes) -> None:
         """Remember what `encode` made of files with hashes that a record depends on, and the record."""
-        try:
-            write_bytes(self._path(key), data)
-        except LabError as error:
-            self.trouble = error
-
-    def trim(self, largest: int = LARGEST) -> None:
-        """Remove what was never finished, and what was not used for longest where the cache is too large.
-
-        A file that `put` did not write stays, whatever its name, and counts for nothing.
-        """
-        with suppress(OSError):
-            entries = [
-                (path.stat().st_mtime, path.stat().st_size, path)
-                for path in self.folder.glob("??/*")
-                if OWN.fullmatch(path.relative_to(self.folder).as_posix()) and path.is_file()
-            ]
-            total = 0
-            for used, size, path in sorted(entries, reverse=True):
-                unfinished = path.suffix == ".part"
-                total += 0 if unfinished else size
-                if time.time() - used > STALE if unfinished else total > largest and _written(path):
-                    path.unlink(missing_ok=True)
-
-    def _path(self, key: str) -> Path:
-        return self.folder / key[:2] / f"{key[2:]}.bin"
-
-
-def _written(path: Path) -> bool:
-    """Say whether a file begins as all that `put` writes."""
-    with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
+        self.trouble = self._store.keep(f"{key}.result", data) or self.trouble
 
 
 @lru_cache

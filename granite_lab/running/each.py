@@ -57,13 +57,10 @@ class Execution:
     scheduler: str | None = None
     cache: Cache | None = None
 
-    def tidied(self) -> tuple[str, ...]:
-        """Keep the cache within its size; return a line where nothing could be remembered."""
-        if self.cache is None:
-            return ()
-        self.cache.trim()
-        trouble = self.cache.trouble
-        return (f"nothing is remembered: {trouble.message}",) if trouble is not None else ()
+    def doubts(self) -> tuple[str, ...]:
+        """Return a line where nothing could be remembered."""
+        trouble = self.cache.trouble if self.cache is not None else ""
+        return (f"nothing is remembered: {trouble}",) if trouble else ()
 
 
 HERE = Execution()
@@ -142,9 +139,9 @@ def _guarded(work: Callable[[Path, Options], Any], options: Options, path: Path)
             return error
         except Exception as error:  # one trial must not take the others with it
             last = traceback.extract_tb(error.__traceback__)[-1]
-            what = f"{type(error).__name__} in {Path(last.filename).name}:{last.lineno}"
+            fault = f"{type(error).__name__} in {Path(last.filename).name}:{last.lineno}"
             return LabError(
-                f"{path}: {what}: {' '.join(str(error).split())[:200]}",
+                f"{path}: {fault}: {' '.join(str(error).split())[:200]}",
                 "this is a fault of granite-lab, not of the log: please report it",
             )
     depends = tuple((str(p), sha) for p, sha in files.items() if not p.is_relative_to(CATALOGUE))
@@ -268,8 +265,8 @@ def run_on(client: Any, call: Callable[[X], Y], items: Sequence[X]) -> Iterator[
             if (error := future.exception()) is None:
                 yield index, future.result()
                 continue
-            what = (str(error).splitlines() or [""])[0]
-            message = f"{items[index]}: the cluster could not work on it: {type(error).__name__}: {what}"
+            fault = (str(error).splitlines() or [""])[0]
+            message = f"{items[index]}: the cluster could not work on it: {type(error).__name__}: {fault}"
             yield index, LabError(message, "see the logs of its workers; is granite-lab installed there?")
     finally:
         pool.shutdown(wait=False)

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.chance import coverages, errors
 from granite_lab.estimation.chain import finish, solve
 from granite_lab.estimation.error_model import PD, V, std_of
-from granite_lab.parameters import load_robot, load_variants
+from granite_lab.parameters import load_robot, load_soil
 from tests.truth.trials import generate
 
 COUNT = 1000
@@ -14,7 +14,7 @@ COUNT = 1000
 
 def test_errors_are_drawn_with_the_covariance_of_any_two_nodes_and_fill_two_std_by_95_percent() -> None:
     truth, robot = generate(7, velocity=0.3), load_robot("granite")
-    solved = solve(truth.trial, robot)
+    solved = solve(truth.trial, robot, soil=load_soil())
     found, rng = solved.solution.smoothed, np.random.default_rng(1)
     drawn = errors(found, COUNT, rng)
     std = std_of(found.P, {V: 1.0, PD: -1.0})
@@ -25,7 +25,7 @@ def test_errors_are_drawn_with_the_covariance_of_any_two_nodes_and_fill_two_std_
     covariance = block[0, 0] - block[0, 1] - block[1, 0] + block[1, 1]
     measured = float(np.mean(drawn[:, one] * drawn[:, other]))
     assert measured == pytest.approx(covariance, abs=4.0 * std[one] * std[other] / np.sqrt(COUNT))
-    motion = finish(truth.trial, robot, solved, load_variants())[1]
+    motion = finish(truth.trial, robot, solved)[1]
     at = np.isin(motion.phase, ["accelerate", "steady", "brake"])
     shares = coverages(motion, solved.solution, at, COUNT, rng)
     assert shares.mean() == pytest.approx(0.954, abs=0.01)

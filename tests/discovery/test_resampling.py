@@ -10,7 +10,7 @@ from granite_lab.discovery.resampling import by_evidence, competitors, nothing_m
 from granite_lab.discovery.search import Search
 from granite_lab.discovery.verdict import Named, holding
 from granite_lab.estimate import Estimate
-from tests.discovery.test_verdict import LAW, SIX, ask
+from tests.discovery.test_verdict import SIX, ask
 from tests.inference.stub import problem_of
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
@@ -72,7 +72,7 @@ def test_one_speed_more_against_a_name_makes_it_less_sure() -> None:
 
 
 def test_nothing_missing_is_less_likely_the_more_a_candidate_promises() -> None:
-    found = ask(candidates=("pull", "push", *LAW)).search
+    found = ask(candidates=("pull", "push")).search
     assert 0.5 < nothing_missing(found) < 1
 
     def promising(gain: float) -> Search:

@@ -8,11 +8,12 @@ import pytest
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
-from granite_lab.estimation import Motion, estimate, judge
+from granite_lab.estimation import Motion, judge
 from granite_lab.estimation.health import correlation, ljung_box
 from granite_lab.estimation.smoother import usual
 from granite_lab.logs.trial import Series, Trial
 from granite_lab.parameters import load_robot
+from tests.truth.motion import estimate
 from tests.truth.trials import TruthTrial, generate
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from granite_lab.estimation import estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.logs import read_trial
 from granite_lab.parameters import load_robot
 from tests.logs import make
+from tests.truth.motion import estimate
 
 SAMPLE = Path(__file__).parents[2] / "data" / "samples" / "virtual_v0.5_r1.csv"
 TURN = 2 * np.pi

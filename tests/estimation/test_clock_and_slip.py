@@ -9,13 +9,14 @@ import pytest
 from benchmarks.slipping_robots import run
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
-from granite_lab.estimation import Motion, correct, estimate
+from granite_lab.estimation import Motion, correct
 from granite_lab.estimation.clock import bridged_rests
 from granite_lab.estimation.error_model import SIZE, Updates
 from granite_lab.estimation.smoother import Innovations, mismatch
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import load_robot
 from tests.truth import faults
+from tests.truth.motion import estimate
 from tests.truth.trials import TruthTrial, generate
 
 OFFSETS = [0.005, -0.005, 0.02, -0.02, 0.05, -0.05, 0.2, -0.2]

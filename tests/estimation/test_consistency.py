@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from benchmarks.estimation_cell import Cell, Score, score
-from granite_lab.estimation import Motion, estimate
+from granite_lab.estimation import Motion
 from granite_lab.estimation.nodes import MOST, choose
 from granite_lab.estimation.noise import stamp_noise
 from granite_lab.estimation.nominal import Nominal
@@ -27,6 +27,7 @@ from granite_lab.logs.trial import ImuStream
 from granite_lab.parameters import load_robot
 from tests.truth import TruthTrial, faults, generate
 from tests.truth.long_logs import Drive, repeated
+from tests.truth.motion import estimate
 
 SEEDS = range(5)
 CELLS = [

@@ -9,10 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import EstimateError
-from granite_lab.estimation import Motion, correct, estimate
+from granite_lab.estimation import Motion, correct
 from granite_lab.logs.trial import Correction, Trial
 from granite_lab.parameters import WHEELS, Robot, load_robot, load_soil
 from tests.truth import faults
+from tests.truth.motion import estimate
 from tests.truth.trials import TruthTrial, generate
 from tests.truth.trials import robot as mounted
 

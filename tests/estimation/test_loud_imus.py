@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 from scipy.stats import chi2
 
-from granite_lab.estimation import estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.logs import read_trial
 from granite_lab.logs.sensors.pitch_rate import contradicted
@@ -16,6 +15,7 @@ from granite_lab.logs.trial import ImuStream
 from granite_lab.parameters import GRAVITY, load_robot
 from tests.soak import SOAK
 from tests.truth import field
+from tests.truth.motion import estimate
 
 Rests = Sequence[tuple[float, float]]
 SEEDS = range(20 if SOAK else 2)

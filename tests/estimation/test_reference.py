@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from granite_lab.errors import EstimateError
-from granite_lab.estimation import Motion, estimate
+from granite_lab.estimation import Motion
 from granite_lab.logs.trial import Series, Trial, part
 from granite_lab.parameters import load_robot
+from tests.truth.motion import estimate
 from tests.truth.trials import TruthTrial, generate
 
 STD = {"v": 0.008, "x": 0.004}

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from granite_lab.errors import EstimateError
-from granite_lab.estimation import Motion, estimate, smoother
+from granite_lab.estimation import Motion, smoother
 from granite_lab.estimation.error_model import BA, SIZE, TH, TINY, D, G, P, S, Updates, V, X
 from granite_lab.estimation.nodes import Nodes
 from granite_lab.parameters import load_robot
 from tests.truth import faults
+from tests.truth.motion import estimate
 from tests.truth.trials import TruthTrial, generate
 
 

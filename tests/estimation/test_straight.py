@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from granite_lab.chain import sloped, soil_doubt
-from granite_lab.estimation import Motion, estimate
+from granite_lab.estimation import Motion
 from granite_lab.estimation.straight import straightness_of
 from granite_lab.logs.sensors.pitch_rate import contradicted
 from granite_lab.logs.trial import Trial
 from granite_lab.options import Options
 from granite_lab.parameters import load_robot
+from tests.truth.motion import estimate
 from tests.truth.trials import TruthTrial, generate
 
 T = np.arange(0.0, 30.0, 0.01)

@@ -124,14 +124,16 @@ def test_the_same_report_although_a_worker_dies_and_a_log_is_broken(cluster: Clu
         tmp_path, "study", "logs", "--out", "there/r", "--no-recordings", "--scheduler", cluster.address,
         SEARCH, cache=cache,
     )  # fmt: skip
-    while not list(cache.glob("*/*.bin")):  # until the first trial is back: the others are in mid-run
+    while not list(
+        cache.glob("results/*.result")
+    ):  # until the first trial is back: the others are in mid-run
         assert run.poll() is None, run.communicate()
         time.sleep(0.02)
     cluster.workers[0].kill()
     assert run.poll() is None
     _, errors = run.communicate(timeout=600)
     assert run.returncode == 0, errors
-    assert len(list(cache.glob("*/*.bin"))) >= len(NAMES)
+    assert len(list(cache.glob("results/*.result"))) >= len(NAMES)
     assert "broken: left out" in errors
     assert results(tmp_path / "there" / "r") == results(tmp_path / "here" / "r")
 

@@ -4,7 +4,6 @@ import multiprocessing
 import os
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -84,7 +83,7 @@ def test_a_new_sidecar_an_option_and_new_code_count(
 
 def test_a_damaged_entry_is_made_again(logs: list[Path], how: Execution) -> None:
     first = run(logs, how)
-    entries = sorted(how.cache.folder.glob("*/*.bin"))
+    entries = sorted(how.cache.folder.iterdir())
     data = entries[0].read_bytes()
     entries[0].write_bytes(data[: len(data) // 2])
     entries[1].write_bytes(data.replace(b"value", b"valve"))
@@ -98,48 +97,17 @@ def test_a_cache_that_cannot_be_written_costs_nothing_but_time(logs: list[Path],
     (tmp_path / "file").write_text("")
     how = Execution(1, cache=Cache(tmp_path / "file" / "cache"))
     assert len(run(logs, how)) == 4
-    assert "cannot be written" in how.cache.trouble.message
+    assert "cannot be written" in how.cache.trouble
 
 
-def test_the_cache_stays_within_its_size_and_drops_what_was_used_longest_ago(
-    logs: list[Path], how: Execution
-) -> None:
-    run(logs, how)
-    cache = how.cache
-    entries = sorted(cache.folder.glob("*/*.bin"))
-    for age, path in enumerate(entries):
-        os.utime(path, (time.time() - 100 * age,) * 2)
-    left_over = cache.folder / "ab" / f".{'0' * 62}.bin.0123456789ab.part"
-    left_over.parent.mkdir(exist_ok=True)
-    left_over.write_bytes(b"x")
-    os.utime(left_over, (0, 0))
-    cache.trim(2 * entries[0].stat().st_size + 10)
-    assert sorted(cache.folder.glob("*/*")) == sorted(entries[:2])
-
-
-def test_a_cache_in_a_folder_of_the_user_removes_and_replaces_nothing_there(
-    logs: list[Path], tmp_path: Path
-) -> None:
-    """Whatever lies where results lie, and however it is called."""
-    folder = tmp_path / "mine"
-    names = (
-        "notes.txt", "photos/a.jpg", "ab/trial.bin", "ab/.x.bin.0123456789ab.part", "a1/b2/c3.bin",
-        f"ab/{'0' * 62}.bin", f"ab/{'0' * 62}.csv", f"ab/{'1' * 62}.bin/inside.bin", f"{'0' * 62}.bin",
-    )  # fmt: skip
-    for name in names:
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_text(name)
-        os.utime(folder / name, (0, 0))
-    how = Execution(1, cache=Cache(folder))
-    run(logs, how)
-    own = set(folder.rglob("*.bin")) - {folder / name for name in names} - {folder / "ab" / f"{'1' * 62}.bin"}
-    assert len(own) == len(logs)
-    for path in own:  # damaged results are read, and made again
-        path.write_bytes(b"damaged")
-    run(logs, how)
-    how.cache.trim(0)
-    assert {name: (folder / name).read_text() for name in names} == {name: name for name in names}
-    assert not any(path.exists() for path in own)
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such modes")
+def test_results_that_others_could_have_written_are_made_again(logs: list[Path], how: Execution) -> None:
+    first = run(logs, how)
+    how.cache.folder.chmod(0o777)
+    assert run(logs, how) == first
+    assert len(worked) == len(logs)
+    (line,) = how.doubts()
+    assert "can be written by others" in line
 
 
 def test_trials_run_side_by_side_beside_a_thread_of_the_terminal(logs: list[Path]) -> None:

@@ -57,7 +57,7 @@ KILLS = 30 if SOAK else 1
 
 def entries(cache: Path) -> dict[str, int]:
     """Return what is remembered, and in which file: one that was made again is another."""
-    return {path.name: path.stat().st_ino for path in cache.glob("*/*.bin")}
+    return {path.name: path.stat().st_ino for path in cache.glob("results/*.result")}
 
 
 def doing(folder: Path, trials: int, *, searches: bool) -> str:
@@ -164,7 +164,7 @@ def test_order_processes_language_and_memory_change_no_byte(folder: Path) -> Non
             cache=folder / "cache", LC_ALL="de_DE.UTF-8", LANG="de_DE.UTF-8",
             PYTHONHASHSEED="7", OPENBLAS_NUM_THREADS="1", TZ="Asia/Tokyo",
         )  # fmt: skip
-        assert any((folder / "cache").glob("*/*.bin"))
+        assert any((folder / "cache").glob("results/*.result"))
         assert results(folder / out) == results(folder / "a" / "report"), f"remembered: {remembered}"
     origin = json.loads((folder / "a" / "report" / "report.json").read_bytes())["provenance"]
     assert [(i["file"], len(i["sha256"])) for i in origin["inputs"]] == [(log, 64) for log in logs]

@@ -272,11 +272,6 @@ def _series(source: Source, t: Array) -> list[Rows]:
     ]
 
 
-def _values(source: Source, rows: Rows, *channels: str) -> Array:
-    """Return the logged values (M, K) of some channels, NaN where there is none."""
-    return np.column_stack([source.columns[b.place][rows] for b in source.bindings(*channels)])
-
-
 def _first_steps(source: Source, t: Array, series: Sequence[Rows]) -> list[tuple[Rows, int]]:
     """Return, for each sensor that sees one, its rows and the sample at which the clock was first set."""
     steps: list[tuple[Rows, int]] = []

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from llvmlite import binding
 
-from granite_lab.model import interpreted, kept
+from granite_lab.model import interpreted
 from granite_lab.model.command import Kind, corners, kind_of
 from granite_lab.model.effect import Effect
 from granite_lab.model.graph import build_graph
@@ -31,6 +31,7 @@ from granite_lab.model.native import (
 )
 from granite_lab.model.pieces import numbers_at, pieces
 from granite_lab.parameters import Variant
+from granite_lab.stored import machine_code
 
 Array = npt.NDArray[np.float64]
 _POINTER, _WHOLE = ctypes.c_void_p, ctypes.c_int64
@@ -48,10 +49,11 @@ def _version() -> str:
 
 
 def _library(name: str, names: Sequence[str], text: Callable[[], str], effort: int) -> machine.Library:
-    code = kept.read(f"{name}.o")
+    store = machine_code()
+    code = store.read(f"{name}.o")
     if code is None:
         code = machine.compiled(text(), effort=effort)
-        kept.keep(f"{name}.o", code)
+        store.keep(f"{name}.o", code)
     return machine.Library(code, names)
 
 
@@ -85,7 +87,7 @@ def _places(expression: Any) -> list[int]:
 
 
 def _coded(
-    function: Callable[[Any], Any], of: Any, names: Sequence[str], text: Callable[[program.Program], str]
+    function: Callable[[Any], Any], of: Any, names: Sequence[str], text: Callable[[], str]
 ) -> machine.Library:
     """Return machine code of an expression; its text is only made where none is kept.
 
@@ -96,8 +98,7 @@ def _coded(
         text: of the code.
     """
     _routines()
-    key = machine.key(_version(), function(of).serialize())
-    return _library(key, names, lambda: text(program.read(function(ca.cse(of)))), 0)
+    return _library(machine.key(_version(), function(of).serialize()), names, text, 0)
 
 
 @lru_cache(maxsize=64)
@@ -108,13 +109,12 @@ def _equations(effects: tuple[Effect, ...], kind: Kind = "trapezoid") -> machine
     def function(of: Any) -> Any:
         return ca.Function("rates", [graph.t, graph.x, ca.vertcat(graph.p, graph.u)], [of])
 
-    def text(code: program.Program) -> str:
-        rows = _places(graph.rates)
-        return "\n".join([
-            lowering.declarations(),
-            lowering.point("rates", code, rows),
-            lowering.point("slopes", code, rows, graph.x.numel()),
-        ])  # fmt: skip
+    def text() -> str:
+        rates = ca.cse(graph.rates)
+        slopes = ca.cse(ca.horzcat(ca.jacobian(rates, graph.x), ca.jacobian(rates, graph.t), rates))
+        routines = {"rates": rates, "slopes": slopes}
+        points = [lowering.point(n, program.read(function(of)), _places(of)) for n, of in routines.items()]
+        return "\n".join([lowering.declarations(), *points])
 
     return _coded(function, graph.rates, ("rates", "slopes"), text)
 
@@ -186,7 +186,8 @@ def _columns(effects: tuple[Effect, ...], kind: Kind, names: tuple[str, ...]) ->
     def function(of: Any) -> Any:
         return ca.Function("columns", [graph.t, ca.vertcat(graph.x, graph.u), graph.p], [of])
 
-    def text(code: program.Program) -> str:
+    def text() -> str:
+        code = program.read(function(ca.cse(stacked)))
         return lowering.declarations() + lowering.column("columns", code, _places(stacked))
 
     library = _coded(function, stacked, ("columns",), text)

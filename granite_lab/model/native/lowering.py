@@ -11,21 +11,13 @@ from itertools import count
 
 import casadi as ca
 
-from granite_lab.model.native.operations import LIBRARY, derivative, operation, total
-from granite_lab.model.native.program import LANES, SUM, Node, Program, schedule, used
+from granite_lab.model.native.operations import LIBRARY, operation
+from granite_lab.model.native.program import LANES, Node, Program, schedule, used
 from granite_lab.model.native.writer import ELEMENTARY, Writer, symbol
-
-VALUE = -1
-"""The direction in which a value itself stands."""
 
 
 class _Point:
-    """Writes a program whose groups are vectors and whose other nodes are numbers.
-
-    Values are known by a node or a group and a direction; in the direction `VALUE` stands the value
-    itself, in the others its derivative by an entry of the state, or by time. Where a derivative is
-    zero, nothing stands.
-    """
+    """Writes a program whose groups are vectors and whose other nodes are numbers."""
 
     def __init__(self, program: Program) -> None:
         self.program = program
@@ -33,52 +25,23 @@ class _Point:
         self.lane = used(self.groups)
         self.one = Writer()
         self.all = Writer(LANES, self.one.lines, self.one.numbers)  # both fill one function
-        self.values: dict[tuple[int, int], str] = {}
-        self.vectors: dict[tuple[int, int], str] = {}
-        self.ways: list[set[int]] = []
-
-    def write(self, states: int | None) -> None:
-        """Write all values, and if the number of states is given, their derivatives."""
-        nodes = self.program.nodes
-        for node in nodes:
-            own = set[int]().union(*(self.ways[o] for o in node.operands))
-            if node.op == ca.OP_INPUT and node.place[0] < 2 and states is not None:
-                own = {states if node.place[0] == 0 else node.place[1]}
-            self.ways.append(own)
+        self.values: dict[int, str] = {}  # node to number
+        self.vectors: dict[int, str] = {}  # group to vector
         for g, group in enumerate(self.groups):
-            node = nodes[group[0]]
-            ways = sorted(set[int]().union(*(self.ways[k] for k in group)))
-            if node.op == ca.OP_CONST:
-                self.values[group[0], VALUE] = self.one.constant(node.value)
-            elif node.op == ca.OP_INPUT:
-                self.values[group[0], VALUE] = self.load(node)
-                self.values |= {(group[0], way): self.one.constant(1.0) for way in ways}
-            elif len(group) == 1 and node.op == SUM:
-                for way in [VALUE, *ways]:
-                    self.keep(self.values, group[0], way, self.sum(list(node.operands), way))
-            else:
-                self.operate(g, group, ways)
+            self.write(g, group)
 
-    def operate(self, g: int, group: list[int], ways: list[int]) -> None:
+    def write(self, g: int, group: list[int]) -> None:
         """Write what one operation gives, for one node or for all of a group."""
-        columns = list(zip(*(self.program.nodes[k].operands for k in group), strict=True))
-        op = self.program.nodes[group[0]].op
-        alone = len(group) == 1
-        w, target, name = (self.one, self.values, group[0]) if alone else (self.all, self.vectors, g)
-
-        def operand(column: tuple[int, ...], way: int) -> str | None:
-            return self.number(column[0], way) if alone else self.gather(column, way)
-
-        arguments = [operand(column, VALUE) or w.constant(0.0) for column in columns]
-        target[name, VALUE] = result = operation(w, op, arguments)
-        for way in ways:
-            inner = [operand(column, way) for column in columns]
-            self.keep(target, name, way, derivative(w, op, arguments, result, inner))
-
-    @staticmethod
-    def keep(target: dict[tuple[int, int], str], name: int, way: int, value: str | None) -> None:
-        if value is not None:
-            target[name, way] = value
+        first, node = group[0], self.program.nodes[group[0]]
+        if node.op == ca.OP_CONST:
+            self.values[first] = self.one.constant(node.value)
+        elif node.op == ca.OP_INPUT:
+            self.values[first] = self.load(node)
+        elif len(group) == 1:
+            self.values[first] = operation(self.one, node.op, [self.number(o) for o in node.operands])
+        else:
+            columns = zip(*(self.program.nodes[k].operands for k in group), strict=True)
+            self.vectors[g] = operation(self.all, node.op, [self.gather(column) for column in columns])
 
     def load(self, node: Node) -> str:
         argument, entry = node.place
@@ -87,39 +50,32 @@ class _Point:
         place = self.one.new(f"getelementptr double, ptr %{'_xp'[argument]}, i64 {entry}")
         return self.one.new(f"load double, ptr {place}")
 
-    def number(self, k: int, way: int = VALUE) -> str | None:
+    def number(self, k: int) -> str:
         """Return a node as a number."""
-        if (k, way) not in self.values and k in self.lane:
+        if k not in self.values:
             g, lane = self.lane[k]
-            if (g, way) in self.vectors:
-                vector = self.vectors[g, way]
-                self.values[k, way] = self.one.new(f"extractelement {self.all.real} {vector}, i32 {lane}")
-        return self.values.get((k, way))
+            self.values[k] = self.one.new(f"extractelement {self.all.real} {self.vectors[g]}, i32 {lane}")
+        return self.values[k]
 
-    def gather(self, nodes: Sequence[int], way: int) -> str | None:
+    def gather(self, nodes: Sequence[int]) -> str:
         """Return nodes as the lanes of a vector."""
-        real, zero = self.all.real, self.one.constant(0.0)
+        real = self.all.real
         if all(k in self.lane for k in nodes):
             sources = list(dict.fromkeys(self.lane[k][0] for k in nodes))
             lanes = [self.lane[k][1] for k in nodes]
-            known = [self.vectors.get((g, way)) for g in sources]
-            if not any(known):
-                return None
+            vectors = [self.vectors[g] for g in sources]
             if len(sources) == 1 and lanes == list(range(len(nodes))):
-                return known[0]
-            if len(sources) <= 2 and all(known):
+                return vectors[0]
+            if len(sources) <= 2:
                 mask = [
                     lane + LANES * sources.index(self.lane[k][0])
                     for k, lane in zip(nodes, lanes, strict=True)
                 ]
                 listed = ", ".join(f"i32 {m}" for m in mask + mask[-1:] * (LANES - len(mask)))
                 return self.one.new(
-                    f"shufflevector {real} {known[0]}, {real} {known[-1]}, <{LANES} x i32> <{listed}>"
+                    f"shufflevector {real} {vectors[0]}, {real} {vectors[-1]}, <{LANES} x i32> <{listed}>"
                 )
-        numbers = [self.number(k, way) for k in nodes]
-        if not any(numbers):
-            return None
-        texts = [number or zero for number in numbers]
+        texts = [self.number(k) for k in nodes]
         if not any(text.startswith("%") for text in texts):
             return Writer.constants(texts + texts[-1:] * (LANES - len(texts)))
         if len(set(texts)) == 1:
@@ -132,51 +88,21 @@ class _Point:
             vector = self.one.new(f"insertelement {real} {vector}, double {text}, i32 {lane}")
         return vector
 
-    def sum(self, nodes: list[int], way: int) -> str | None:
-        """Return a sum; of terms that are all lanes of one vector at once."""
-        terms, rest = [], list(nodes)
-        for g in dict.fromkeys(self.lane[k][0] for k in nodes if k in self.lane):
-            members = set(self.groups[g])
-            if len(members) == LANES and members <= set(rest) and len(set(rest)) == len(rest):
-                rest = [k for k in rest if k not in members]
-                if (g, way) in self.vectors:
-                    terms.append(_across(self.all, self.vectors[g, way]))
-        terms += [number for k in rest if (number := self.number(k, way)) is not None]
-        return total(self.one, terms) if terms else None
 
-
-def _across(w: Writer, vector: str) -> str:
-    """Return the sum of all lanes of a vector."""
-    kind = f"v{w.lanes}f64"
-    return w.new(f"call reassoc double @llvm.vector.reduce.fadd.{kind}(double -0.0, {w.real} {vector})")
-
-
-def point(name: str, program: Program, rows: Sequence[int], states: int | None = None) -> str:
+def point(name: str, program: Program, rows: Sequence[int]) -> str:
     """Return a function ``void name(double t, double *x, double *p, double *out)``.
 
     Args:
         name: of the function.
         program: of (t, x, p), with one output.
         rows: where in `out` its nonzero entries go.
-        states: if given, n of them, `out` gets the derivatives of these entries by the state, by
-            columns of n, then those by time, and then the entries themselves. Derivatives that are
-            always zero are left out.
 
     Raises:
         NotImplementedError: an instruction cannot be compiled.
     """
     body = _Point(program)
-    body.write(states)
-    zero = body.one.constant(0.0)
-    stores = []
     for _, entry, k in program.results:
-        base = 0 if states is None else states * (states + 1)
-        stores.append((base + rows[entry], body.number(k) or zero))
-        if states is not None:
-            found = [(way, body.number(k, way)) for way in sorted(body.ways[k])]
-            stores += [(states * way + rows[entry], value) for way, value in found if value is not None]
-    for place, value in stores:
-        target = body.one.new(f"getelementptr double, ptr %out, i64 {place}")
+        value, target = body.number(k), body.one.new(f"getelementptr double, ptr %out, i64 {rows[entry]}")
         body.one.lines.append(f"  store double {value}, ptr {target}")
     head = f"define void @{name}(double %t, ptr noalias %x, ptr noalias %p, ptr noalias %out) {{"
     return "\n".join([head, *body.one.lines, "  ret void", "}"])
@@ -258,5 +184,4 @@ def declarations(*, functions: bool = True) -> str:
         if functions:
             outside += [(symbol(name, lanes), arity) for name, (_, arity) in ELEMENTARY.items()]
         texts += [f"declare {w.real} @{name}({', '.join([w.real] * arity)})" for name, arity in outside]
-    texts.append(f"declare double @llvm.vector.reduce.fadd.v{LANES}f64(double, <{LANES} x double>)")
     return "\n".join(texts) + "\n"

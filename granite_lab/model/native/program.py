@@ -7,7 +7,7 @@ instruction evaluates. That leaves a third of the instructions, for the compiler
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,16 +20,13 @@ LANES = 8
 FEWEST = 5
 """Fewer instructions of one form than this stay single."""
 
-SUM = -1
-"""The operation of a sum of more than two terms."""
-
 
 @dataclass(frozen=True)
 class Node:
     """One instruction.
 
     Attributes:
-        op: number of CasADi's operation, or `SUM`.
+        op: number of CasADi's operation.
         operands: numbers of the nodes that it works on.
         value: of a constant.
         place: number of the input and of the entry in it.
@@ -55,7 +52,7 @@ class Program:
 
 
 def read(f: Any) -> Program:
-    """Read the instructions of an SX function and join its chains of additions to sums."""
+    """Read the instructions of an SX function."""
     at: dict[int, int] = {}
     nodes: list[Node] = []
     results = []
@@ -75,36 +72,7 @@ def read(f: Any) -> Program:
             node = Node(op, tuple(at[s] for s in source))
         at[target[0]] = len(nodes)
         nodes.append(node)
-    return _with_sums(nodes, results)
-
-
-def _with_sums(nodes: list[Node], results: list[tuple[int, int, int]]) -> Program:
-    """Join additions whose result only another addition uses."""
-    uses = Counter(o for node in nodes for o in node.operands)
-    uses.update(node for *_, node in results)
-    terms: dict[int, tuple[int, ...]] = {}
-    inner = set()
-    for k, node in enumerate(nodes):
-        if node.op == ca.OP_ADD:
-            parts: tuple[int, ...] = ()
-            for o in node.operands:
-                if uses[o] == 1 and o in terms:
-                    parts += terms[o]
-                    inner.add(o)
-                else:
-                    parts += (o,)
-            terms[k] = parts
-    kept: list[Node] = []
-    new: dict[int, int] = {}
-    for k, node in enumerate(nodes):
-        if k in inner:
-            continue
-        new[k] = len(kept)
-        if k in terms and len(terms[k]) > 2:
-            kept.append(Node(SUM, tuple(new[o] for o in terms[k])))
-        else:
-            kept.append(Node(node.op, tuple(new[o] for o in node.operands), node.value, node.place))
-    return Program(tuple(kept), tuple((a, b, new[k]) for a, b, k in results))
+    return Program(tuple(nodes), tuple(results))
 
 
 def schedule(program: Program) -> list[list[int]]:
@@ -118,8 +86,6 @@ def schedule(program: Program) -> list[list[int]]:
         key: tuple[int, ...] = (node.op, *(form[o] for o in node.operands))
         if leaf:  # numbers may differ from lane to lane
             key = ()
-        elif node.op == SUM and max(Counter(key).values()) >= FEWEST:
-            key = (-1, k)  # a sum over lanes
         form.append(forms.setdefault(key, len(forms)))
         depth.append(0 if leaf else 1 + max(depth[o] for o in node.operands))
         members[form[k]].append(k)

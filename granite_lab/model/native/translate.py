@@ -47,16 +47,16 @@ Value = tuple[str, str]
 
 class _Function:
     def __init__(
-        self, tree: ast.FunctionDef, known: dict[str, tuple[str, list[str]]], numbers: dict[str, Any]
+        self, tree: ast.FunctionDef, signatures: dict[str, tuple[str, list[str]]], numbers: dict[str, Any]
     ) -> None:
-        self.known, self.numbers = known, numbers
+        self.signatures, self.numbers = signatures, numbers
         self.lines: list[str] = []
         self.places: dict[str, str] = {}  # variable to type
         self.count = 0
         self.leave: list[str] = []
         self.closed = False
         self.equations = {a.arg for a in tree.args.args if ast.unparse(a.annotation or tree) == "Equations"}
-        self.result, kinds = known[tree.name]
+        self.result, kinds = signatures[tree.name]
         names = [a.arg for a in tree.args.args]
         for kind, name in zip(kinds, names, strict=True):
             self.places[name] = kind
@@ -225,15 +225,15 @@ class _Function:
         raise NotImplementedError(ast.unparse(node))
 
     def call(self, name: str, arguments: list[Value]) -> Value:
-        own = {
+        intrinsics = {
             "sqrt": "llvm.sqrt.f64",
             "abs": "llvm.fabs.f64",
             "min": "llvm.minnum.f64",
             "max": "llvm.maxnum.f64",
         }
-        if name in own or name == "power":
+        if name in intrinsics or name == "power":
             listed = ", ".join(f"double {self.real(a)}" for a in arguments)
-            return self.new("double", f"call double @{own.get(name, symbol('pow', 0))}({listed})")
+            return self.new("double", f"call double @{intrinsics.get(name, symbol('pow', 0))}({listed})")
         if name == "int":
             return self.new("i64", f"fptosi double {arguments[0][1]} to i64")
         if name in self.equations:
@@ -242,7 +242,7 @@ class _Function:
             result = "void"
         else:
             function = f"@{name}"
-            result, kinds = self.known[name]
+            result, kinds = self.signatures[name]
         values = [
             self.real(v) if kind == "double" else v[1] for kind, v in zip(kinds, arguments, strict=True)
         ]
@@ -259,14 +259,14 @@ def translate(*functions: Callable[..., Any]) -> str:
     Raises:
         NotImplementedError: something beyond the small part of Python that is understood.
     """
-    known: dict[str, tuple[str, list[str]]] = {}
+    signatures: dict[str, tuple[str, list[str]]] = {}
     texts = []
     for function in functions:
         tree = ast.parse(inspect.getsource(function)).body[0]
         assert isinstance(tree, ast.FunctionDef)
         assert tree.returns is not None
         kinds = [_KINDS[ast.unparse(a.annotation)] for a in tree.args.args if a.annotation is not None]
-        known[tree.name] = _KINDS[ast.unparse(tree.returns)], kinds
-        texts.append(_Function(tree, known, function.__globals__).text)
+        signatures[tree.name] = _KINDS[ast.unparse(tree.returns)], kinds
+        texts.append(_Function(tree, signatures, function.__globals__).text)
     heads = [f"declare double @llvm.{n}.f64(double, double)" for n in ("minnum", "maxnum")]
     return "\n".join([*heads, *texts])

@@ -17,12 +17,12 @@ import rerun as rr
 
 from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import Finding, Residual
+from granite_lab.logs.counters import mean_known
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting.answers import missing_answer
 from granite_lab.reporting.names import latency_in_words, sensor
 from granite_lab.reporting.recording.stream import Writer, drawable
-from granite_lab.results import mean_of_known
 from granite_lab.rounding import plus_minus, significant
 
 Rgb = tuple[int, int, int]
@@ -112,7 +112,7 @@ def lines_of(trial: Trial, comparison: Comparison, finding: Finding | None = Non
     """Return every line of a trial as shown, with simulations of a finding; none without a finite sample."""
     motion, start = comparison.motion, comparison.start
     run, t = comparison.run, motion.t - start
-    wheels = mean_of_known(motion.v_wheel, 1)
+    wheels = mean_known(motion.v_wheel, 1)
     lines = [
         Line("velocity/desired", ("desired",), "m/s", run.t, run["v_desired_mps"], (GREY,), step=FINE),
         Line("velocity/wheels", ("wheels, measured",), "m/s", t, wheels, (GREEN,), step=FINE),
@@ -195,7 +195,7 @@ def overlaid(row: str, name: str, comparison: Comparison, colour: Rgb) -> list[L
     lines = []
     for plot, unit, simulated, measured in (
         (f"{row}/velocity", "m/s", run["v_mps"], motion.v),
-        (f"{row}/slip", "-", slip, mean_of_known(motion.slip, 1)),
+        (f"{row}/slip", "-", slip, mean_known(motion.slip, 1)),
     ):
         wide = _simulated(plot, ("simulated",), unit, run.t, simulated, (SIMULATED,))
         lines.append(replace(wide, entity=f"{wide.entity}/{last}"))

@@ -12,7 +12,7 @@ import pytest
 
 from granite_lab.effects import get, library
 from granite_lab.errors import EstimateError
-from granite_lab.model import Accuracy, engine, interpreted, kept
+from granite_lab.model import Accuracy, engine, interpreted
 from granite_lab.model.effect import Effect, EffectParameter, activate
 from granite_lab.model.graph import build_graph
 from granite_lab.model.native import graphs, lowering, machine, program, rosenbrock
@@ -20,6 +20,7 @@ from granite_lab.model.native.translate import Equations, Floats
 from granite_lab.model.simulator import integrate, parameter_vector, rest_state
 from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import Variant, load_paper, load_robot, load_soil, load_variants, variant_of
+from granite_lab.stored import FOLDER
 from tests.corpus.cli import succeeded
 
 PAPER = model_parameters(load_robot(), load_soil(), variant_of(0.5), a_theta=4.919)
@@ -91,7 +92,7 @@ def test_rates_and_their_derivatives_are_those_of_the_graph(name: str) -> None:
         )
 
 
-def test_all_operations_and_their_derivatives_are_casadi_s() -> None:
+def test_all_operations_are_casadi_s() -> None:
     x = ca.SX.sym("x", 3)
     a, b, c = ca.vertsplit(x)
     unary = [
@@ -107,22 +108,19 @@ def test_all_operations_and_their_derivatives_are_casadi_s() -> None:
     y = ca.vertcat(*unary, *binary)
     t, p = ca.SX.sym("t"), ca.SX.sym("p")
     f = ca.Function("f", [t, x, p], [y])
-    jacobian = ca.Function("j", [t, x, p], [ca.densify(ca.jacobian(y, x))])
     rows = list(range(y.numel()))
     graphs._routines()
     n = y.numel()
-    code = lowering.declarations() + lowering.point("all", program.read(f), rows, n)
+    code = lowering.declarations() + lowering.point("all", program.read(f), rows)
     library_ = machine.Library(machine.compiled(code, effort=0), ["all"])
     points = np.random.default_rng(0).uniform(0.2, 3.0, (3, 16))
     lanes = over_lanes(y, x, points)
     for k in range(16):
-        point, out = points[:, k].copy(), np.zeros(n * (n + 2))
+        point, out = points[:, k].copy(), np.zeros(n)
         call(library_.address["all"], 0.0, point, np.zeros(1), out)
         truth = np.array(f(0, point, 0))[:, 0]
-        np.testing.assert_allclose(out[n * n + n :], truth, rtol=1e-13, atol=1e-14)
+        np.testing.assert_allclose(out, truth, rtol=1e-13, atol=1e-14)
         np.testing.assert_allclose(lanes[:, k], truth, rtol=1e-13, atol=1e-14)
-        got = out[: 3 * n].reshape(3, n).T
-        np.testing.assert_allclose(got, np.array(jacobian(0, point, 0)), rtol=1e-11, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["exp", "log", "sin", "cos"])
@@ -172,111 +170,17 @@ def test_on_request_nothing_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None
     assert engine.engine_of(()) is graphs
 
 
-NAME = f"{'a1' * 32}.o"
-
-
-@pytest.fixture
-def kept_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of machine code of a test."""
-    monkeypatch.setenv(kept.FOLDER, str(tmp_path))
-    return tmp_path / "machine-code"
-
-
-def test_code_is_kept_for_the_next_process_and_damaged_code_is_not_taken(
-    kept_in: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    kept.keep(NAME, b"code")
-    assert kept.read(NAME) == b"code"
-    file = kept_in / NAME
-    file.write_bytes(file.read_bytes()[:-1])
-    assert kept.read(NAME) is None
-    assert kept.read("other.o") is None
-    monkeypatch.setenv(kept.FOLDER, str(file))
-    kept.keep(NAME, b"code")  # a file is no folder: nothing is kept, and nothing breaks
-    assert kept.read(NAME) is None
-    assert [path.name for path in file.parent.iterdir()] == [NAME]
-
-
-def test_only_what_was_kept_is_removed_where_there_is_too_much(
-    kept_in: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(kept, "KEPT", 2)
-    foreign = ["thesis.tex", "some.o", "a.graph", "0" * 64, ".x.part"]
-    kept_in.mkdir()
-    for name in foreign:
-        (kept_in / name).write_text("")
-        os.utime(kept_in / name, (0, 0))
-    (kept_in / "folder").mkdir()
-    names = [f"{k:064x}.o" for k in range(4)]
-    for age, name in enumerate(names):
-        kept.keep(name, b"code")
-        os.utime(kept_in / name, (age, age))
-    kept.keep(NAME, b"code")
-    assert sorted(path.name for path in kept_in.iterdir()) == sorted([*foreign, "folder", names[3], NAME])
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no such modes")
-def test_code_that_others_could_have_written_is_not_read_and_that_is_said(
-    kept_in: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    old = os.umask(0o002)  # as on systems that give each user a group
-    try:
-        kept.keep(NAME, b"code")
-    finally:
-        os.umask(old)
-    assert (kept_in.stat().st_mode & 0o777, (kept_in / NAME).stat().st_mode & 0o777) == (0o700, 0o600)
-    assert kept.read(NAME) == b"code"
-    assert kept.doubts() == ()
-    for path, mode in ((kept_in / NAME, 0o620), (kept_in, 0o770), (kept_in, 0o702)):
-        before = path.stat().st_mode
-        path.chmod(mode)
-        assert kept.read(NAME) is None
-        path.chmod(before)
-    kept_in.chmod(0o777)
-    kept.keep(f"{'b2' * 32}.o", b"code")
-    assert [path.name for path in kept_in.iterdir()] == [NAME]
-    (line,) = kept.doubts()
-    assert line.startswith(f"{kept_in} belongs to another user or can be written by others")
-    kept_in.chmod(0o700)
-    monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
-    assert kept.read(NAME) is None
-    assert len(kept.doubts()) == 1
-
-
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such modes")
 def test_a_command_makes_code_anew_with_one_warning_where_others_could_have_written_it(
-    tmp_path: Path, kept_in: Path
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv(FOLDER, str(tmp_path))
+    kept_in = tmp_path / "machine-code"
     kept_in.mkdir()
     kept_in.chmod(0o777)
     done = succeeded("simulate", "--variant", "0.5", cwd=tmp_path)
     assert done.err.count("machine code is made anew") == done.err.count("warning: ") == 1
     assert not list(kept_in.iterdir())
-
-
-@pytest.mark.parametrize("name", ["", "tyre_windup", "clock_offset"])
-def test_a_graph_that_was_kept_is_the_one_that_was_built(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv(kept.FOLDER, str(tmp_path))
-    effects = (get(name),) if name else ()
-    texts = []
-    for _ in range(2):
-        build_graph.cache_clear()
-        graph = build_graph(effects)
-        parts = [graph.rates, *graph.outputs.values(), *graph.delays.values()]
-        texts.append(ca.Function("f", [graph.t, graph.x, graph.p], parts).serialize())
-        names = [graph.states, list(graph.outputs), list(graph.delays)]
-        texts.append(str(names))
-    assert texts[:2] == texts[2:]
-    assert len(list(tmp_path.glob("*/*.graph"))) == 1
-
-
-def test_a_graph_with_a_users_own_effect_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(kept.FOLDER, str(tmp_path))
-    build_graph.cache_clear()
-    build_graph((Strange(),))
-    assert not list(tmp_path.rglob("*.graph"))
 
 
 LEAN = Accuracy(relative=5e-5, absolute=1e-7, travel=0.0018, lean=True, order=3)
