@@ -101,7 +101,7 @@ def simulable(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
         InputError, EstimateError: as `corrected`, or the wheels are to drive and are not known.
     """
     trial, robot, motion = corrected(path, options)
-    return trial, robot, fitting.driven(motion, robot, options.drive)
+    return trial, robot, fitting.driven(motion, robot, options.drive, soil_of(trial, options.soil))
 
 
 def analyse(path: Path, options: Options) -> TrialResult:
@@ -112,9 +112,9 @@ def analyse(path: Path, options: Options) -> TrialResult:
     """
     logged, robot = read(path, options)
     trial, motion = estimation.correct(logged, robot, soil=soil_of(logged, options.soil))
-    motion = fitting.driven(motion, robot, options.drive)
     model, effects = model_of(options), sloped(trial)
     soil = ground(trial, options, model)
+    motion = fitting.driven(motion, robot, options.drive, soil)
     if model is not None:
         robot = changed(model.with_lugs(robot), "robot", trial.info.changes)
         effects = (*model.effects, *effects)

@@ -48,6 +48,9 @@ ELSEWHERE = {
     "granite-lab view reports/mylab --trial run07 --web": "serves until Ctrl+C: tests/recording",
     "granite-lab discover data/samples --effects towed_sledge.py": "a search: tests/discovery",
     "granite-lab hide --effect random --lab wild --seed 7 --out sets/7": "tests/hidden/test_hidden_sets.py",
+    "granite-lab hide --effect none --command joystick --controller unknown --seed 7 --out sets/stick-7": (
+        "tests/hidden/test_hidden_commands.py"
+    ),
     "granite-lab discover sets/7 --json > finding.json": "the search of the tutorial",
     "granite-lab reveal sets/7 --finding finding.json": "as in the tutorial",
     "granite-lab study trials/ --out reports/my-sand": "the study of the tutorial",

@@ -17,7 +17,7 @@ from granite_lab.estimation import correct
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.outcome import find_phases
 from granite_lab.fitting import driven, fit_k92
-from granite_lab.fitting.drive import FOLLOW, deviation
+from granite_lab.fitting.drive import FOLLOW, OBEYS, deviation, mistaken
 from granite_lab.inference.setup import trial_models
 from granite_lab.logs import write_canonical
 from granite_lab.logs.trial import Trial, TrialInfo
@@ -96,6 +96,19 @@ def test_wheels_drive_where_they_do_not_follow_the_command() -> None:
     assert driven(motion, ROBOT, "command") is motion
     assert isinstance(turned.variant, Course)
     assert turned.variant.commanded
+
+
+def test_wheels_drive_where_the_stated_drive_would_turn_them_otherwise() -> None:
+    """A controller with 0.4 of the gains, on a command so gentle that the wheels follow it within 6 %."""
+    gentle = course_of(np.array([0.0, 3.0, 6.0, 9.0]), np.array([0.0, 0.4, 0.4, 0.0]))
+    motion, other = (seen(gentle, gains=gains)[1] for gains in (1.0, 0.4))
+    assert deviation(other, gentle) < FOLLOW
+    assert mistaken(motion, ROBOT, SOIL) < OBEYS / 2 < OBEYS < mistaken(other, ROBOT, SOIL)
+    assert driven(motion, ROBOT, "auto", SOIL) is motion
+    turned = driven(other, ROBOT, "auto", SOIL)
+    assert "the drive of the robot's file would turn them" in turned.warnings[-1]
+    assert is_driven(turned.variant)
+    assert driven(other, ROBOT, "auto") is other
 
 
 def test_a_robot_without_drive_is_driven_by_its_wheels() -> None:
