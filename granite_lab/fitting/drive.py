@@ -68,7 +68,7 @@ def _reason(motion: Motion, robot: Robot, soil: Soil | None) -> str:
         return f"for the file of '{robot.name}' has no [drive]"
     if not np.isfinite(motion.v_wheel).any():
         return ""
-    if motion.variant_source not in STATED:
+    if not stated(motion):
         return "for no command is stated"
     if not math.isfinite(motion.t_start.value):
         return "for the start of the command is unknown"
@@ -105,6 +105,16 @@ def mistaken(motion: Motion, robot: Robot, soil: Soil) -> float:
     return math.sqrt(off / float(np.mean(velocities_at(t[use], motion.variant) ** 2)))
 
 
+def stated(motion: Motion) -> bool:
+    """Say whether a command is known; a variant that was recognised is none if the wheels do not follow.
+
+    A run by hand may have the speed, the way and the ramps of a variant of Table 2.
+    """
+    if motion.variant_source == "recognised" and math.isfinite(motion.t_start.value):
+        return deviation(motion, motion.variant) <= FOLLOW
+    return motion.variant_source in STATED
+
+
 def deviation(motion: Motion, variant: Variant) -> float:
     """Return the rms by which r ω, mean of the wheels, misses the command over the rms of the command."""
     t, v = motion.t - motion.t_start.value, mean_known(motion.v_wheel)
@@ -136,7 +146,7 @@ def _turned(motion: Motion, robot: Robot) -> tuple[Estimate, Course]:
         )
     t = motion.t
     first = float(t[moving[0]]) - AHEAD
-    commanded = motion.variant_source in STATED and math.isfinite(motion.t_start.value)
+    commanded = stated(motion) and math.isfinite(motion.t_start.value)
     if commanded:
         first = min(first, motion.t_start.value)
     part = known & (t >= first) & (t <= t[moving[-1]] + AHEAD)

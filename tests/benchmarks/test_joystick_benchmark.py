@@ -26,8 +26,8 @@ def of_law(*runs: dict[str, Any], **changed: Any) -> dict[str, Any]:
 def of_names(**changed: Any) -> dict[str, Any]:
     return {
         "part": "names", "key": "names/1/x", "seed": SEARCHED, "effect": "bulldozing", "kind": "single",
-        **drive(SEARCHED), "status": "judged", "outcome": "right", "right": True, "code": "new", "commit": "abc",
-        "effects": [{"id": "bulldozing", "indistinguishable_from": ["rolling_drag"]}],
+        **drive(SEARCHED), "status": "judged", "outcome": "right", "right": True, "code": "new",
+        "commit": "abc", "effects": [{"id": "bulldozing", "indistinguishable_from": ["rolling_drag"]}],
     } | changed  # fmt: skip
 
 
@@ -46,12 +46,13 @@ def test_nine_laboratories_hide_every_effect_once_or_twice() -> None:
 
 
 def test_a_value_that_is_missing_or_two_std_off_is_not_right() -> None:
-    (every, *_) = law_rows([of_law(run(0.0), run(1.9), run(-2.1), run(None), a_theta=[5.3, 0.1])])
+    (every, *_) = law_rows([of_law(run(0.0), run(1.9), run(-2.1), run(None, None), a_theta=[5.3, 0.1])])
     assert every[0] == "all"
     assert every[1] == "1 of 4"
     assert every[2].startswith("2 of 4 = 50 %")
-    assert every[4].startswith("4 of 4 = 100 %")
-    assert every[6].startswith("0 of 1")
+    assert every[4].startswith("3 of 3 = 100 %")
+    assert every[6] == "1"
+    assert every[7].startswith("0 of 1")
 
 
 def test_the_exponent_of_a_k92_has_its_std() -> None:
