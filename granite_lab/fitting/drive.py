@@ -64,8 +64,8 @@ def driven(motion: Motion, robot: Robot, by: DriveBy, soil: Soil | None = None) 
 
 def _reason(motion: Motion, robot: Robot, soil: Soil | None) -> str:
     """Return why the wheels drive where it is left to the tool; empty where the command does."""
-    if robot.drive is None:
-        return f"for the file of '{robot.name}' has no [drive]"
+    if of_robot := _unlike(robot):
+        return of_robot
     if not np.isfinite(motion.v_wheel).any():
         return ""
     if not stated(motion):
@@ -83,6 +83,15 @@ def _reason(motion: Motion, robot: Robot, soil: Soil | None) -> str:
         if off > OBEYS
         else ""
     )
+
+
+def _unlike(robot: Robot) -> str:
+    """Return why the motors of a robot cannot be simulated; empty where they can."""
+    if robot.drive is None:
+        return f"for the file of '{robot.name}' has no [drive]"
+    if robot.motors == "side":
+        return "for a motor drives both wheels of a side"
+    return "for its wheels have several radii" if robot.wheels.uneven else ""
 
 
 def mistaken(motion: Motion, robot: Robot, soil: Soil) -> float:

@@ -133,7 +133,9 @@ def test_a_run_by_hand_that_looks_like_a_variant_is_none() -> None:
     assert not turned.variant.commanded
     t = np.linspace(0.5, 6.0, 100)
     late = turned.t_start.value - logged(dip, command=False)[1]
-    assert turned.variant.velocity_at(t - late) == pytest.approx(dip.velocity_at(t), abs=0.06)  # they follow a little late
+    assert turned.variant.velocity_at(t - late) == pytest.approx(
+        dip.velocity_at(t), abs=0.06
+    )  # they follow a little late
 
 
 def test_a_robot_without_drive_is_driven_by_its_wheels() -> None:
