@@ -16,8 +16,8 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -119,7 +119,7 @@ def search(seed: int, effect: str, detectable: Mapping[str, float | None]) -> Li
         folder = Path(name)
         try:
             sizes, reached = sizes_of(task, detectable)
-            granite_lab.hide(effect, folder, seed=seed, sizes=sizes, repetitions=2, **drive(seed))
+            granite_lab.hide(effect, folder, seed=seed, sizes=sizes, repetitions=1, **drive(seed))
         except (LabError, ValueError) as error:
             return line | {"status": "not made", "error": str(error)}
         answer = open_answer(folder)
@@ -130,22 +130,51 @@ def search(seed: int, effect: str, detectable: Mapping[str, float | None]) -> Li
     return line
 
 
-def laboratory(seed: int) -> Iterator[Line]:
-    """Make the sets of a laboratory, the one without an effect first."""
-    first = search(seed, "none", {})
-    yield first
-    for effect in effects_of(seed):
-        yield search(seed, effect, first.get("detectable") or {})
+Work = tuple[Callable[..., Line], tuple[Any, ...]]
+"""A function that makes and judges a set, and its arguments."""
 
 
-def names(seed: int) -> list[Line]:
-    """Return the lines of a laboratory."""
-    return list(laboratory(seed))
+def work_of(runs: int, seeds: int, done: Mapping[str, Line]) -> list[Work]:
+    """Return what can be made now, the sets by which a_θ is judged first.
+
+    In a laboratory the set without an effect comes first: without its sizes no other one can be made.
+
+    Args:
+        runs: by which a_θ is judged.
+        seeds: laboratories in which effects are hidden.
+        done: lines of the sets that are judged, by their keys.
+    """
+    laws = [FIRST + k for k in range(-(-runs // RUNS))]
+    found: list[Work] = [(law, (seed,)) for seed in laws if f"law/{seed}" not in done]
+    nulls: list[Work] = []
+    for seed in (SEARCHED + k for k in range(seeds)):
+        first = done.get(f"names/{seed}/none")
+        if first is None:
+            nulls.append((search, (seed, "none", {})))
+            continue
+        others = [name for name in effects_of(seed) if f"names/{seed}/{name}" not in done]
+        found += [(search, (seed, name, first.get("detectable") or {})) for name in others]
+    return found + nulls
 
 
-def laws(seed: int) -> list[Line]:
-    """Return the line of a set without an effect."""
-    return [law(seed)]
+def judge(options: argparse.Namespace, lines: list[Line], version: Mapping[str, str]) -> None:
+    """Make and judge the sets that are missing; each is kept as soon as it is judged."""
+    done = {line["key"]: line for line in lines}
+    with ProcessPoolExecutor(options.jobs) as pool:
+        running: dict[Future[Line], Work] = {}
+        while True:
+            waiting = [w for w in work_of(options.runs, options.seeds, done) if w not in running.values()]
+            for function, given in waiting[: options.jobs - len(running)]:
+                running[pool.submit(function, *given)] = (function, given)
+            if not running:
+                return
+            for future in wait(running, return_when=FIRST_COMPLETED)[0]:
+                del running[future]
+                line = future.result() | version
+                lines.append(line)
+                done[line["key"]] = line
+                write(options.results, lines)
+                print(f"{line['key']}: {line.get('outcome') or line['status']}", file=sys.stderr, flush=True)
 
 
 def main() -> None:
@@ -155,25 +184,17 @@ def main() -> None:
     )
     parser.add_argument("--runs", type=int, default=60, help="runs by which a_θ is judged")
     parser.add_argument("--seeds", type=int, default=9, help="laboratories in which effects are hidden")
-    parser.add_argument("--jobs", type=int, default=2, help="sets side by side")
+    parser.add_argument("--jobs", type=int, default=2, help="sets side by side; 0: only the page")
     parser.add_argument("--results", type=Path, default=RESULTS, help="one line for each set")
     parser.add_argument("--out", type=Path, help="write the page here, too")
     options = parser.parse_args()
     os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     version = {"code": code()[:10], "commit": commit()}
     lines = read(options.results)
-    todo = [(laws, FIRST + k) for k in range(-(-options.runs // RUNS))]
-    todo += [(names, SEARCHED + k) for k in range(options.seeds)]
-    done = {line["seed"] for line in lines}
-    todo = [(work, seed) for work, seed in todo if seed not in done]
-    if todo and lines and lines[-1]["code"] != version["code"]:
-        sys.exit(f"error: {options.results} is of other code\nhint: move it away to begin anew")
-    with ProcessPoolExecutor(options.jobs) as pool:
-        for future in as_completed([pool.submit(work, seed) for work, seed in todo]):
-            for line in future.result():
-                lines.append(line | version)
-                print(f"{line['key']}: {line.get('outcome') or line['status']}", file=sys.stderr, flush=True)
-            write(options.results, lines)
+    if options.jobs and lines and lines[-1]["code"] != version["code"]:
+        sys.exit(f"error: {options.results} is of other code\nhint: move it away to begin anew, or --jobs 0")
+    if options.jobs:
+        judge(options, lines, version)
     if not lines:
         sys.exit("error: no set was judged")
     text = page(lines)

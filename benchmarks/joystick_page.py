@@ -118,7 +118,7 @@ without a value counts as wrong, but for fits by the trajectory that did not con
 {table(LAW, law_rows(kept["law"]))}
 ## Names of effects
 
-{len(kept["names"])} sets of eight runs. An effect has five times the smallest size that the set of the same
+{len(kept["names"])} sets of four runs. An effect has five times the smallest size that the set of the same
 laboratory without an effect can show. Aim: 95 %. With trapezoids: [blind benchmark](blind.md).{told}
 
 {table(["sets", "right, one effect", "right, nothing hidden"], name_rows(kept["names"]))}

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.joystick import FIRST, SEARCHED, drive, effects_of, exponent, law
+from benchmarks.joystick import FIRST, SEARCHED, drive, effects_of, exponent, law, work_of
 from benchmarks.joystick_page import law_rows, name_rows, page
 from granite_lab.estimate import Estimate
 from granite_lab.hidden.catalogue import LIBRARY
@@ -45,6 +45,19 @@ def test_nine_laboratories_hide_every_effect_once_or_twice() -> None:
     assert len(hidden) == 27
 
 
+def test_sets_with_an_effect_wait_for_the_one_without() -> None:
+    law_sets = work_of(8, 2, {})
+    assert [given[0] for _, given in law_sets] == [FIRST, FIRST + 1, SEARCHED, SEARCHED + 1]
+    assert [given[1] for _, given in law_sets[2:]] == ["none", "none"]
+    null = of_names(effect="none", kind="null", detectable={"imu_tilt.tilt": 1.0})
+    done = {f"law/{FIRST}": of_law(), f"law/{FIRST + 1}": of_law(), f"names/{SEARCHED}/none": null}
+    more = work_of(8, 2, done)
+    assert [given[:2] for _, given in more] == [
+        *((SEARCHED, name) for name in effects_of(SEARCHED)), (SEARCHED + 1, "none"),
+    ]  # fmt: skip
+    assert more[0][1][2] == {"imu_tilt.tilt": 1.0}
+
+
 def test_a_value_that_is_missing_or_two_std_off_is_not_right() -> None:
     (every, *_) = law_rows([of_law(run(0.0), run(1.9), run(-2.1), run(None, None), a_theta=[5.3, 0.1])])
     assert every[0] == "all"
@@ -69,7 +82,7 @@ def test_the_page_counts_names_by_sort_and_says_what_could_not_be_seen() -> None
     assert every[1].startswith("1 of 1 = 100 %")
     assert every[2].startswith("0 of 1 = 0 %")
     text = page([old, of_law(run(0.0)), null, unseen, of_names()])
-    assert "2 sets of eight runs" in text
+    assert "2 sets of four runs" in text
     assert "could be seen in 1 sets: imu_tilt (" in text
     assert "| 610000 | joystick, not logged, controller of the file | none | false alarm |" in text
 
