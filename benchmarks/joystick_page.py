@@ -116,13 +116,20 @@ of the true a_θ: of a run that of its sand, of a set that of the laboratory. Ai
 without a value counts as wrong, but for fits by the trajectory that did not converge: these state no std.
 
 {table(LAW, law_rows(kept["law"]))}
-## Names of effects
+{names_of(kept["names"], told)}"""
 
-{len(kept["names"])} sets of four runs. An effect has five times the smallest size that the set of the same
-laboratory without an effect can show. Aim: 95 %. With trapezoids: [blind benchmark](blind.md).{told}
 
-{table(["sets", "right, one effect", "right, nothing hidden"], name_rows(kept["names"]))}
-{table(["seed", "sets", "hidden", "outcome", "named"], set_rows(kept["names"]))}"""
+def names_of(lines: Lines, told: str) -> str:
+    """Return the part of the page on names of effects; `told` says of which no size could be seen."""
+    if not lines:
+        return "## Names of effects\n\nNo set has been searched yet.\n"
+    return f"""## Names of effects
+
+{len(lines)} sets of four runs. An effect has five times the smallest size that the set of the same laboratory
+without an effect can show. Aim: 95 %. With trapezoids: [blind benchmark](blind.md).{told}
+
+{table(["sets", "right, one effect", "right, nothing hidden"], name_rows(lines))}
+{table(["seed", "sets", "hidden", "outcome", "named"], set_rows(lines))}"""
 
 
 def set_rows(lines: Lines) -> list[list[str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 
 DEFAULT = "default"
 """Origin of a number that no file states, as `in_force` calls it."""
+
+
+WHOLE: Mapping[str, type[Any]] = {"chassis": Chassis, "drive": Drive}
+"""Tables of a robot's file that are there as a whole or not at all."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +128,7 @@ def _listed(keys: Sequence[str]) -> str:
     named = []
     for table in tables:
         own = [key for key in keys if key.startswith(f"{table}.")]
-        whole = {"chassis": Chassis, "drive": Drive}.get(table)
+        whole = WHOLE.get(table)
         complete = whole is not None and len(own) == len(_keys(whole, table))
         named += [f"[{table}]"] if complete else own
     return ", ".join(named)
