@@ -8,7 +8,7 @@ USE := .venv/.use-installed
 DEV := .venv/.dev-installed
 MINOR := "import sys; print('%d.%d' % sys.version_info[:2])"
 
-.PHONY: help python study smoke test lint types bench bench-simulator bench-estimation bench-many blind mixtures peers outside outside-variants real validation soak samples clean
+.PHONY: help python study smoke test lint types bench bench-simulator bench-estimation bench-many blind mixtures peers outside outside-variants real validation soak samples joystick clean
 
 help:
 	@echo "make study             analyse data/samples, write reports/samples/index.html"
@@ -19,6 +19,7 @@ help:
 	@echo "make blind             hidden sets of a frozen range for discover (two hours), write docs/blind.md"
 	@echo "make mixtures          100 mixtures of hidden effects (hours), write docs/blind-mixtures.md"
 	@echo "make peers             discover beside two peers that learn the residual (hours), write docs/peers.md"
+	@echo "make joystick          joystick runs, also with a controller that is not known (an hour), write docs/joystick.md"
 	@echo "make outside DIR=...   judge discover by trials of other programs"
 	@echo "make outside-variants  the same trials as other loggers would have written them (an hour)"
 	@echo "make real DATA=...     public trials of other robots through the whole chain, write docs/real-trials.md"
@@ -79,6 +80,9 @@ blind: $(DEV)
 
 mixtures: $(DEV)
 	$(BIN)/python -m benchmarks.mixtures --jobs 2 --out docs/blind-mixtures.md
+
+joystick: $(DEV)
+	$(BIN)/python -m benchmarks.joystick --jobs 2 --out docs/joystick.md
 
 DIR ?= ../shared/outside
 

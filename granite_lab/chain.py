@@ -43,6 +43,7 @@ def read(path: Path, options: Options) -> tuple[Trial, Robot]:
         topics=dict(options.topics), excerpt=logs.Excerpt(options.rows, options.window),
     )  # fmt: skip
     robot = load_robot(options.robot or trial.info.robot or "granite", changes=trial.info.changes)
+    trial = estimation.as_built(trial, robot)
     if (doubt := soil_doubt(trial, robot, options)) is not None:
         trial = replace(trial, doubts=(*trial.doubts, Doubt(doubt)))
     return trial, robot
@@ -101,7 +102,8 @@ def simulable(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
         InputError, EstimateError: as `corrected`, or the wheels are to drive and are not known.
     """
     trial, robot, motion = corrected(path, options)
-    return trial, robot, fitting.driven(motion, robot, options.drive)
+    motion = fitting.driven(motion, robot, options.drive, soil_of(trial, options.soil))
+    return trial, robot, fitting.towed(motion, trial, robot)
 
 
 def analyse(path: Path, options: Options) -> TrialResult:
@@ -112,9 +114,9 @@ def analyse(path: Path, options: Options) -> TrialResult:
     """
     logged, robot = read(path, options)
     trial, motion = estimation.correct(logged, robot, soil=soil_of(logged, options.soil))
-    motion = fitting.driven(motion, robot, options.drive)
     model, effects = model_of(options), sloped(trial)
     soil = ground(trial, options, model)
+    motion = fitting.towed(fitting.driven(motion, robot, options.drive, soil), trial, robot)
     if model is not None:
         robot = changed(model.with_lugs(robot), "robot", trial.info.changes)
         effects = (*model.effects, *effects)

@@ -29,6 +29,7 @@ COMMANDS = {
     "discover": ("trials", "Find the effect that the model lacks."),
     "plan-next": ("trials", "Propose the most useful next trial."),
     "params": ("model", "Print the parameters in force."),
+    "robot": ("model", "Write the file of a new robot."),
     "hide": ("hidden", "Write virtual trials with a hidden effect."),
     "reveal": ("hidden", "Open a sealed answer and judge a discovery."),
     "effects": ("model", "List, describe and check effects."),

@@ -13,7 +13,7 @@ from granite_lab.files import sha256, write_bytes, write_text
 from granite_lab.hidden.lab import lab_of
 from granite_lab.hidden.scoring import Score, read_finding, score
 from granite_lab.hidden.sealed import NAME, OPEN, open_answer, read_answer, seal
-from granite_lab.hidden.wish import CAUSES, Wish
+from granite_lab.hidden.wish import CAUSES, COMMANDS, CONTROLS, Wish
 from granite_lab.logs import write_canonical, write_truth
 from granite_lab.parameters import load_robot, load_soil
 from granite_lab.shown import Shown, frame
@@ -69,6 +69,9 @@ def hide(
     *,
     causes: int = 3,
     soil_law: str = "",
+    command: str = "trapezoid",
+    log_command: bool = False,
+    controller: str = "paper",
     seed: int = 0,
     strength: float = 1.0,
     sizes: Mapping[str, float] | None = None,
@@ -92,6 +95,10 @@ def hide(
         causes: of a mixture, 2 to 5. Each alone reopens a tenth of the squared gap when it is absent.
         soil_law: contact law in place of the paper's: ``stress_ahead``, ``shear_softening``,
             ``bearing_limit``, or ``random``; the paper's by default.
+        command: ``trapezoid``: the variants of Table 2; ``joystick``: a person's stick, another one in each
+            trial; ``recorded``: sticks that each repetition repeats.
+        log_command: the desired velocity is a column of the logs.
+        controller: ``paper``: (25), (26) by the robot's file; ``unknown``: one that no file states, drawn.
         seed: seed of all random numbers.
         strength: factor on the effect's size, 0.001 to 1000.
         sizes: parameters of the effect.
@@ -107,10 +114,13 @@ def hide(
         done: called with the name of each finished trial.
 
     Raises:
-        UsageError: unknown effect or size, or the folder holds a set already.
+        UsageError: unknown effect, size, command or controller, or the folder holds a set already.
         EstimateError: the robot would dig itself in under this effect.
         LabError: a file cannot be written.
     """
+    for kind, value, known in (("command", command, COMMANDS), ("controller", controller, CONTROLS)):
+        if value not in known:
+            raise UsageError(f"unknown {kind} '{value}'", f"known: {', '.join(known)}")
     refuse_outside("causes", causes, *CAUSES)
     refuse_outside("seed", seed, 0)
     refuse_outside("strength", strength, 0.001, 1000)
@@ -120,17 +130,17 @@ def hide(
     folder = Path(out)
     from granite_lab.hidden.making import make_set  # noqa: PLC0415, heavy
 
-    if [*folder.glob(f"{label}_v*_r*.csv"), *folder.glob(NAME)]:
+    if [*folder.glob(f"{label}_[vs]*_r*.csv"), *folder.glob(NAME)]:
         raise UsageError(f"{folder}: holds a hidden set already", "choose another folder")
     if truth is not None and Path(truth).resolve() == folder.resolve():
         raise UsageError(
             f"{truth}: would hold logs and their truth under the same names", "choose two folders"
         )
-    if truth is not None and (there := sorted(Path(truth).glob(f"{label}_v*_r*.csv"))):
+    if truth is not None and (there := sorted(Path(truth).glob(f"{label}_[vs]*_r*.csv"))):
         raise UsageError(f"{there[0]}: is there already", "choose another folder for the truth")
     wish = Wish(
         effect, seed, strength, noise, sand_off, lab, dict(sizes or {}), repetitions=repetitions, label=label,
-        causes=causes, soil_law=soil_law,
+        causes=causes, soil_law=soil_law, command=command, logged=log_command, controller=controller,
     )  # fmt: skip
     the_robot, the_soil = load_robot(robot or "granite"), load_soil(soil or "dry_sand")
     own = lab_of(lab, seed, the_robot, the_soil).files()

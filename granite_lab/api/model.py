@@ -17,9 +17,11 @@ from granite_lab.effects import get, library
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import is_folder
+from granite_lab.fitting.tow import constant
 from granite_lab.logs import write_canonical
 from granite_lab.model import Accuracy, Run
 from granite_lab.model import simulate as run_model
+from granite_lab.model.command import hauling
 from granite_lab.model.effect import Active, Effect, activate
 from granite_lab.model.single_wheel import Ratio, SingleWheel, WheelPoint, acts, rolling
 from granite_lab.options import Options
@@ -138,6 +140,8 @@ def simulate(
     else:
         course = _trapezoid(*trapezoid) if command is None else _commanded(command)
     it = _model(robot, soil, k92, a_theta, model, effects, active, changes)
+    if it.robot.tow is not None and wheels is None:
+        course = hauling(course, constant(it.robot), it.robot.tow.height)
     ground, a_theta = it.soil, it.a_theta
     if scatter:
         from granite_lab.model.virtual import Scatter, rake  # noqa: PLC0415, heavy

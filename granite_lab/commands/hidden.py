@@ -30,6 +30,13 @@ def hide(
     soil_law: Annotated[str, Option(
         help="Contact law in place of the paper's: stress_ahead, shear_softening, bearing_limit, or "
         "random.", show_default="the paper's")] = "",
+    command: Annotated[str, Option(
+        help="trapezoid: the variants of Table 2; joystick: a person's stick, another one in each trial; "
+        "recorded: sticks that each repetition repeats.")] = "trapezoid",
+    log_command: Annotated[bool, Option(
+        "--log-command", help="The desired velocity is a column of the logs.")] = False,
+    controller: Annotated[str, Option(
+        help="paper: as in the robot's file; unknown: another one, which no file states.")] = "paper",
     seed: Annotated[int, Option(help="Seed of all random numbers.")] = 0,
     strength: Annotated[float, Option(help="Factor on the effect's size (0.001 to 1000).")] = 1.0,
     sizes: Annotated[list[str] | None, Option(
@@ -55,7 +62,8 @@ def hide(
     named = read_pairs("--size", sizes, number_of, "write name=number")
     with progress("trials", quiet=quiet) as watch:
         made = gl.hide(
-            effect, out, causes=causes, soil_law=soil_law, seed=seed, strength=strength, sizes=named,
+            effect, out, causes=causes, soil_law=soil_law, command=command, log_command=log_command,
+            controller=controller, seed=seed, strength=strength, sizes=named,
             noise=noise, sand_off=sand_off, repetitions=repetitions, lab=lab, robot=robot, soil=soil,
             label=label, truth=truth, jobs=jobs,
             done=watch.done,

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import shlex
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,9 +30,12 @@ from granite_lab.commands.options import (
 )
 from granite_lab.commands.printer import Printer, warn, write_picture
 from granite_lab.effects import get
-from granite_lab.errors import UsageError
+from granite_lab.errors import InputError, UsageError
 from granite_lab.files import ending_of, write_table
 from granite_lab.parameters import load_paper, load_robot, load_soil, load_variants, names
+from granite_lab.parameters.analyses import ALLOWED, allowed_by
+from granite_lab.parameters.changes import checked
+from granite_lab.parameters.new_robot import Question, questions
 from granite_lab.shown import picked
 
 if TYPE_CHECKING:
@@ -159,9 +165,11 @@ def params(
 
     chosen = chosen_in(folder, robot, soil)
     rows = list(gl.params(robot=chosen["robot"]["value"], soil=chosen["soil"]["value"]))
+    analyses = allowed_by(rows)
     document = {
         "chosen": chosen,
         "parameters": rows,
+        "analyses": analyses,
         "variants": load_variants(),
         "paper": load_paper(),
         "catalogue": {kind: names(kind) for kind in ("robots", "soils", "loggers")},
@@ -171,6 +179,52 @@ def params(
     for key, value in chosen.items():
         printer.line(f"{key}: {value['value']} ({value['origin']})")
     reporting.terminal.show_parameters(rows, load_variants(), printer.shown)
+    printer.line("")
+    printer.line("analyses that the robot's file allows", "bold")
+    printer.rows(ALLOWED, analyses)
+
+
+def robot(
+    new: Annotated[Path, Argument(metavar="NEW.toml", help="The file to write.")],
+    changes: Annotated[list[str] | None, Option(
+        "--set", help="A number of the robot, as robot.wheels.radius_m=0.106; may be repeated.")] = None,
+    like: Annotated[str | None, Option(
+        help="A robot whose numbers stand in for those that are not given: a name of the catalogue or a "
+        ".toml file.")] = None,
+    analysis: Annotated[str, Option(
+        help="What is to be asked for on a terminal: the numbers of estimate, counts, wheels or motors and "
+        "of those before it.")] = "motors",
+    as_json: Json = False,
+) -> None:  # fmt: skip
+    """Write the commented file of a robot, and say which analyses it allows.
+
+    On a terminal each number that --set does not give is asked for; Enter leaves it out.
+    """
+    asked = questions(analysis)
+    given = changes_of(changes)
+    if sys.stdin.isatty() and not as_json and not new.exists():
+        given |= _answers([one for one in asked if one.key not in given])
+    made, printer = gl.robot(new, changes=given, like=like), Printer(as_json)
+    printer.json("robot/1", vars(made))
+    printer.line(f"robot: {made.path}")
+    printer.rows(ALLOWED, made.analyses)
+    printer.line(f"then: granite-lab params --robot {shlex.quote(str(made.path))}")
+
+
+def _answers(asked: Sequence[Question]) -> dict[str, float]:
+    """Ask for numbers on the terminal, each until it is one or nothing."""
+    found: dict[str, float] = {}
+    for one in asked:
+        while text := typer.prompt(one.text, default="", show_default=False, err=True).strip():
+            try:
+                found |= changes_of([f"{one.key}={text}"])
+                checked({one.key: found[one.key]})
+            except (UsageError, InputError) as error:
+                found.pop(one.key, None)
+                typer.echo(f"{error.message}; {error.hint}", err=True)
+            else:
+                break
+    return found
 
 
 effects = typer.Typer(

@@ -2,6 +2,7 @@ from .atheta import fit_a_theta, published_fit
 from .drive import driven
 from .fit import AThetaFit, FitStatus, K92Fit, Law
 from .k92 import fit_k92, simulate_k92, simulated_slip, slip_interval
+from .tow import towed
 
 __all__ = [
     "AThetaFit",
@@ -15,4 +16,5 @@ __all__ = [
     "simulate_k92",
     "simulated_slip",
     "slip_interval",
+    "towed",
 ]

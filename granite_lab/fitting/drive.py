@@ -7,16 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from granite_lab.errors import EstimateError
+from granite_lab.errors import EstimateError, LabError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
+from granite_lab.inference.constants import TOLERANCE
 from granite_lab.logs.counters import mean_known
 from granite_lab.logs.trial import Array
+from granite_lab.model import simulate
 from granite_lab.model.command import duration, velocities_at
 from granite_lab.model.effect import Effect
 from granite_lab.model.limits import FASTEST_BACKWARDS
 from granite_lab.model.turning import AHEAD, turned
-from granite_lab.parameters import Course, Robot, Variant, course_of, is_driven
+from granite_lab.parameters import Course, Robot, Soil, Variant, course_of, is_driven
 from granite_lab.parameters.course import DriveBy
 
 STATED = ("given", "recognised", "logged", "stated")
@@ -26,24 +28,30 @@ FOLLOW = 0.06
 """Wheels follow a command whose rms deviation from it is below this share of the command's own rms: twice
 what the paper's controller leaves over the variants of Table 2, 2 to 3 %, most of it on the ramps."""
 
+OBEYS = TOLERANCE / 2
+"""Motors turn the wheels as simulated where both differ by less than this share, rms over the command's rms:
+a quarter of the variance that is accepted of any sensor. A start known to 10 ms leaves 0.3 %."""
+
 STILL = 0.02
 """Slower wheels stand [m/s]: the model's floor of slip."""
 
 
-def driven(motion: Motion, robot: Robot, by: DriveBy) -> Motion:
+def driven(motion: Motion, robot: Robot, by: DriveBy, soil: Soil | None = None) -> Motion:
     """Return the motion with what its simulation is driven by, and a line on it.
 
     Args:
         motion: the estimate.
         robot: with wheels; motors are simulated only where it has a [drive].
         by: "wheels", "command", or "auto": the command where it is stated and the wheels follow it.
+        soil: on which "auto" simulates a command that is no trapezoid, to see whether the robot's drive turns
+            the wheels as they turned; without it that is not asked.
 
     Raises:
         EstimateError: the wheels are to drive, and their speeds are not known or they turn backwards.
     """
     if by == "command" or is_driven(motion.variant):
         return motion
-    reason = "as asked for" if by == "wheels" else _reason(motion, robot)
+    reason = "as asked for" if by == "wheels" else _reason(motion, robot, soil)
     if not reason:
         return motion
     start, course = _turned(motion, robot)
@@ -54,18 +62,66 @@ def driven(motion: Motion, robot: Robot, by: DriveBy) -> Motion:
     )
 
 
-def _reason(motion: Motion, robot: Robot) -> str:
+def _reason(motion: Motion, robot: Robot, soil: Soil | None) -> str:
     """Return why the wheels drive where it is left to the tool; empty where the command does."""
-    if robot.drive is None:
-        return f"for the file of '{robot.name}' has no [drive]"
+    if of_robot := _unlike(robot):
+        return of_robot
     if not np.isfinite(motion.v_wheel).any():
         return ""
-    if motion.variant_source not in STATED:
+    if not stated(motion):
         return "for no command is stated"
     if not math.isfinite(motion.t_start.value):
         return "for the start of the command is unknown"
     off = deviation(motion, motion.variant)
-    return f"for they deviate from the command by {100 * off:.0f} %" if off > FOLLOW else ""
+    if off > FOLLOW:
+        return f"for they deviate from the command by {100 * off:.0f} %"
+    if soil is None or not isinstance(motion.variant, Course):
+        return ""
+    off = mistaken(motion, robot, soil)
+    return (
+        f"for the drive of the robot's file would turn them {100 * off:.1g} % otherwise"
+        if off > OBEYS
+        else ""
+    )
+
+
+def _unlike(robot: Robot) -> str:
+    """Return why the motors of a robot cannot be simulated; empty where they can."""
+    if robot.drive is None:
+        return f"for the file of '{robot.name}' has no [drive]"
+    if robot.motors == "side":
+        return "for a motor drives both wheels of a side"
+    return "for its wheels have several radii" if robot.wheels.uneven else ""
+
+
+def mistaken(motion: Motion, robot: Robot, soil: Soil) -> float:
+    """Return the rms by which simulated wheels miss those of the trial over the rms of the command.
+
+    The motors follow the command by (24)-(26). The start of the command is where they fit best within two of
+    its std. Zero where the command cannot be simulated.
+    """
+    try:
+        run = simulate(motion.variant, robot, soil)
+    except LabError:
+        return 0.0
+    t, v = motion.t - motion.t_start.value, mean_known(motion.v_wheel)
+    use = (t >= 0) & (t <= duration(motion.variant)) & np.isfinite(v)
+    if use.sum() < 2:
+        return 0.0
+    wheels = (run["v_wheel_f_mps"] + run["v_wheel_r_mps"]) / 2
+    late = np.linspace(-2, 2, 9) * np.nan_to_num(motion.t_start.std)
+    off = min(float(np.mean((v[use] - np.interp(t[use] - x, run.t, wheels)) ** 2)) for x in late)
+    return math.sqrt(off / float(np.mean(velocities_at(t[use], motion.variant) ** 2)))
+
+
+def stated(motion: Motion) -> bool:
+    """Say whether a command is known; a variant that was recognised is none if the wheels do not follow.
+
+    A run by hand may have the speed, the way and the ramps of a variant of Table 2.
+    """
+    if motion.variant_source == "recognised" and math.isfinite(motion.t_start.value):
+        return deviation(motion, motion.variant) <= FOLLOW
+    return motion.variant_source in STATED
 
 
 def deviation(motion: Motion, variant: Variant) -> float:
@@ -99,7 +155,7 @@ def _turned(motion: Motion, robot: Robot) -> tuple[Estimate, Course]:
         )
     t = motion.t
     first = float(t[moving[0]]) - AHEAD
-    commanded = motion.variant_source in STATED and math.isfinite(motion.t_start.value)
+    commanded = stated(motion) and math.isfinite(motion.t_start.value)
     if commanded:
         first = min(first, motion.t_start.value)
     part = known & (t >= first) & (t <= t[moving[-1]] + AHEAD)

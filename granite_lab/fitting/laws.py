@@ -22,7 +22,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import K92Fit, Law, PointRow
 from granite_lab.logs.trial import Array
-from granite_lab.model.command import peak_velocity
+from granite_lab.model.command import reference_velocity
 from granite_lab.parameters import by_speed
 
 LEAST_SCATTER = 1e-5
@@ -117,7 +117,7 @@ def row_of(item: K92Fit | PointRow) -> PointRow:
     """Return the point of a fit; a row passes through."""
     if not isinstance(item, K92Fit):
         return item
-    return item.trial, peak_velocity(item.variant), item.k92, item.slip_measured
+    return item.trial, reference_velocity(item.variant), item.k92, item.slip_measured
 
 
 def usable(row: PointRow) -> bool:

@@ -9,9 +9,11 @@ from types import ModuleType
 
 from granite_lab.errors import UsageError
 from granite_lab.hidden import drive, outside, soil, soil_law, tyre, vehicle
+from granite_lab.hidden.controller import CONTROLLERS
 from granite_lab.hidden.influence import Influence
 from granite_lab.hidden.model import Setup, Truth
 from granite_lab.hidden.parts import Sizes, Trapezoid
+from granite_lab.hidden.stick import Stick
 
 
 def _held_by(*modules: ModuleType) -> dict[str, type[Influence]]:
@@ -62,7 +64,9 @@ def influence(name: str) -> type[Influence]:
     return known[name]
 
 
-def model_of(names: Sequence[str], setup: Setup, command: Trapezoid, sizes: Mapping[str, Sizes]) -> Truth:
+def model_of(
+    names: Sequence[str], setup: Setup, command: Trapezoid | Stick, sizes: Mapping[str, Sizes]
+) -> Truth:
     """Return the truth's model under the named influences.
 
     Args:
@@ -71,8 +75,9 @@ def model_of(names: Sequence[str], setup: Setup, command: Trapezoid, sizes: Mapp
         sizes: parameters of each influence by id, phases included.
     """
     kinds = [influence(name) for name in sorted(names)]
+    bases = (CONTROLLERS[setup.controller],) if setup.controller else (Truth,)
     robot = setup.robot
     for kind in kinds:
         robot = kind.altered(robot, sizes[kind.id])
-    model: Truth = type("Combined", (*kinds, Truth), {})(replace(setup, robot=robot), command, sizes)
+    model: Truth = type("Combined", (*kinds, *bases), {})(replace(setup, robot=robot), command, sizes)
     return model

@@ -115,7 +115,7 @@ def toml_of(record: Any, table: str = "") -> str:
         if is_dataclass(value):
             name = f"{table}.{key}" if table else key
             tables.append(f"\n[{name}]\n{toml_of(value, name)}")
-        elif value is not None:
+        elif value is not None and value != ():
             lines.append(f"{toml_line(key, value)}\n")
     return "".join(lines + tables)
 

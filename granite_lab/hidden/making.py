@@ -1,4 +1,4 @@
-"""Making a set of virtual trials: four variants, some repetitions, one hidden effect or none."""
+"""Making a set of virtual trials: four commands, some repetitions, one hidden effect or none."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.hidden.catalogue import UNKNOWN_TO_LIBRARY, influence, model_of
 from granite_lab.hidden.chance import lot, scaled
 from granite_lab.hidden.contact import Array
+from granite_lab.hidden.controller import CONTROLLERS
 from granite_lab.hidden.lab import Lab, lab_of
 from granite_lab.hidden.mixture import (
     ATTEMPTS,
@@ -28,14 +29,21 @@ from granite_lab.hidden.model import Setup
 from granite_lab.hidden.parts import Trapezoid, exponential_k92
 from granite_lab.hidden.sensors import louder, read_currents, read_imu, read_wheels
 from granite_lab.hidden.simulator import DT, Body, body_from_states, solve
+from granite_lab.hidden.stick import Stick, draw_stick
 from granite_lab.hidden.vehicle import ClockOffset
 from granite_lab.hidden.wish import Wish, chosen, drawn, raked, sand
-from granite_lab.logs.trial import CurrentStream, ImuStream, Trial, TrialInfo, WheelStream
+from granite_lab.logs.trial import CurrentStream, ImuStream, Series, Trial, TrialInfo, WheelStream
 from granite_lab.parameters import Robot, Soil, Variant, load_variants
 from granite_lab.processes import shared_out
 
 if TYPE_CHECKING:
     import pandas as pd
+
+AS_FAST = 0.8, 1.1
+"""Fastest speed of a stick over that of the variant in whose place it stands."""
+
+LOGGED = 50.0
+"""Rate at which a desired velocity is logged, as far as the encoders' rate allows [Hz]."""
 
 RELATIVE, ABSOLUTE = 3e-6, 1e-7
 """Tolerances of the integration: the velocity is then within 0.002 mm/s of that at 1e-8."""
@@ -50,8 +58,9 @@ class Plan:
         lab: where it is made; its robot is as it really is, but for what the influences change.
         sizes: parameters of the influences by id in this trial, phases included.
         soil, a_theta: of this trial; raking: by which factors it changed them.
-        variant, repetition: which trial it is.
+        command, repetition: which trial it is.
         seed: key of its random numbers.
+        controller: id and gains of one that is not the paper's.
     """
 
     wish: Wish
@@ -60,14 +69,15 @@ class Plan:
     soil: Soil
     a_theta: float
     raking: Mapping[str, float]
-    variant: Variant
+    command: Trapezoid | Stick
     repetition: int
     seed: tuple[int, ...]
+    controller: tuple[str, Mapping[str, float]] = ("", {})
 
     @property
     def name(self) -> str:
         """Name of the trial, which tells nothing."""
-        return f"{self.wish.label}_v{self.variant.velocity:g}_r{self.repetition}"
+        return f"{self.wish.label}_{self.command.label}_r{self.repetition}"
 
     @property
     def radii(self) -> Array:
@@ -158,14 +168,32 @@ def _plans(wish: Wish, lab: Lab, ground: Soil, sizes: Mapping[str, Mapping[str, 
     # the weakest ground shows at the highest speed: that comes first, so that a bad draw costs little
     variants = sorted(wish.variants or load_variants(), key=lambda v: -v.velocity)
     repetitions = range(1, (wish.repetitions or lab.repetitions or 3) + 1)
-    plans = []
+    plans, controller = [], _controller(wish, lab)
     for (k, variant), repetition in product(enumerate(variants), repetitions):
         seed = (wish.seed, 4, k, repetition)
         rng = lot(*seed, 0)
         raking = raked(ground, lab.a_theta, lab.scatter, rng)
         of_trial = {name: influence(name).of_trial(size, rng) for name, size in sizes.items()}
-        plans.append(Plan(wish, lab, of_trial, *raking, variant, repetition, seed))
+        command = _command(wish, k, repetition, variant)
+        plans.append(Plan(wish, lab, of_trial, *raking, command, repetition, seed, controller))
     return plans
+
+
+def _controller(wish: Wish, lab: Lab) -> tuple[str, dict[str, float]]:
+    """Draw who turns the wheels; the paper's controller has no name."""
+    if wish.controller == "paper":
+        return "", {}
+    rng = lot(wish.seed, 7)
+    name = str(rng.choice(sorted(CONTROLLERS)))
+    return name, CONTROLLERS[name].drawn(rng, lab.robot.real)
+
+
+def _command(wish: Wish, k: int, repetition: int, variant: Variant) -> Trapezoid | Stick:
+    """Return the command of a trial; a stick goes about as fast as the variant in whose place it stands."""
+    if wish.command == "trapezoid":
+        return Trapezoid(variant.velocity, variant.acceleration, variant.distance)
+    rng = lot(wish.seed, 8, k, repetition if wish.command == "joystick" else 0)
+    return draw_stick(rng, k + 1, variant.velocity * float(rng.uniform(*AS_FAST)))
 
 
 def _of_mixture(plan: Plan, off: Mapping[str, float], counts: Mapping[str, float]) -> dict[str, Any]:
@@ -185,11 +213,13 @@ def _make(plans: list[Plan], k: int) -> tuple[Trial, pd.DataFrame] | None:
 def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
     """Simulate and log one trial, with its true motion; None if the robot digs itself in."""
     rng, lab = lot(*plan.seed, 1), plan.lab
-    command = Trapezoid(plan.variant.velocity, plan.variant.acceleration, plan.variant.distance)
-    radii = plan.radii
+    command, radii = plan.command, plan.radii
     rolling = radii if lab.rolls else np.ones(4)
     pairs = float(rolling[:2].mean()), float(rolling[2:].mean())
-    setup = Setup(lab.robot.real, plan.soil, exponential_k92(plan.a_theta), lab.near_rest, pairs)
+    setup = Setup(
+        lab.robot.real, plan.soil, exponential_k92(plan.a_theta), lab.near_rest, pairs,
+        controller=plan.controller[0], gains=plan.controller[1],
+    )  # fmt: skip
     truth = model_of(tuple(plan.sizes), setup, command, plan.sizes)
     before, after = rng.uniform(*lab.before), rng.uniform(*lab.after)
     steps = np.arange(-round(before / DT), round((command.end + after) / DT) + 1)
@@ -205,9 +235,11 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
     imu, *_ = read_imu(rng, body, rig, lab.logger, wrong)
     wheels = read_wheels(rng, body, rig, -wrong.late, wrong.encoder / (1.0 if lab.rolls else radii))
     currents = read_currents(rng, body, rig, -wrong.late * wrong.later, lab.logger)
+    stated = command if isinstance(command, Trapezoid) else None  # what a person did, nobody has written down
     info = TrialInfo(
-        robot=lab.robot.name, soil=lab.soil.name, v_desired=plan.variant.velocity,
-        a_max=plan.variant.acceleration, distance=plan.variant.distance, repetition=plan.repetition,
+        robot=lab.robot.name, soil=lab.soil.name, v_desired=stated.v if stated else None,
+        a_max=stated.a if stated else None, distance=stated.distance if stated else None,
+        repetition=plan.repetition,
         virtual=True, extra={"made_by": f"granite-lab {__version__} hide"},
     )  # fmt: skip
     trial = Trial(
@@ -216,19 +248,27 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
         imu=ImuStream(imu.t.round(6), imu.specific_force.round(7), imu.angular_rate.round(8)),
         wheels=WheelStream(wheels.t.round(6), wheels.angle.round(8), resolution=wheels.resolution),
         currents=None if currents is None else CurrentStream(currents.t.round(6), currents.current.round(5)),
+        command=_logged(command, body.start, wheels.t, wrong.late) if plan.wish.logged else None,
     )
-    return trial, true_motion(plan, command, body)
+    return trial, true_motion(plan, body)
 
 
-def true_motion(plan: Plan, command: Trapezoid, body: Body) -> pd.DataFrame:
+def _logged(command: Trapezoid | Stick, start: float, stamps: Array, late: float) -> Series:
+    """Return the desired velocity [m/s] as the logger of the encoders saw it, at `LOGGED` of its stamps."""
+    step = max(1, round(1 / (LOGGED * float(np.median(np.diff(stamps))))))
+    t = stamps[::step]
+    return Series(t.round(6), np.array([command.velocity(x - late - start) for x in t]).round(3))
+
+
+def true_motion(plan: Plan, body: Body) -> pd.DataFrame:
     """Return what really happened: columns with units in their names, and single numbers as attributes.
 
-    The slip ratio (2) is that of the second half of the constant desired velocity.
+    The slip ratio (2) is that of the second half of the constant desired velocity, of a stick that of all.
     """
     import pandas as pd  # noqa: PLC0415, heavy
 
     front, rear = body.v_wheel[:, 0], body.v_wheel[:, 2]
-    start = body.start + command.ramp + np.array([0.5, 1.0]) * command.hold
+    start = plan.command.measured(body.start)
     rolled = np.cumsum((front + rear) / 2) * DT
     gained = np.diff(np.interp(start, body.t, body.x)), np.diff(np.interp(start, body.t, rolled))
     frame = pd.DataFrame(  # at 200 Hz, as the IMU
@@ -280,9 +320,18 @@ def _answer(wish: Wish, off: Mapping[str, float], plans: list[Plan]) -> dict[str
         "noise": wish.noise,
         "sand_off": off,
         "lab": {"name": lab.name, **lab.drawn},
+        "lab_a_theta": lab.a_theta,
+        "command": wish.command,
+        "logged": wish.logged,
+        "controller": {"id": plans[0].controller[0] or "paper", **plans[0].controller[1]},
         "effects": effects,
         "trials": {
-            plan.name: {"raking": plan.raking, "radii": plan.radii.tolist(), "sizes": plan.sizes}
+            plan.name: {
+                "raking": plan.raking,
+                "radii": plan.radii.tolist(),
+                "sizes": plan.sizes,
+                "a_theta": plan.a_theta,
+            }
             for plan in plans
         },
     }

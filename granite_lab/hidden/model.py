@@ -9,7 +9,7 @@ is (20)-(22) rotated by (19). What the paper leaves out overrides one of the sma
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import cos, sin
 
 import numpy as np
@@ -28,6 +28,7 @@ from granite_lab.hidden.contact import (
     smoothstep,
 )  # fmt: skip
 from granite_lab.hidden.parts import Law, Method, Misreading, Push, Sizes, Trapezoid
+from granite_lab.hidden.stick import Stick
 from granite_lab.parameters import GRAVITY, Robot, Soil
 
 X, Z, PITCH, VX, VZ, Q = range(6)
@@ -90,6 +91,7 @@ class Setup:
         near_rest: how wheels and drive go on near rest.
         radii: (2,) true radius of front and rear wheels over the filed one.
         intervals: of the quadrature along the arc.
+        controller: id of one other than (26), none where empty; gains: its numbers.
     """
 
     robot: Robot
@@ -98,6 +100,8 @@ class Setup:
     near_rest: NearRest = FLOOR
     radii: tuple[float, float] = (1.0, 1.0)
     intervals: int = 32
+    controller: str = ""
+    gains: Mapping[str, float] = field(default_factory=dict)
 
 
 class Truth:
@@ -109,13 +113,15 @@ class Truth:
         sizes: parameters of the influences that a subclass adds, by the influence's id.
     """
 
-    def __init__(self, setup: Setup, command: Trapezoid, sizes: Mapping[str, Sizes] | None = None) -> None:
+    def __init__(
+        self, setup: Setup, command: Trapezoid | Stick, sizes: Mapping[str, Sizes] | None = None
+    ) -> None:
         robot, soil = setup.robot, setup.soil
         if robot.chassis is None or robot.drive is None:
             raise ValueError("the robot has no chassis or no drive")
         self.robot, self.chassis, self.drive, self.command = robot, robot.chassis, robot.drive, command
         self.law, self.near_rest, self.intervals = setup.law, setup.near_rest, setup.intervals
-        self.sizes = dict(sizes or {})
+        self.sizes, self.gains = dict(sizes or {}), dict(setup.gains)
         self.order = 12
         self.method: Method = "LSODA"  # of integration
         self.r = robot.wheels.radius
@@ -289,8 +295,10 @@ class Truth:
     def cruise(self) -> tuple[Array, float]:
         """Return the state of steady motion by algebra alone, with its slip ratio λ_R.
 
-        The wheels then turn with the desired velocity, so drive and controller drop out of (20)-(22).
+        The wheels then turn with the desired velocity, so drive and controller drop out of (20)-(22). The
+        command is a trapezoid.
         """
+        assert isinstance(self.command, Trapezoid)
         v_d = self.command.v
         t = self.command.ramp + 0.5 * self.command.hold
         y = self.rest()

@@ -31,6 +31,11 @@ class Trapezoid:
         if self.v**2 / self.a > self.distance:
             raise ValueError("the distance is too short to reach the velocity")
 
+    @property
+    def label(self) -> str:
+        """Word for it in the name of a trial."""
+        return f"v{self.v:g}"
+
     @cached_property
     def ramp(self) -> float:
         """Duration of the acceleration, and of the braking [s]."""
@@ -63,6 +68,13 @@ class Trapezoid:
         if t < self.ramp + self.hold:
             return self.v * (t - 0.5 * self.ramp)
         return self.distance - 0.5 * self.a * (self.end - t) ** 2
+
+    def measured(self, start: float) -> Array:
+        """Return begin and end of the part over which λ_R is taken, of a run that began at `start` [s].
+
+        It is the second half of the steady part.
+        """
+        return start + self.ramp + np.array([0.5, 1.0]) * self.hold
 
     def corners(self, v_floor: float) -> tuple[float, ...]:
         """Instants at which the law of v_d changes, or v_d crosses `v_floor`."""

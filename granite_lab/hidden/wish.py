@@ -17,6 +17,12 @@ from granite_lab.parameters import Soil, Variant
 LOTS = ("random", "none", "outside", "pair", "mixture")
 """What may stand in place of an id: a lot of the library, none, a lot outside it, two of it, several."""
 
+COMMANDS = ("trapezoid", "joystick", "recorded")
+"""Trapezoids of Table 2; a person's stick, another one in each trial; sticks that each repetition repeats."""
+
+CONTROLS = ("paper", "unknown")
+"""Who turns the wheels: (25), (26) by the robot's file, or a drawn controller that no file states."""
+
 CAUSES = 2, 5
 """Fewest and most causes of a mixture."""
 
@@ -44,6 +50,8 @@ class Wish:
         label: with which the trials' names begin.
         causes: of a mixture, two to five.
         soil_law: id of a contact law other than the paper's, or ``random``; none where it is empty.
+        command: one of `COMMANDS`; logged: the desired velocity is a column of the logs.
+        controller: one of `CONTROLS`.
     """
 
     effect: str
@@ -58,6 +66,9 @@ class Wish:
     label: str = "hidden"
     causes: int = 3
     soil_law: str = ""
+    command: str = "trapezoid"
+    logged: bool = False
+    controller: str = "paper"
 
 
 def chosen(wish: Wish, attempt: int = 0) -> tuple[str, ...]:

@@ -51,7 +51,7 @@ class Known(Stated):
 
 _KEYS = {key_of(f): f.name for f in dataclasses.fields(Known)}
 
-CONDITIONS = ("payload_kg", "turned", "slope_deg", "same_rut", "wheels_up")
+CONDITIONS = ("payload_kg", "turned", "slope_deg", "same_rut", "wheels_up", "tow_N")
 """Keys of the conditions under which a trial was driven, which later stages read."""
 
 MADE_BY = "made_by"

@@ -5,7 +5,7 @@ The state holds the centre of mass in the ground frame O; the pitch Θ is positi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -94,6 +94,14 @@ def ground_load(body: BodyState, chassis: Chassis, axles: list[tuple[Any, Any, A
         Z += 2 * F_z
         M += -2 * RF_x * chassis.com_z - 2 * RF_z * (x_axle - chassis.com_x)  # (22)
     return BodyLoad(X, Z, M)
+
+
+def towed(load: BodyLoad, chassis: Chassis, force: Any, height: Any) -> BodyLoad:
+    """Add a towed load that pulls back along the ground, `height` [m] above the wheel centres.
+
+    The pitch is small: the lever arm is that of the level robot.
+    """
+    return replace(load, x=load.x - force, moment=load.moment - force * (height - chassis.com_z))
 
 
 def accelerations(chassis: Chassis, load: BodyLoad) -> BodyAcceleration:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import casadi as ca
@@ -9,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granite_lab.model.symbols import ModelParameters
-from granite_lab.parameters import Course, Variant
+from granite_lab.parameters import Course, Variant, course_of, towing
 from granite_lab.parameters.course import ALIKE, MOVING
 
 V_FLOOR = 0.02
@@ -102,6 +103,27 @@ def velocities_at(t: npt.NDArray[np.float64], variant: Variant) -> npt.NDArray[n
     if isinstance(variant, Course):
         return variant.velocity_at(t)
     return np.array([float(desired_velocity(float(x), variant)) for x in t])
+
+
+def hauling(
+    variant: Variant,
+    tow: Sequence[tuple[float, float]],
+    height: float,
+    stretch: tuple[float, float] | None = None,
+) -> Course:
+    """Return a command under a towed load.
+
+    Args:
+        variant: the command; a trapezoid becomes the course that it is.
+        tow: (time since the start [s], force [N]), in order; a force counts up to the end of the command.
+        height: where it pulls, above the wheel centres [m].
+        stretch: of a trapezoid, over which λ_R is taken; by default `steady_part`.
+    """
+    if not isinstance(variant, Course):
+        t = np.array(corners(variant))
+        variant = course_of(t, velocities_at(t, variant), stretch or steady_part(variant))
+    end = variant.end
+    return towing(variant, [(min(t, end), force) for t, force in tow if t <= end or force], height)
 
 
 def alike(a: Variant, b: Variant) -> bool:

@@ -14,7 +14,14 @@ from typing import Any
 import casadi as ca
 
 from granite_lab.model import body as bd
-from granite_lab.model.command import Kind, contact_angle_ratio, desired_distance, desired_velocity
+from granite_lab.model.command import (
+    V_FLOOR,
+    Kind,
+    contact_angle_ratio,
+    desired_distance,
+    desired_velocity,
+    smoothstep,
+)
 from granite_lab.model.contact import (
     ArcLaws,
     ContactAngles,
@@ -26,7 +33,7 @@ from granite_lab.model.contact import (
 )
 from granite_lab.model.drive import control_voltage, current_rate, drive_torque
 from granite_lab.model.effect import Axle, Effect, Own, Shaft
-from granite_lab.model.pieces import desired, spin, symbols
+from granite_lab.model.pieces import desired, pulled, spin, symbols
 from granite_lab.model.symbols import ModelParameters, model_parameters, symbolic, symbols_of
 from granite_lab.parameters import Soil, Variant, load_robot, load_soil, load_variants
 
@@ -109,6 +116,9 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
     load = bd.ground_load(
         body, p.chassis, [(a.position, a.forces.longitudinal, a.forces.normal) for a in axles]
     )
+    if kind != "trapezoid":
+        force, height = pulled(t, piece)
+        load = bd.towed(load, p.chassis, force * smoothstep(v / V_FLOOR), height)  # slack at rest
     for e, own in hooks:
         load = e.body_load(load, body, (front, rear), p, own)
     acceleration = bd.accelerations(p.chassis, load)

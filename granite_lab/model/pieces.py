@@ -17,21 +17,27 @@ from granite_lab.parameters import Course, Turning, Variant
 
 Array = npt.NDArray[np.float64]
 
-_NAMES = ("begin", "velocity", "slope", "distance")
+_NAMES = ("begin", "velocity", "slope", "distance", "pull", "pull_slope", "hitch")
 _AXLE = ("angle", "rate", "linear", "square", "cube")
 NUMBERS: dict[Kind, tuple[str, ...]] = {
     "trapezoid": (),
     "path": _NAMES,
     "wheels": (*_NAMES, *(f"{name}_{axle}" for axle in "fr" for name in _AXLE)),
 }
-"""Names of the numbers of a piece: its begin [s], v_d = velocity + slope τ [m/s] and s_d [m] there; of each
-axle θ [rad] there and ω = rate + linear τ + square τ² + cube τ³ [rad/s], τ the time since the begin."""
+"""Names of the numbers of a piece: its begin [s], v_d = velocity + slope τ [m/s], s_d [m] there; force of a
+towed load = pull + pull_slope τ [N] and the height at which it pulls [m]; of each axle θ [rad] there and
+ω = rate + linear τ + square τ² + cube τ³ [rad/s], τ the time since the begin."""
 
 
 def desired(t: Any, u: dict[str, Any]) -> tuple[Any, Any]:
     """Return v_d [m/s] and s_d [m] of a piece at time t."""
     τ = t - u["begin"]
     return u["velocity"] + u["slope"] * τ, u["distance"] + τ * (u["velocity"] + u["slope"] * τ / 2)
+
+
+def pulled(t: Any, u: dict[str, Any]) -> tuple[Any, Any]:
+    """Return force [N] and height [m] of a towed load in a piece at time t."""
+    return u["pull"] + u["pull_slope"] * (t - u["begin"]), u["hitch"]
 
 
 def spin(t: Any, u: dict[str, Any], axle: str) -> Turning:
@@ -61,11 +67,13 @@ def pieces(variant: Variant) -> tuple[Array, Array]:
         return np.zeros(0), np.zeros((1, 0))
     corners = np.array([t for t, *_ in variant.wheels]) if variant.wheels else variant.corners[0]
     v, s = np.interp(corners, *variant.corners), variant.distance_at(corners)
-    rows = [np.zeros(4)]
+    pull, hitch = variant.pull_at(corners), variant.hitch
+    rows = [np.zeros(len(_NAMES))]
     for k in range(corners.size - 1):
-        slope = (v[k + 1] - v[k]) / (corners[k + 1] - corners[k])
-        rows.append(np.array([corners[k], v[k], slope, s[k]]))
-    rows.append(np.array([corners[-1], 0.0, 0.0, s[-1]]))
+        h = corners[k + 1] - corners[k]
+        slope, pull_slope = (v[k + 1] - v[k]) / h, (pull[k + 1] - pull[k]) / h
+        rows.append(np.array([corners[k], v[k], slope, s[k], pull[k], pull_slope, hitch]))
+    rows.append(np.array([corners[-1], 0.0, 0.0, s[-1], 0.0, 0.0, hitch]))
     if variant.wheels:
         rows = [np.concatenate([row, turning]) for row, turning in zip(rows, _turnings(variant), strict=True)]
     return corners, np.array(rows)

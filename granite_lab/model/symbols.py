@@ -41,6 +41,10 @@ class ModelParameters:
     k92_is_constant: Any
 
 
+MOST_UNEVEN = 0.1
+"""Largest difference of a wheel's radius from the one that the contact is computed with, over it: contact
+angles go by √r, so that they are right within 5 %."""
+
 DIRECT = Drive(
     inductance=1e-3, resistance=1.0, emf_constant=1.0, torque_constant=1.0, gear_ratio=1.0,
     gear_efficiency=1.0, voltage_max=1e3, gain_p=0.0, gain_d=0.0,
@@ -70,6 +74,17 @@ def model_parameters(
                 f"robot '{robot.name}' has no [{part}] table and cannot be simulated",
                 f"add [{part}] to its file; see granite_lab/catalogue/robots/granite.toml",
             )
+    if robot.motors == "side" and not turned:
+        raise InputError(
+            f"a motor of '{robot.name}' drives both wheels of a side: no command can be simulated",
+            "let the measured wheels drive: --drive auto or wheels, simulate --wheels",
+        )
+    if robot.wheels.uneven > MOST_UNEVEN:
+        raise InputError(
+            f"the wheels of '{robot.name}' differ by {100 * robot.wheels.uneven:.0f} % from radius_m: the "
+            f"model holds for up to {100 * MOST_UNEVEN:.0f} %",
+            "velocity and slip can be had (ingest), no simulation",
+        )
     assert robot.chassis is not None
     drive = robot.drive or (DIRECT if turned else None)
     assert drive is not None

@@ -10,7 +10,7 @@ from granite_lab.parameters.catalogue import (
     names,
     variant_of,
 )
-from granite_lab.parameters.course import Course, Turning, course_of, is_driven, parse_path
+from granite_lab.parameters.course import Course, Turning, course_of, is_driven, parse_path, towing
 from granite_lab.parameters.records import (
     GRAVITY,
     WHEELS,
@@ -24,6 +24,7 @@ from granite_lab.parameters.records import (
     Published,
     Robot,
     Soil,
+    Tow,
     Variant,
     Wheels,
     by_speed,
@@ -44,6 +45,7 @@ __all__ = [
     "Published",
     "Robot",
     "Soil",
+    "Tow",
     "Turning",
     "Variant",
     "Wheels",
@@ -57,5 +59,6 @@ __all__ = [
     "load_variants",
     "names",
     "parse_path",
+    "towing",
     "variant_of",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -51,12 +51,16 @@ class Course(Variant):
         stretch: begin and end of the part over which λ_R is taken [s since the start].
         wheels: (time since the start [s], front, rear) of the wheels; between them ω is a cubic.
         commanded: False where the desired velocity is that of the wheels, for nobody states another.
+        tow: (time since the start [s], force [N], height [m]) with which a load pulls back while the robot
+            drives, linear between, none before and after; the height is that above the wheel centres, the
+            same at all times. Its times are among the corners.
     """
 
     path: tuple[tuple[float, float], ...]
     stretch: tuple[float, float]
     wheels: tuple[tuple[float, Turning, Turning], ...] = ()
     commanded: bool = True
+    tow: tuple[tuple[float, float, float], ...] = ()
 
     def __hash__(self) -> int:
         """Return the hash, which is made once: each simulation asks for it several times."""
@@ -64,7 +68,7 @@ class Course(Variant):
 
     @cached_property
     def _hash(self) -> int:
-        return hash((self.path, self.stretch, self.wheels))
+        return hash((self.path, self.stretch, self.wheels, self.tow))
 
     @cached_property
     def corners(self) -> tuple[Array, Array]:
@@ -85,6 +89,18 @@ class Course(Variant):
     def velocity_at(self, t: Array | float) -> Array:
         """Return v_d [m/s] at times [s since the start]; 0 before and after."""
         return np.asarray(np.interp(t, *self.corners, left=0.0, right=0.0))
+
+    def pull_at(self, t: Array) -> Array:
+        """Return the force of the towed load [N] at times [s since the start]."""
+        if not self.tow:
+            return np.zeros_like(t)
+        times, forces, _ = np.array(self.tow).T
+        return np.asarray(np.interp(t, times, forces, left=0.0, right=0.0))
+
+    @property
+    def hitch(self) -> float:
+        """Where a towed load pulls, above the wheel centres [m]."""
+        return self.tow[0][2] if self.tow else 0.0
 
     def distance_at(self, t: Array | float) -> Array:
         """Return s_d [m] at times [s since the start]."""
@@ -127,6 +143,21 @@ def course_of(
         stretch=stretch,
         wheels=tuple(wheels),
     )
+
+
+def towing(course: Course, tow: Sequence[tuple[float, float]], hitch: float) -> Course:
+    """Return a course with a towed load, whose corners become corners of the course.
+
+    Args:
+        course: without one.
+        tow: (time since the start [s], force [N]), in order.
+        hitch: where it pulls, above the wheel centres [m].
+    """
+    corners, _ = course.corners
+    inside = [t for t, _ in tow if corners[0] < t < corners[-1]]
+    times = np.unique(np.concatenate([corners, inside]))
+    path = tuple(zip(times.tolist(), course.velocity_at(times).tolist(), strict=True))
+    return replace(course, path=path, tow=tuple((t, force, hitch) for t, force in tow))
 
 
 def _way(t: Array, v: Array) -> Array:

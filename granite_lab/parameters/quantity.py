@@ -37,6 +37,7 @@ SUFFIX = {
     "Hz": "_hz",
     "kg": "_kg",
     "kg m^2": "_kgm2",
+    "N": "_N",
     "N/m": "_Npm",
     "N s/m": "_Nspm",
     "Pa": "_Pa",

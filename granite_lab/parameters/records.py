@@ -26,6 +26,15 @@ class Wheels:
     width: float = quantity("m", 0.005, 1.0, "width of the tyre tread (both tyres of a dual)", "b", 0.1)
     lugs: float = quantity("", 0, 200, "tread lugs on the circumference", "", 24.0)
     radius_std: float = quantity("m", 0, 0.1, "std of the wheel radius (0: not stated)", "", 0.0)
+    radii_m: tuple[float, ...] = field(
+        default=(),
+        metadata={"meaning": "radius of each wheel [m], front left, front right, rear left, rear right"},
+    )
+
+    @property
+    def uneven(self) -> float:
+        """Largest difference of a wheel from the radius r, over r."""
+        return max((abs(r / self.radius - 1) for r in self.radii_m), default=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,6 +142,14 @@ class Currents:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Tow:
+    """A load that the robot tows: it pulls back along the ground while it is driven, and is slack at rest."""
+
+    force: float = quantity("N", 0, 1e4, "towing force")
+    height: float = quantity("m", -2.0, 2.0, "where it pulls, above the wheel centres", default=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Robot:
     """A robot: what a log of it needs for estimation, and, with chassis and drive, for simulation."""
 
@@ -145,6 +162,14 @@ class Robot:
     imu: Imu = Imu()
     encoders: Encoders = Encoders()
     currents: Currents = Currents()
+    tow: Tow | None = None
+    motors: str = field(
+        default="wheel",
+        metadata={
+            "choices": ("wheel", "side"),
+            "meaning": "does a motor drive one wheel, or those of a side?",
+        },
+    )
     imu_grade: ImuGrade | None = None
 
 

@@ -52,6 +52,7 @@ TOLD = {"done", "progress", "tell"}
 OWN = {
     "study": {"report"},  # --verify
     "params": {"folder"},  # whose granite-lab.toml says robot and soil
+    "robot": {"analysis"},  # what a terminal asks for
     "list_effects": {"context"},
 }
 """Other options that one command alone has."""

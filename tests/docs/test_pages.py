@@ -48,6 +48,9 @@ ELSEWHERE = {
     "granite-lab view reports/mylab --trial run07 --web": "serves until Ctrl+C: tests/recording",
     "granite-lab discover data/samples --effects towed_sledge.py": "a search: tests/discovery",
     "granite-lab hide --effect random --lab wild --seed 7 --out sets/7": "tests/hidden/test_hidden_sets.py",
+    "granite-lab hide --effect none --command joystick --controller unknown --seed 7 --out sets/stick-7": (
+        "tests/hidden/test_hidden_commands.py"
+    ),
     "granite-lab discover sets/7 --json > finding.json": "the search of the tutorial",
     "granite-lab reveal sets/7 --finding finding.json": "as in the tutorial",
     "granite-lab study trials/ --out reports/my-sand": "the study of the tutorial",
@@ -79,7 +82,7 @@ SMALLER = {
 SAID = {
     "inspect": "encoders", "check": "The run is good.", "ingest": "slip", "simulate": "λ_R",
     "wheel": "drawbar pull", "fit-k92": "trajectory", "fit-atheta": "4.919", "compare": "pitch rate",
-    "effects": "tyre_windup", "effects show": "spring balance", "params": "wheel_base_m",
+    "effects": "tyre_windup", "effects show": "spring balance", "params": "wheel_base_m", "robot": "allowed",
     "effects check": "machine code gives the same run", "hide": "4 virtual trials", "reveal": "seed",
     "reveal --finding": "judgement",
     "study": "How far can this be trusted?", "view": "run07.png", "discover": "model.toml",
@@ -242,7 +245,8 @@ def test_the_lines_of_the_page_on_logs(folder: Path) -> None:
 
 
 def test_a_robot_by_the_page_simulates_and_its_log_is_read(folder: Path) -> None:
-    params, simulated, _ = quick("docs/how-to-robot.md", folder)
+    written, params, simulated, _ = quick("docs/how-to-robot.md", folder)
+    assert "allowed" in written.out
     assert re.search(r"body_mass_kg .* 18 ", params.out)
     assert 0 < slip_of(simulated) < 60
     assert measured("rover_virtual.csv", "--robot", "rover.toml") == pytest.approx(slip_of(simulated), abs=4)

@@ -16,8 +16,8 @@ from granite_lab.errors import EstimateError, InputError
 from granite_lab.estimation import correct
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.outcome import find_phases
-from granite_lab.fitting import driven, fit_k92
-from granite_lab.fitting.drive import FOLLOW, deviation
+from granite_lab.fitting import driven, fit_a_theta, fit_k92
+from granite_lab.fitting.drive import FOLLOW, OBEYS, deviation, mistaken
 from granite_lab.inference.setup import trial_models
 from granite_lab.logs import write_canonical
 from granite_lab.logs.trial import Trial, TrialInfo
@@ -96,6 +96,46 @@ def test_wheels_drive_where_they_do_not_follow_the_command() -> None:
     assert driven(motion, ROBOT, "command") is motion
     assert isinstance(turned.variant, Course)
     assert turned.variant.commanded
+
+
+def test_wheels_drive_where_the_stated_drive_would_turn_them_otherwise() -> None:
+    """A controller with 0.4 of the gains, on a command so gentle that the wheels follow it within 6 %."""
+    gentle = course_of(np.array([0.0, 3.0, 6.0, 9.0]), np.array([0.0, 0.4, 0.4, 0.0]))
+    motion, other = (seen(gentle, gains=gains)[1] for gains in (1.0, 0.4))
+    assert deviation(other, gentle) < FOLLOW
+    assert mistaken(motion, ROBOT, SOIL) < OBEYS / 2 < OBEYS < mistaken(other, ROBOT, SOIL)
+    assert driven(motion, ROBOT, "auto", SOIL) is motion
+    turned = driven(other, ROBOT, "auto", SOIL)
+    assert "the drive of the robot's file would turn them" in turned.warnings[-1]
+    assert is_driven(turned.variant)
+    assert driven(other, ROBOT, "auto") is other
+
+
+def test_a_theta_over_trials_goes_by_the_mean_speed_of_a_course_not_by_its_fastest() -> None:
+    trial, motion = seen(JOYSTICK)
+    fit = fit_k92(motion, trial, ROBOT, SOIL, trajectory=False)
+    assert motion.variant.velocity < 0.95 * 0.6
+    (point,) = fit_a_theta([fit]).points
+    assert point[1] == motion.variant.velocity
+    assert fit_a_theta([fit]).a_theta.value == pytest.approx(exponent(motion, trial)[0], rel=1e-6)
+
+
+def test_a_run_by_hand_that_looks_like_a_variant_is_none() -> None:
+    """With the fastest speed, the way and about the ramps of the variant of 0.5 m/s, but a dip in between."""
+    times = np.array([0.0, 0.4, 2.2, 2.5, 3.8, 4.2, 5.9, 6.3])
+    dip = course_of(times, np.array([0, 0.5, 0.5, 0.2, 0.2, 0.5, 0.5, 0]))
+    motion = seen(dip, command=False)[1]
+    like = dataclasses.replace(motion, variant=variant_of(0.5), variant_source="recognised")
+    turned = driven(like, ROBOT, "auto")
+    assert "no command is stated" in turned.warnings[-1]
+    assert "the mean of r ω" in turned.warnings[-1]
+    assert isinstance(turned.variant, Course)
+    assert not turned.variant.commanded
+    t = np.linspace(0.5, 6.0, 100)
+    late = turned.t_start.value - logged(dip, command=False)[1]
+    assert turned.variant.velocity_at(t - late) == pytest.approx(
+        dip.velocity_at(t), abs=0.06
+    )  # they follow a little late
 
 
 def test_a_robot_without_drive_is_driven_by_its_wheels() -> None:

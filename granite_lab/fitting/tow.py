@@ -1,0 +1,70 @@
+"""A load that a robot tows, by the robot's file or the log of a trial, as a part of what drives its runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from granite_lab.errors import EstimateError, InputError
+from granite_lab.estimation.motion import Motion
+from granite_lab.logs.trial import Trial
+from granite_lab.model.command import hauling
+from granite_lab.parameters import Robot, parse_path
+
+KEY = "tow_N"
+"""Of a log's own metadata: a force [N], or a list of times [s, the log's time] and forces."""
+
+
+def towed(motion: Motion, trial: Trial, robot: Robot) -> Motion:
+    """Return the motion whose runs tow the trial's load, with a line on it; as it is where there is none.
+
+    Args:
+        motion: with what drives its runs.
+        trial: whose own force counts before that of the robot's file.
+        robot: whose file says at which height the load pulls; the wheel centres where it does not.
+
+    Raises:
+        InputError: the trial's force cannot be understood.
+        EstimateError: it changes with time, and the start of the command is unknown.
+    """
+    points = _points(motion, trial, robot)
+    if not any(force for _, force in points):
+        return motion
+    height = robot.tow.height if robot.tow else 0.0
+    start, (t1, t2) = motion.t_start.value, motion.steady
+    stretch = (t1 - start, t2 - start) if math.isfinite(t1 - start) else None
+    forces = [force for _, force in points]
+    size = f"{max(forces):g} N" if min(forces) == max(forces) else f"{min(forces):g} to {max(forces):g} N"
+    line = f"a towed load of {size} is in the model, {1000 * height:g} mm above the wheel centres"
+    variant = hauling(motion.variant, points, height, stretch)
+    return replace(motion, variant=variant, warnings=(*motion.warnings, line))
+
+
+def _points(motion: Motion, trial: Trial, robot: Robot) -> Sequence[tuple[float, float]]:
+    """Return (time since the start of the command [s], force [N]) of the load."""
+    text = trial.info.extra.get(KEY, "").strip().strip('"')
+    if not text:
+        return constant(robot)
+    try:
+        points = parse_path(text) if ":" in text else ((0.0, float(text)), (math.inf, float(text)))
+        if not all(0 <= force < math.inf for _, force in points):
+            raise ValueError
+    except ValueError:
+        raise InputError(
+            f"trial '{trial.name}': {KEY} = {text} cannot be used",
+            f'write a force of 0 N or more, as {KEY} = 30, or times [s] and forces: "2:0, 3:30, 9:30"',
+        ) from None
+    if ":" not in text:
+        return points
+    if not math.isfinite(motion.t_start.value):
+        raise EstimateError(
+            f"{trial.name}: the start of its command is unknown, so the towing force has no time",
+            f"state the command, or a constant {KEY}",
+        )
+    return [(t - motion.t_start.value, force) for t, force in points]
+
+
+def constant(robot: Robot) -> tuple[tuple[float, float], ...]:
+    """Return the load of a robot's file, the same at all times; nothing where it tows none."""
+    return () if robot.tow is None else ((0.0, robot.tow.force), (math.inf, robot.tow.force))
