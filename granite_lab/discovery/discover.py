@@ -102,21 +102,12 @@ def discover(
         fits = [at_first(way)[1] for way, _ in ways] if len(ways) > 1 else [0.0]
         chosen = int(np.argmin(fits))
         (problem, dropped), (trials, motions) = ways[chosen], readings[chosen]
-        base = baseline(problem)
-        strange = _outliers(problem, base)
-        if strange:
-            dropped += tuple((problem.trials[i].observation.name, why) for i, why in strange.items())
-            problem = Problem(
-                [t for i, t in enumerate(problem.trials) if i not in strange], bench, sand_std(soil)
-            )
-            base = baseline(problem)
+        problem, base, strange = _without_outliers(problem)
+        dropped += strange
         count = lugs(problem, base, robot.wheels.lugs)
         if count != robot.wheels.lugs:
-            wheels = replace(robot.wheels, lugs=count)
-            world = replace(bench.world, robot=replace(bench.world.robot, wheels=wheels))
-            runs = bench.runs
-            bench = stack.enter_context(Bench(world, jobs, tick, respond))
-            bench.runs, problem.bench = runs, bench
+            bench = stack.enter_context(Bench(_with_lugs(bench.world, count), jobs, tick, respond))
+            bench.runs, problem.bench = problem.bench.runs, bench
         found = search(problem, base, library, tolerance, lambda text, named: tell(text, 1 + named))
         parts = Attempts()
         tell("predicting trials that are left out", STEPS - 2)
@@ -151,14 +142,39 @@ def discover(
             virtual=all(t.info.virtual for t in trials),
             parts=parts,
         )
-        notes = [*finding.notes, *said]
-        if not any(active.effect.by_lugs for active in finding.active):
-            finding = replace(finding, robot=robot)  # the number of lugs is in nothing that was found
-        elif count != robot.wheels.lugs:
-            told = f"What the model leaves repeats {count:g} times a turn of the wheels. The robot's file"
-            notes += [f"{told} says {robot.wheels.lugs:g} lugs; the search took {count:g}."]
-        finding = replace(finding, notes=tuple(notes))
-        return replace(finding, failures=tuple(parts.lines), tracebacks=tuple(parts.tracebacks))
+        finding = _told_of_lugs(finding, robot, count)
+        return replace(
+            finding, notes=(*finding.notes, *said), failures=tuple(parts.lines),
+            tracebacks=tuple(parts.tracebacks),
+        )  # fmt: skip
+
+
+def _without_outliers(problem: Problem) -> tuple[Problem, Fit, tuple[tuple[str, str], ...]]:
+    """Fit the model without effects; leave trials out that nothing fits, each named with the reason."""
+    base = baseline(problem)
+    strange = _outliers(problem, base)
+    if not strange:
+        return problem, base, ()
+    kept = [t for i, t in enumerate(problem.trials) if i not in strange]
+    rest = Problem(kept, problem.bench, tuple(problem.sand_std.tolist()))
+    names = tuple((problem.trials[i].observation.name, why) for i, why in strange.items())
+    return rest, baseline(rest), names
+
+
+def _with_lugs(world: World, count: float) -> World:
+    """Return what simulations share, for wheels with another number of lugs."""
+    return replace(world, robot=replace(world.robot, wheels=replace(world.robot.wheels, lugs=count)))
+
+
+def _told_of_lugs(finding: Finding, robot: Robot, count: float) -> Finding:
+    """Say which number of lugs the search took, where an effect that was found depends on it."""
+    if not any(active.effect.by_lugs for active in finding.active):
+        return replace(finding, robot=robot)
+    if count == robot.wheels.lugs:
+        return finding
+    repeats = f"What the model leaves repeats {count:g} times a turn of the wheels."
+    stated = f"The robot's file says {robot.wheels.lugs:g} lugs; the search took {count:g}."
+    return replace(finding, notes=(*finding.notes, f"{repeats} {stated}"))
 
 
 def _not_asked(variants: Sequence[Variant], candidates: Mapping[str, Effect]) -> tuple[set[str], list[str]]:
