@@ -281,14 +281,16 @@ def _write(
     from granite_lab.study_folder import write  # noqa: PLC0415, heavy
 
     cache, jobs, guard = execution.cache, execution.jobs, Guard(folder)
-    key = digest_of(code(shows=True), content(result), content(options), recordings)
+    # A recording has an id of its own: the same study in another folder is not the same files.
+    place = str(folder.resolve())
+    key = digest_of(code(shows=True), content(result), content(options), recordings, place)
     known: dict[str, str] | None = cache.get(key) if cache is not None else None
     if known and all(fingerprint(folder / name) == sha for name, sha in known.items()):
         model = folder / MODEL if MODEL in known else None
         return replace(result, written=Written(folder / "index.html", model, unchanged=True))
     if recordings:
-        place = folder / RECORDINGS
-        guard.run("recordings", lambda: record_trials(result, place, jobs=jobs, progress=progress))
+        recorded = folder / RECORDINGS
+        guard.run("recordings", lambda: record_trials(result, recorded, jobs=jobs, progress=progress))
     progress("report", 0, 0)
     result = write(result, options, folder, failures=guard.lines, jobs=jobs)
     if cache is not None and not result.written.failures:
