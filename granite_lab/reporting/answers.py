@@ -135,7 +135,7 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
 def explained(finding: Finding) -> tuple[str, str, str]:
     """Say whether the model explains the sensors it was fitted to: verdict, its tone, and how many agree."""
     within = sum(g.train[0] <= 1.0 for g in finding.gaps)
-    text = f"{within} of {plural(len(finding.gaps), 'sensor')} agree with the model fitted to all of them."
+    text = f"Once the model is fitted to all sensors, {within} of {len(finding.gaps)} sensors agree with it."
     if finding.verdict == "none":
         return "Yes", "good", text
     return ("In part", "fair", text) if within else ("No", "bad", text)
@@ -144,7 +144,9 @@ def explained(finding: Finding) -> tuple[str, str, str]:
 def _differ(finding: Finding, gap: float) -> str:
     """Say how far the sensors are from the model without effects."""
     text = f"Gap {gap_pair(finding)[2]}: {times(gap)}. {scale_of_gap(finding)}"
-    return text + (" Repetitions of a command differ from each other by more." if finding.scatter else "")
+    return text + (
+        " Repetitions of a command differ more than that from each other." if finding.scatter else ""
+    )
 
 
 def _drove(trials: int, robots: Sequence[str], soils: Sequence[str], speeds: Sequence[float]) -> str:
@@ -221,7 +223,8 @@ def _slip(speeds: Sequence[Speed]) -> Answer:
         text = f"The paper's experiment lies {'outside' if outside else 'in'} the 95 % interval{every}."
     if alone := [f"{s.velocity:g}" for s in known if s.trials == 1]:
         text += (
-            f" The interval of a single trial ({listed(alone)} m/s) leaves out the scatter between trials."
+            f" The interval of a single trial ({listed(alone)} m/s) does not include the scatter between "
+            "trials."
         )
     text = " ".join(filter(None, (text, reach_in_words(speeds))))
     return Answer("slip", "How much does the robot slip?", verdict, text, tone)
@@ -264,7 +267,7 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
     if fit is None or number is None:
         return Answer("a_theta", question, "Not known", "a_θ needs a trial in which k_92 could be fitted.")
     text = (
-        f"By the files of soil and robot as they are, a_θ = {number.with_std} s/m, 95 % interval "
+        f"With soil and robot as in their files, a_θ = {number.with_std} s/m, 95 % interval "
         f"{number.interval} s/m, from {plural(len(fit.points), 'trial')}.{depends}"
     )
     if agrees is None and _speeds_of(fit) >= SPEEDS:
@@ -282,9 +285,12 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
         text += f" k_92 itself lies {far} std from the paper's at {where} m/s."
         return Answer("a_theta", question, f"Yes, but not k_92 at {where} m/s", text, "fair")
     way = "above" if number.value > fit.published else "below"
-    text += f" By the files it is {percent(abs(number.value / fit.published - 1))} {way} the paper's."
+    text += f" It is {percent(abs(number.value / fit.published - 1))} {way} the paper's."
     if finding is not None and finding.effects:
-        text += " k_92 is fitted with the paper's model there, so that what is missing can cause this."
+        text += (
+            " This k_92 is fitted with the paper's model; what is missing from the model can cause the "
+            "difference."
+        )
     held = any(v.ci95[0] <= fit.published <= v.ci95[1] for v in views if v.by != "files")
     return Answer("a_theta", question, "Not by these files alone" if held else "No", text, "fair")
 
@@ -296,7 +302,7 @@ def _by_views(question: str, views: Sequence[View], depends: str) -> Answer:
     text = ""
     if (filed := next((v for v in views if v.by == "files"), None)) is not None:
         number = decided(filed.a_theta.value, filed.a_theta.std, *filed.ci95)
-        text = f"By the files of soil and robot as they are: {number.with_std} s/m, {number.interval} s/m."
+        text = f"With soil and robot as in their files: {number.with_std} s/m, {number.interval} s/m."
     verdict, tone = ("Yes, with what was found", "good") if agrees else ("No", "fair")
     return Answer("a_theta", question, verdict, f"{text}{depends}".strip(), tone)
 
@@ -308,11 +314,13 @@ def _depends(views: Sequence[View]) -> str:
     if (wide := by.get("uncertain")) is not None:
         most = next(part.name for part in wide.parts if part.name != TRIALS).partition(",")[0]
         ends = interval(*wide.ci95, "s/m")
-        text += f" With the uncertainty of soil and wheel radius, mostly that of {most}: {ends}."
+        text += (
+            f" With the uncertainty of soil and wheel radius (most of it: {most}), the interval is {ends}."
+        )
     if (found := by.get("found")) is not None:
         number = decided(found.a_theta.value, found.a_theta.std, *found.ci95)
         text += (
-            " With the soil fitted to all sensors and what was found in the model: "
+            " With the soil fitted to all sensors and what was found added to the model: "
             f"{number.with_std} s/m, {number.interval} s/m."
         )
     return text
@@ -331,7 +339,7 @@ def model_answer(channels: Sequence[ChannelAnswer], finding: Finding | None = No
     if differ:
         worst, names = differ[0], capital(together([c.name for c in differ]))
         text += (
-            f" {names} {'differs' if len(differ) == 1 else 'differ'}; largest against its noise: "
+            f" {names} {'differs' if len(differ) == 1 else 'differ'}. Largest relative to its noise: "
             f"{worst.name}, {with_unit(significant(worst.rms, 2), worst.unit)} rms, "
             f"{significant(worst.rms / worst.noise, 2)} times the noise."
         )
@@ -345,7 +353,7 @@ def model_answer(channels: Sequence[ChannelAnswer], finding: Finding | None = No
         verdict, tone = "Yes", "good"
     elif finding is not None:
         verdict, tone = "Yes, once the sand is fitted", "good"
-        text = f"With the sand of the parameter file: {text} With the sand fitted, the sensors agree too."
+        text = f"With the sand of the parameter file: {text} With the sand fitted, all sensors agree."
     elif not agree:
         verdict, tone = "No", "bad"
     return Answer("model", question, verdict, text, tone)
@@ -401,7 +409,8 @@ def closes_answer(finding: Finding) -> Answer:
     if not finding.terms:
         verdict = "No gap" if finding.verdict == "none" else "Nothing"
         return Answer("closes", question, verdict, _differ(finding, before))
-    text = f"Gap {where}: {times(before)} without, {times(after)} with it. {scale_of_gap(finding)}"
+    text = f"Gap {where}: {times(before)} with the paper's model, {times(after)} with what was found. "
+    text += scale_of_gap(finding)
     closes = 1 - finding.remainder
     verdict = capital(percent(min(max(closes, 0.0), 1.0))) if math.isfinite(closes) else "Not known"
     known = finding.remainder <= MUCH and math.isfinite(finding.gap.held_out[0])
@@ -437,9 +446,13 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
         if finding.effects and counts:
             grounds.append(f"{listed(counts)} left out of the fit are predicted better.")
         elif finding.effects:
-            doubts.append("nothing could be left out of the fit, so that no prediction tests it")
+            doubts.append("no trial could be left out of the fit to test a prediction")
     doubt = [f"Doubts: {'; '.join(doubts)}."] if doubts else []
-    radius = " The slip holds no error of the wheel radius (1 % of it is 1 point of slip)." if n else ""
+    radius = (
+        " The std of the slip leaves out the wheel radius: 1 % of it changes the slip by 1 point."
+        if n
+        else ""
+    )
     text = " ".join([*grounds, *doubt, f"Valid for these speeds, this robot and this sand.{radius}"])
     verdict, tone = ("With care", "fair") if doubts else ("Well, for trials like these", "good")
     return Answer("trust", "How far can this be trusted?", verdict, text, tone)

@@ -69,8 +69,8 @@ CHANNEL_TABLE = Table[ChannelAnswer](
     Column("largest value", lambda c: c.size(c.largest), "largest largest_unit"),
     Column("largest difference", lambda c: c.worst),
     note="Root mean square of the difference over whole trials, beside the noise of the measurement (its "
-    "standard deviation) and the largest simulated value. Points: percentage points of slip. What differs "
-    "less than the noise of a trial is seen in the mean over repetitions: see what is missing.",
+    "standard deviation) and the largest simulated value. Points: percentage points of slip. “Differs, less "
+    "than the noise”: seen only in the mean over repetitions, by the search for what is missing.",
 )
 
 

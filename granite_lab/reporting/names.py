@@ -252,32 +252,31 @@ def next_steps(finding: Finding, model: Path | str | None, folder: str, effects:
     if finding.verdict == "none":
         return (
             *steps,
-            f"Nothing needs to be added. Plan the trial that would show effects still hidden: {plan}",
+            f"Nothing needs to be added. Plan a trial that shows effects too small for these trials: {plan}",
         )
     if finding.verdict == "unknown":
         look = (
-            "Find what changes from trial to trial, such as uneven ground, wind or a motor that warms up, "
-            "and repeat the trials without it."
+            "Find what changes from trial to trial, for example uneven ground, wind or a warm motor. Then "
+            "repeat the trials without it."
             if finding.scatter
-            else "Look where the model disagrees, then test the suspected cause as an effect of your own: "
-            + own
+            else "See where the model disagrees, and test a suspected cause as an effect of your own: " + own
         )
-        return (*steps, look, f"Plan the trial that would tell more: {plan}")
+        return (*steps, look, f"Plan the next trial: {plan}")
     faults = [plain(e.id) for e in finding.effects if (known := met(e.id)) and known.fault]
     if faults:
         steps.append(
-            f"{capital(listed(faults))} is an error of the measurement, not of the model: correct it on the "
+            f"{capital(listed(faults))} is an error of the measurement, not of the model. Correct it on the "
             "robot or in the logs by the number found, and search again."
         )
     twins = {plain(e.id): listed([plain(t) for t in e.twins], "or") for e in finding.effects if e.twins}
-    steps += [f"Plan the trial that tells {one} from {others}: {plan}" for one, others in twins.items()]
+    steps += [f"Plan the trial that separates {one} from {others}: {plan}" for one, others in twins.items()]
     if finding.remainder > MUCH:
-        steps.append(f"More is missing than was found. Try an effect of your own: {own}")
+        steps.append(f"Part of the gap remains. Test an effect of your own: {own}")
     if model and finding.simulates and len(faults) < len(finding.effects):
         speed = min(finding.simulates, key=lambda v: abs(v - TYPICAL))
         steps.append(
-            "Simulate with what was found; at other speeds and on other sand that is a guess until a trial "
-            f"confirms it: granite-lab simulate --model {pasted(f'{folder}/{Path(model).name}')}{given} "
+            "Simulate with what was found. At other speeds and on other sand no trial has confirmed the "
+            f"result: granite-lab simulate --model {pasted(f'{folder}/{Path(model).name}')}{given} "
             f"--variant {speed:g}"
         )
     return (*steps, *([] if twins else [f"Plan the trial that lowers the largest std: {plan}"]))

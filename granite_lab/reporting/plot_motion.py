@@ -276,7 +276,7 @@ def health_figure(motion: Motion, index: int) -> Figure:
     title = f"{motion.trial}: the estimate is {'good' if h.good else 'doubtful'}"
     caption = (
         f"{significant(outside, 2)} % of the innovations lie outside ±2σ (band); 5 % are expected. Mean "
-        f"normalised innovation squared, 1 is ideal, up to 3 is good, of few innovations more: "
+        f"normalised innovation squared (1 is ideal, up to 3 is good; more if innovations are few): "
         f"{squares or 'none'}. Grey: standstills."
     )
     make, lines = partial(_health, motion, ratio), lines_of(motion.trial)

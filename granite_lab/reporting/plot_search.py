@@ -50,14 +50,14 @@ def gap_figure(finding: Finding) -> Figure:
     first = len(lines)
     lines |= {sensor(c): known[c].train for c in channels_of(finding) if c in known}
     before, after, where = gap_pair(finding)
-    title = f"The gap between sensors and model is {times(before)}; 1 is explained by noise and tolerance"
+    title = f"The gap between sensors and model is {times(before)}; noise and tolerance explain 1"
     if finding.terms:
         title = (
             f"{capital(with_found(finding))}, the gap falls from {times(before)} to {times(after)} {where}"
         )
     caption = (
-        "Above the line: root mean square of all residuals over what noise and tolerance explain; 1 means "
-        "explained. Below: largest discrepancy of a sensor over the tolerance; 0 means none beyond the noise."
+        "Above the line: rms of all residuals, divided by the rms that noise and tolerance explain. Below: "
+        "largest discrepancy of each sensor beyond its noise, divided by the tolerance."
     )
     return Figure("found_gap", title, caption, partial(_dumbbells, lines, finding, first), finding.virtual)
 
@@ -78,7 +78,7 @@ def _dumbbells(lines: Mapping[str, Pair], finding: Finding, rule: int) -> Canvas
     for k, pair in enumerate(lines.values()):
         text = " → ".join(times(x) for x in (pair if finding.terms else pair[:1]))
         axis.text(1.42 * high, k, text, ha="right", va="center", fontsize=7.5)
-    axis.set(xlim=(-0.04 * high, 1.45 * high), xlabel="gap, 1 means explained [–]")
+    axis.set(xlim=(-0.04 * high, 1.45 * high), xlabel="gap, ≤ 1 is explained [–]")
     axis.set_xticks([x for x in MaxNLocator(5).tick_values(0, high) if 0 <= x <= high])
     axis.axhline(rule - 0.5, color=canvas.FAINT, linewidth=0.6)
     canvas.legend(axis, left=KEYS_LEFT)

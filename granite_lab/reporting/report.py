@@ -45,9 +45,9 @@ MODEL = (
     "taken. Bands: ±2σ of the measurement. Triangles: a spike leaves the panel."
 )
 LAW = (
-    "The empirical law describes the disagreement; it is no physics and holds for trials like these only. v: "
-    "speed of the robot; s: slip ratio of the wheel; x and t: distance and time since the start; θ: angle of "
-    "the wheel; z: its sinkage."
+    "The empirical law describes the disagreement. It is not a physical law, and holds only for trials like "
+    "these. v: speed of the robot; s: slip ratio of the wheel; x and t: distance and time since the start; "
+    "θ: angle of the wheel; z: its sinkage."
 )
 """How to read the time histories, and the formulas of an empirical law."""
 
@@ -235,8 +235,8 @@ def _slip(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
 def _slip_alone(decided: Answers) -> Iterator[Maybe]:
     """Show what can be had where no slip ratio is known well enough for k_92: the motion of each speed."""
     yield (
-        "No trial has a slip ratio that is known to 5 points: k_92, a comparison with the model and a search "
-        "for what it lacks are left out."
+        "No slip ratio is known to 5 points. So k_92, the comparison with the model and the search for a "
+        "missing effect are left out."
     )
     yield _gallery(plot_results.slip_figure(decided, load_paper()) if decided.speeds else None)
 
@@ -258,19 +258,18 @@ def _model(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
 
 def _missing(finding: Finding) -> Iterator[Maybe]:
     yield (
-        "The model is fitted to the readings of the sensors, together with the sand of each trial, the time "
-        "offset of the IMU, and offsets and gains of the sensors, so that none of these can pass for a "
-        "missing effect. What then still differs in all repetitions of a command is compared with "
-        f"what each candidate effect would cause. Differences up to {percent(finding.tolerance)} of a "
-        "sensor's rms are tolerated."
+        "The model is fitted to all sensors. The sand of each trial, the time offset of the IMU, and offsets "
+        "and gains of the sensors are fitted too, so that an error of these is not taken for an effect. The "
+        "difference that remains in all repetitions of a command is compared with the signature of each "
+        f"candidate effect. Differences up to {percent(finding.tolerance)} of a sensor's rms are tolerated."
     )
     yield _gallery(plot_search.gap_figure(finding))
     yield search_tables.effects_table(finding, finding.effects)
     yield tables.A_THETA.fill(finding.a_theta, virtual=finding.virtual) if finding.a_theta else None
     if finding.description:
         yield (
-            "The rest is described, not explained: these terms predict trials that were left out, but are no "
-            "sure cause."
+            "These terms describe the rest. They predict trials that were left out of the fit, but their "
+            "cause is not known."
         )
         yield search_tables.effects_table(finding, finding.description, "described")
     formulas = law_formulas(finding)
@@ -321,8 +320,8 @@ def _quality(result: StudyResult, decided: Answers, looks: Looks) -> Iterator[Ma
     if doubtful:
         text = f"{n - len(doubtful)} of {n} estimates of the motion are good. Exceptions:"
     yield (
-        f"{text} Good: at both ends a standstill, or the wheels coming to rest, fixes the velocity, and the "
-        "measurements agree with their noise."
+        f"{text} An estimate is good if a standstill, or wheels that come to rest, fixes the velocity at "
+        "both ends, and if the residuals agree with the noise."
     )
     yield [f"{r.trial.name}: {r.comparison.motion.health.verdict}" for r in doubtful]
     yield "Trials that were left out:" if result.failures else None

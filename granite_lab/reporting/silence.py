@@ -1,4 +1,4 @@
-"""When a report is silent: what trials can say, why k_92 cannot be had from them, and what was assumed."""
+"""When a report is silent: what trials can say, why they do not determine k_92, and what was assumed."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def silent(result: StudyResult) -> bool:
 
 
 def why_no_k92(result: StudyResult) -> str:
-    """Say why k_92 cannot be had from any trial of a study; nothing where it can, or where there is none."""
+    """Say why no trial of a study determines k_92; nothing where one does, or where there is none."""
     if not result.trials or any(r.comparison.fit.tells for r in result.trials):
         return ""
     reasons: dict[str, list[TrialResult]] = defaultdict(list)
@@ -40,7 +40,7 @@ def why_no_k92(result: StudyResult) -> str:
         names = [r.trial.name for r in trials]
         several = f"{len(names)} trials" if len(names) > 3 else listed(names)
         parts.append(f"{which} {several} {reason.format(known=known)}")
-    return f"k_92 cannot be had from these trials, because {'; '.join(parts)}."
+    return f"k_92 cannot be determined from these trials, because {'; '.join(parts)}."
 
 
 def _reason(r: TrialResult) -> str:

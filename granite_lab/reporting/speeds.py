@@ -79,7 +79,7 @@ _SLIP: tuple[Column[Speed], ...] = (
     Column("paper in interval", lambda s: AGREES[s.agrees]),
 )  # fmt: skip
 _TRIALS: Column[Speed] = Column("trials", lambda s: s.trials, "trials")
-_NOTE = "Means over the trials; the interval covers their scatter and their standard deviations."
+_NOTE = "Means over trials. The interval includes their scatter and the std of each."
 
 SLIP_BY_SPEED = Table[Speed](
     "slip_by_speed",
@@ -91,7 +91,7 @@ SLIP_BY_SPEED = Table[Speed](
     ),
     Column("paper's k_92", lambda s: s.paper_k92, "k92_paper", unit="–", form="g"),
     _TRIALS,
-    note=f"{_NOTE} k_92 ± standard error is fitted to the slip.",
+    note=f"{_NOTE} k_92 is fitted to the slip; ± is its standard error.",
 )  # fmt: skip
 SLIP_ALONE = Table[Speed]("slip_by_speed", "Slip ratio λ_R by speed", *_SLIP, _TRIALS, note=_NOTE)
 """The table of the first screen, with k_92 and where there is none."""

@@ -24,8 +24,10 @@ from granite_lab.reporting.recording.lines import (
     CHANNELS,
     DIFFERS,
     OF_TRIALS,
+    STANDSTILL,
     Interval,
     Line,
+    fitted_plot,
     intervals_of,
     lines_of,
     overlaid,
@@ -42,23 +44,25 @@ TITLES = {
     "slip": "Slip of the axles",
     "torque": "Drive torque per wheel",
     "pitch": "Pitch, positive nose down, equal before the start",
-    "wheel_velocity": "Circumferential wheel velocity",
-    "wheel_slip": "Slip of each wheel, measured",
-    "current": "Motor current, measured",
-    "specific_force": "IMU specific force, forward, equal before the start",
-    "pitch_rate": "IMU pitch rate, equal before the start",
+    "wheel_speed": "Wheel speed",
+    "slip_of_each_wheel": "Slip of each wheel, measured",
+    "motor_current": "Motor current, measured",
+    "forward_acceleration": "Forward acceleration, equal before the start",
+    "pitch_rate": "Pitch rate, equal before the start",
     "innovation": "Innovations of the filter over their predicted std",
 }
-FOUND = {k: capital(name) for k, name in SENSORS.items()}
-TITLES |= {f"residual_{k}": f"{TITLES[k].split(',')[0]}: simulated − measured" for k in CHANNELS}
-TITLES |= {f"found_{k}": v + (": measured − simulated" if "wheel" in k else "") for k, v in FOUND.items()}
+TITLES |= {f"difference_{k}": f"{TITLES[k].split(',')[0]}: simulated − measured" for k in CHANNELS}
+TITLES |= {
+    fitted_plot(k): capital(name) + (": measured − simulated" if "wheel" in k else "")
+    for k, name in SENSORS.items()
+}
 """Plot to its title, without unit."""
 TABS = {
     "Motion": ["velocity", "slip", "torque", "pitch"],
-    "Wheels": ["wheel_velocity", "wheel_slip", "current"],
-    "Sensors": ["specific_force", "pitch_rate", "innovation"],
-    "Residuals": [f"residual_{k}" for k in CHANNELS],
-    "Missing effect": [f"found_{k}" for k in FOUND],
+    "Wheels": ["wheel_speed", "slip_of_each_wheel", "motor_current"],
+    "Sensors": ["forward_acceleration", "pitch_rate", "innovation"],
+    "Differences": [f"difference_{k}" for k in CHANNELS],
+    "Missing effect": [fitted_plot(k) for k in SENSORS],
 }
 OVERLAY = "all_trials"
 """Entity below which the plots of all trials stand."""
@@ -116,8 +120,9 @@ def trial_layout(root: str, lines: Sequence[Line], *, lanes: int, name: str) -> 
         plots.setdefault(line.entity.partition("/")[0], []).append(line)
     bars = rrb.StateTimelineView(
         origin=root or "/",
-        contents=[f"{root}/phase", f"{root}/robot_at_rest", f"{root}/{DIFFERS}/**"],
-        name="Phases" + (", and where the simulation differs [% of the channel's rms]" if lanes else ""),
+        contents=[f"{root}/phase", f"{root}/{STANDSTILL}", f"{root}/{DIFFERS}/**"],
+        name="Phases"
+        + (", and where the simulation differs, by up to [% of the sensor's rms]" if lanes else ""),
         time_view=TIME_AXIS,
     )
     key = rrb.TextDocumentView(origin=f"{root}/key", name="Key")
