@@ -24,7 +24,7 @@ from granite_lab.reporting.names import (
     together,
 )
 from granite_lab.reporting.silence import REMEDY, assumptions, reach_in_words, silent, why_no_k92
-from granite_lab.reporting.speeds import Speed, speeds_of, velocities_of
+from granite_lab.reporting.speeds import Speed, published_at, speeds_of, velocities_of
 from granite_lab.results import StudyResult, gaps
 from granite_lab.rounding import (
     Number,
@@ -122,10 +122,10 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
     questions += [] if quiet else [missing_answer(finding, result.unsearched)]
     questions += [closes_answer(finding)] if finding else []
     questions.append(_trust(result, finding))
-    own = dict(result.source.options).get("effects", "")
+    user_effects = dict(result.source.options).get("effects", "")
     steps: tuple[str, ...] = (REMEDY,) if quiet else ()
     if finding is not None:
-        steps = next_steps(finding, model, folder or result.name, own)
+        steps = next_steps(finding, model, folder or result.name, user_effects)
     return Answers(
         _lead(result, speeds), _virtual(result), (*questions, *_next(steps)), steps, speeds, a_theta, agrees,
         channels, paper.a_theta, quiet,
@@ -199,13 +199,15 @@ def _virtual(result: StudyResult) -> str:
 
 
 def _slip(speeds: Sequence[Speed]) -> Answer:
-    known = [s for s in speeds if s.slip_is_known]
-    inside, outside = ([f"{s.velocity:g}" for s in known if s.agrees is agrees] for agrees in (True, False))
+    with_slip = [s for s in speeds if s.slip_is_known]
+    inside, outside = (
+        [f"{s.velocity:g}" for s in with_slip if s.agrees is agrees] for agrees in (True, False)
+    )
     verdict = " to ".join(
-        f"{s.slip.quantity} at {s.velocity:g} m/s" for s in dict.fromkeys(known[:1] + known[-1:])
+        f"{s.slip.quantity} at {s.velocity:g} m/s" for s in dict.fromkeys(with_slip[:1] + with_slip[-1:])
     )
     tone = "fair" if outside else "good"
-    if not known:
+    if not with_slip:
         verdict, text, tone = (
             "Not known",
             "No trial has a steady part with a slip ratio that is known.",
@@ -221,7 +223,7 @@ def _slip(speeds: Sequence[Speed]) -> Answer:
     else:
         every = " at every speed" if len(inside) + len(outside) > 1 else ""
         text = f"The paper's experiment lies {'outside' if outside else 'in'} the 95 % interval{every}."
-    if alone := [f"{s.velocity:g}" for s in known if s.trials == 1]:
+    if alone := [f"{s.velocity:g}" for s in with_slip if s.trials == 1]:
         text += (
             f" The interval of a single trial ({listed(alone)} m/s) does not include the scatter between "
             "trials."
@@ -244,12 +246,14 @@ def a_theta_of(fit: AThetaFit | None) -> tuple[Number | None, bool | None]:
 
 def _k92_off(fit: AThetaFit) -> dict[float, float]:
     """Return the speeds at which the mean k_92 differs from the paper's, and by how many of its std."""
-    known = {}
+    distances = {}
     for velocity, positions in by_speed(v for _, v, _, _ in fit.points).items():
         k92 = mean_over(fit.points[i][2] for i in positions)
-        own = next((p.k92 for p in load_paper().table3 if abs(p.velocity - velocity) < 0.005), math.nan)
-        known[velocity] = abs(k92.value - own) / k92.std if k92.std > 0 else math.nan
-    return {velocity: far for velocity, far in known.items() if far > FAR}
+        published = published_at(velocity, load_paper())
+        distances[velocity] = (
+            abs(k92.value - published.k92) / k92.std if published and k92.std > 0 else math.nan
+        )
+    return {velocity: far for velocity, far in distances.items() if far > FAR}
 
 
 def _speeds_of(fit: AThetaFit) -> int:
@@ -317,8 +321,8 @@ def _depends(views: Sequence[View]) -> str:
         text += (
             f" With the uncertainty of soil and wheel radius (most of it: {most}), the interval is {ends}."
         )
-    if (found := by.get("found")) is not None:
-        number = decided(found.a_theta.value, found.a_theta.std, *found.ci95)
+    if (augmented := by.get("found")) is not None:
+        number = decided(augmented.a_theta.value, augmented.a_theta.std, *augmented.ci95)
         text += (
             " With the soil fitted to all sensors and what was found added to the model: "
             f"{number.with_std} s/m, {number.interval} s/m."
@@ -413,8 +417,8 @@ def closes_answer(finding: Finding) -> Answer:
     text += scale_of_gap(finding)
     closes = 1 - finding.remainder
     verdict = capital(percent(min(max(closes, 0.0), 1.0))) if math.isfinite(closes) else "Not known"
-    known = finding.remainder <= MUCH and math.isfinite(finding.gap.held_out[0])
-    return Answer("closes", question, verdict, text, "good" if known else "fair")
+    tested = finding.remainder <= MUCH and math.isfinite(finding.gap.held_out[0])
+    return Answer("closes", question, verdict, text, "good" if tested else "fair")
 
 
 def _trust(result: StudyResult, finding: Finding | None) -> Answer:
@@ -442,7 +446,7 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
             doubts.append(f"{plural(len(finding.dropped), 'trial')} left out because no model fits")
         grounds.append(f"Probability of the finding: {chance(finding.probability)}.")
         left = ((finding.trials_left_out, "trials"), (finding.speeds_left_out, "speeds"))
-        counts = [f"{sum(x.after < x.before for x in f)} of {len(f)} {what}" for f, what in left if f]
+        counts = [f"{sum(x.after < x.before for x in f)} of {len(f)} {kind}" for f, kind in left if f]
         if finding.effects and counts:
             grounds.append(f"{listed(counts)} left out of the fit are predicted better.")
         elif finding.effects:
@@ -471,7 +475,7 @@ def parted(step: str) -> tuple[str, str]:
     return f"{text.rstrip('.')}.", f"granite-lab {command.rstrip('.')}" if command else ""
 
 
-def plural(n: int, what: str) -> str:
+def plural(n: int, noun: str) -> str:
     """Return a number of things in words: "1 trial", "2 quantities"."""
-    many = f"{what[:-1]}ies" if what.endswith("ity") else f"{what}s"
-    return f"{n} {what if n == 1 else many}"
+    many = f"{noun[:-1]}ies" if noun.endswith("ity") else f"{noun}s"
+    return f"{n} {noun if n == 1 else many}"

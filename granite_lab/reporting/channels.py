@@ -75,7 +75,7 @@ CHANNEL_TABLE = Table[ChannelAnswer](
 
 
 def channels_of(
-    found: dict[tuple[str, str], Gap], finding: Finding | None = None
+    by_phase: dict[tuple[str, str], Gap], finding: Finding | None = None
 ) -> tuple[ChannelAnswer, ...]:
     """Judge each channel over whole trials.
 
@@ -84,12 +84,12 @@ def channels_of(
     """
     over = {g.channel for g in finding.gaps if g.train[0] > 1.0} if finding is not None else set()
     judged = []
-    for gap in (g for g in found.values() if g.phase == "all"):
+    for gap in (g for g in by_phase.values() if g.phase == "all"):
         unit, scale = shown_as(gap.unit)
         noise = gap.rms / gap.normalised if gap.normalised > 0 else math.nan
-        phases = [found[gap.channel, p] for p in PHASES if p != "all" and (gap.channel, p) in found]
-        known = [g for g in phases if math.isfinite(g.normalised)]
-        worst = PHASES[max(known, key=lambda g: g.normalised).phase] if known else ""
+        phases = [by_phase[gap.channel, p] for p in PHASES if p != "all" and (gap.channel, p) in by_phase]
+        judged_phases = [g for g in phases if math.isfinite(g.normalised)]
+        worst = PHASES[max(judged_phases, key=lambda g: g.normalised).phase] if judged_phases else ""
         sizes = (gap.rms * scale, noise * scale, gap.size * scale)
         verdict, tone = _judge(gap, noise)
         if verdict == AGREES and over.intersection(SENSORS_OF.get(gap.channel, ())):

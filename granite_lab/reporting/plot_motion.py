@@ -159,8 +159,8 @@ def _history(c: Comparison) -> Canvas:
     inside = (c.t >= -0.5) & (c.t <= end)
     t = c.t[inside]
     for axis, below, panel in zip(axes[::2], axes[1::2], PANELS, strict=True):
-        for one in (axis, below) if all(map(math.isfinite, c.run.steady)) else ():
-            one.axvspan(*c.run.steady, color=canvas.SHADE, linewidth=0, zorder=0)
+        for panel_axis in (axis, below) if all(map(math.isfinite, c.run.steady)) else ():
+            panel_axis.axvspan(*c.run.steady, color=canvas.SHADE, linewidth=0, zorder=0)
         lines = [
             Line(source, light, value[inside] * panel.scale, std[inside] * panel.scale)
             for source in SOURCES
@@ -225,13 +225,13 @@ def _difference(axis: Axes, panel: Panel, t: Array, lines: Sequence[Line]) -> No
     canvas.key(axis, "simulated − measured")
     every = []
     for light in range(len(panel.channels)):
-        own = {line.source: line for line in lines if line.light == light}
-        if len(own) == len(SOURCES):
-            gap = panel.finer * (own["simulated"].value - own["measured"].value)
-            axis.plot(*canvas.envelope(t, gap), color=own["simulated"].colour, linewidth=0.8)
+        pair = {line.source: line for line in lines if line.light == light}
+        if len(pair) == len(SOURCES):
+            gap = panel.finer * (pair["simulated"].value - pair["measured"].value)
+            axis.plot(*canvas.envelope(t, gap), color=pair["simulated"].colour, linewidth=0.8)
             every.append(gap[np.isfinite(gap)])
-    known = np.concatenate([*every, np.zeros(1)])
-    low, high = np.percentile(known, [1, 99]) if known.size > 1 else (-1.0, 1.0)
+    finite = np.concatenate([*every, np.zeros(1)])
+    low, high = np.percentile(finite, [1, 99]) if finite.size > 1 else (-1.0, 1.0)
     most = 1.2 * max(abs(low), abs(high)) or 1.0
     axis.set_ylim(-most, most)
 
@@ -296,10 +296,10 @@ def _health(motion: Motion, ratio: Array) -> Canvas:
     canvas.band(axes[0], t, v, std, "body velocity")
     axes[1].axhspan(-2, 2, color=canvas.FAINT, alpha=0.4, linewidth=0, zorder=0.5)
     for kind, (colour, marker) in zip(dict.fromkeys(h.kind), itertools.cycle(KINDS), strict=False):
-        own = np.flatnonzero(kinds == kind)
-        own = own[:: -(-own.size // SHOWN_INNOVATIONS)]
+        positions = np.flatnonzero(kinds == kind)
+        positions = positions[:: -(-positions.size // SHOWN_INNOVATIONS)]
         axes[1].plot(
-            np.asarray(h.t)[own], ratio[own], marker=marker, markersize=1.8, linestyle="none",
+            np.asarray(h.t)[positions], ratio[positions], marker=marker, markersize=1.8, linestyle="none",
             color=colour, label=kind.replace("_", " "), markeredgewidth=0,
         )  # fmt: skip
     highest = float(np.nanmax(np.abs(ratio))) if np.isfinite(ratio).any() else 3.0

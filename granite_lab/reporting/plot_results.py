@@ -35,14 +35,15 @@ Point = tuple[Estimate, Estimate, int]
 
 def slip_figure(answers: Answers, paper: Paper) -> Figure:
     """Draw λ_R over the desired velocity: each trial, the means with their intervals, and the paper."""
-    known = [s for s in answers.speeds if s.slip_is_known]
-    rising = all(a.slip.value < b.slip.value for a, b in pairwise(known))
+    with_slip = [s for s in answers.speeds if s.slip_is_known]
+    rising = all(a.slip.value < b.slip.value for a, b in pairwise(with_slip))
     title = "Slip grows with speed" if rising else "Slip does not grow steadily with speed"
-    if len(known) < 2:
+    if len(with_slip) < 2:
         title = (
-            "".join(f"{s.slip.quantity} slip at {s.velocity:g} m/s" for s in known) or "No slip ratio known"
+            "".join(f"{s.slip.quantity} slip at {s.velocity:g} m/s" for s in with_slip)
+            or "No slip ratio known"
         )
-    judged = [s for s in known if s.agrees is not None]
+    judged = [s for s in with_slip if s.agrees is not None]
     if judged:
         inside = sum(bool(s.agrees) for s in judged)
         where = f"in the interval at {inside} of {len(judged)} speeds"
@@ -51,11 +52,11 @@ def slip_figure(answers: Answers, paper: Paper) -> Figure:
         title += f"; the paper's experiment is {where}"
 
     def draw(axis: Axes) -> None:
-        alone = all(s.trials == 1 for s in known)
+        alone = all(s.trials == 1 for s in with_slip)
         points = _over_speed(answers.speeds, lambda c: c.motion.slip_ratio)
         _trials(axis, [] if alone else points, (1.0, 100.0), color=canvas.MEASURED_LIGHT)
         label = f"{'one trial' if alone else 'mean'}, 95 %"
-        for k, s in enumerate(known):
+        for k, s in enumerate(with_slip):
             bars = [[_bar(s.slip.value - s.slip.low)], [_bar(s.slip.high - s.slip.value)]]
             axis.errorbar(
                 s.velocity, s.slip.value, yerr=bars, color=canvas.MEASURED, marker="D", markersize=4.5,
@@ -126,8 +127,8 @@ def k92_over_slip(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figu
     root = significant(-100 * paper.fig4_intercept / paper.fig4_slope, 3)
     title = f"The paper's line reaches k_92 = 0, the limit of the model, at {root} % slip"
     if line is not None and line[1] < 0:
-        own = significant(-100 * line[0] / line[1], 3)
-        title = f"k_92 = 0, the limit of the model, is reached at {own} % slip; {root} % in the paper"
+        fitted_root = significant(-100 * line[0] / line[1], 3)
+        title = f"k_92 = 0, the limit of the model, is reached at {fitted_root} % slip; {root} % in the paper"
     slips = [p.slip_measured for p in paper.table3] + [s.slip.value / 100 for s in answers.speeds]
     x = np.linspace(0, max(0.25, 1.1 * max(s for s in slips if math.isfinite(s))), 2)
 

@@ -102,7 +102,7 @@ def effects_table(
         name, title = "found_small", "Small effects"
         note = "Possibly present. They close little of the gap, or are smaller than the tolerance."
 
-    def what(r: Size) -> str:
+    def explanation(r: Size) -> str:
         return TERM if r.effect.empirical else meaning(r.effect.id, r.parameter.name)
 
     def size(r: Size) -> Cell:
@@ -122,7 +122,7 @@ def effects_table(
         title,
         Column("effect", lambda r: r.once(words(plain(r.effect.id)))),
         Column("number", lambda r: "amount" if r.effect.empirical else _spaced(r.parameter.name)),
-        Column("what it is", what),
+        Column("what it is", explanation),
         Column("value ± std", size, "value std unit"),
         Column("95 % interval", ends, "low high"),
         Column(
@@ -139,9 +139,9 @@ def discrepancies(finding: Finding) -> dict[str, tuple[float, float]]:
     """Return per channel the rms of its discrepancy in motion over its rms, without and with the effects."""
 
     def part(channel: str, name: str) -> float:
-        own = [r for r in finding.residuals if r.channel == channel and r.size > 0]
+        residuals = [r for r in finding.residuals if r.channel == channel and r.size > 0]
         # A discrepancy has a std in the bins of the motion.
-        values = np.concatenate([getattr(r, name)[r.std > 0] / r.size for r in own] or [np.zeros(0)])
+        values = np.concatenate([getattr(r, name)[r.std > 0] / r.size for r in residuals] or [np.zeros(0)])
         return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
 
     return {c: (part(c, "discrepancy_before"), part(c, "discrepancy_after")) for c in channels_of(finding)}
@@ -225,8 +225,8 @@ def detectable_table(finding: Finding) -> FilledTable:
     """List the smallest size of every candidate that these trials show, and what limits it."""
 
     def ends_of(d: Detectable) -> tuple[float, float] | None:
-        known = declared(d.effect, d.parameter)
-        return (known.prior_low, known.prior_high) if known else None
+        declaration = declared(d.effect, d.parameter)
+        return (declaration.prior_low, declaration.prior_high) if declaration else None
 
     def scale(d: Detectable) -> tuple[str, float]:
         return scale_of(d.effect, d.parameter, d.unit, max(map(abs, ends_of(d) or (d.size,))))

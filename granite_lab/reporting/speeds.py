@@ -12,7 +12,7 @@ from granite_lab.columns import Cell, Column, FilledTable, Table, number
 from granite_lab.estimate import mean_over
 from granite_lab.estimation.motion import TELLING
 from granite_lab.fitting.fit import BOUNDS
-from granite_lab.parameters import Paper, by_speed
+from granite_lab.parameters import Paper, Published, by_speed
 from granite_lab.results import StudyResult, TrialResult
 from granite_lab.rounding import NONE, Number, decided
 
@@ -117,18 +117,24 @@ def speeds_of(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
         k92 = mean_over(f.k92 for f in inner)
         # The interval is by the likelihood where the covariance is not enough.
         ends = k92_interval(inner, (k92.low, k92.high))
-        own = next((p for p in paper.table3 if abs(p.velocity - velocity) < 0.005), None)
+        published = published_at(velocity, paper)
         rows.append(
             Speed(
                 velocity, tuple(trials), count, decided(*slip, unit="%", scale=100),
                 decided(k92.value, k92.std, *ends),
                 "" if inner else "at its limit" if all(f.status in BOUNDS for f in fits) else "not known",
                 # The paper prints three digits; the tail of 100 times a fraction is none of them.
-                round(100 * own.slip_measured, 6) if own else math.nan, own.k92 if own else math.nan,
+                round(100 * published.slip_measured, 6) if published else math.nan,
+                published.k92 if published else math.nan,
                 (100 * min(f.reach[0] for f in fits), 100 * max(f.reach[1] for f in fits)),
             )
         )  # fmt: skip
     return tuple(rows)
+
+
+def published_at(velocity: float, paper: Paper) -> Published | None:
+    """Return the row of Table 3 of the paper at a velocity [m/s]; None where it has none."""
+    return next((row for row in paper.table3 if abs(row.velocity - velocity) < 0.005), None)
 
 
 def velocities_of(result: StudyResult) -> list[float]:

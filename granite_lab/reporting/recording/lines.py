@@ -120,9 +120,9 @@ def lines_of(trial: Trial, comparison: Comparison, finding: Finding | None = Non
         Line("slip_of_each_wheel/measured", WHEELS, "-", t, motion.slip, OF_WHEELS, (THIN,) * 4, step=MEDIUM),
         *_channels(comparison), *_innovations(comparison),
     ]  # fmt: skip
-    if (known := trial.reference_v) is not None:
-        t = known.t - start
-        lines.append(Line("velocity/reference", ("reference",), "m/s", t, known.value, (PURPLE,)))
+    if (reference := trial.reference_v) is not None:
+        t = reference.t - start
+        lines.append(Line("velocity/reference", ("reference",), "m/s", t, reference.value, (PURPLE,)))
     if (drawn := trial.currents) is not None:
         t, value = drawn.t - start, drawn.current
         lines.append(
@@ -143,15 +143,15 @@ def _channels(c: Comparison) -> Iterator[Line]:
         yield _simulated(plot, tuple(ghosts), unit, c.t, value, (SIMULATED, VERMILION)[: len(ghosts)])
         step, drawn = (FINE, (SKY, BLUE)) if len(ids) < len(WHEELS) else (MEDIUM, OF_WHEELS)
         colours = dict(zip(ids, drawn, strict=False))
-        known = [k for k in ids if k in c.measured]
-        for k in known:
+        measured = [k for k in ids if k in c.measured]
+        for k in measured:
             entity, name = f"{plot}/measured_{channels[k]}", f"{channels[k]}, measured"
             names, value, std = (name.removeprefix(", "),), c.measured[k], c.measured_std[k]
             yield Line(entity.rstrip("_"), names, unit, c.t, value, (colours[k],), std=std, step=step)
-        if known:
-            gap = np.column_stack([c.simulated[k] - c.measured[k] for k in known])
-            labels, few = tuple(channels[k] or "difference" for k in known), tuple(colours[k] for k in known)
-            widths = (THIN,) * len(known)
+        if measured:
+            gap = np.column_stack([c.simulated[k] - c.measured[k] for k in measured])
+            labels = tuple(channels[k] or "difference" for k in measured)
+            few, widths = tuple(colours[k] for k in measured), (THIN,) * len(measured)
             yield Line(
                 f"difference_{plot}/simulated_minus_measured",
                 labels,
@@ -169,10 +169,10 @@ def _innovations(comparison: Comparison) -> Iterator[Line]:
     start, health = comparison.start, comparison.motion.health
     scale = np.where(health.innovation_std > 0, health.innovation_std, np.nan)
     for kind, colour in zip(dict.fromkeys(health.kind), cycle((*OF_WHEELS, VERMILION, GREY))):
-        own = np.array([k == kind for k in health.kind])
-        ratio = (health.innovation / scale)[own]
+        of_kind = np.array([k == kind for k in health.kind])
+        ratio = (health.innovation / scale)[of_kind]
         entity, names = f"innovation/{kind}", (kind.replace("_", " "),)
-        t = health.t[own] - start
+        t = health.t[of_kind] - start
         yield Line(entity, names, "σ", t, ratio, (colour,), (1.3,), step=COARSE, dots=True)
 
 
@@ -320,9 +320,9 @@ def write_events(
         bars = [(i.start, i.end, i.label) for i in intervals if i.channel == channel]
         _bars(writer, f"{DIFFERS}/{entity_of(channel)}", float(t[0]), bars, VERMILION)
     events = [*_events(comparison), *_updates(comparison, start), *_told(comparison, finding)]
-    for one in intervals:
-        what = f"simulated {one.channel} differs from the measured one by up to {one.label} % of its rms"
-        events.append(Event(one.start, f"{what}, {one.start:.2f} s to {one.end:.2f} s"))
+    for bar in intervals:
+        sentence = f"simulated {bar.channel} differs from the measured one by up to {bar.label} % of its rms"
+        events.append(Event(bar.start, f"{sentence}, {bar.start:.2f} s to {bar.end:.2f} s"))
     events.sort(key=lambda e: e.t)
     text = [drawable(f"{e.t:6.2f} s  {e.text}") for e in events]
     stamps = np.clip([e.t for e in events], t[0], t[-1])
@@ -390,13 +390,13 @@ def _updates(comparison: Comparison, start: float) -> Iterator[Event]:
     """Yield where runs of measurement updates begin, and the updates that fit badly."""
     health = comparison.motion.health
     for kind in dict.fromkeys(health.kind):
-        own = np.array([k == kind for k in health.kind])
-        t = health.t[own] - start
+        of_kind = np.array([k == kind for k in health.kind])
+        t = health.t[of_kind] - start
         pause = 5 * float(np.median(np.diff(t))) if len(t) > 2 else np.inf
         for run in np.split(t, np.flatnonzero(np.diff(t) > max(pause, 0.25)) + 1):
             mean = f"mean normalized innovation squared of all: {health.nis.get(kind, np.nan):.2f}"
-            what = f"{kind.replace('_', '-')} updates: {len(run)}, until {run[-1]:.2f} s"
-            yield Event(float(run[0]), f"{what} ({mean})")
+            text = f"{kind.replace('_', '-')} updates: {len(run)}, until {run[-1]:.2f} s"
+            yield Event(float(run[0]), f"{text} ({mean})")
     ratio = np.abs(health.innovation) / np.where(health.innovation_std > 0, health.innovation_std, np.inf)
     for i in [i for i in np.argsort(-ratio) if ratio[i] > OUTLIER][:MOST_OUTLIERS]:
         text = f"{health.kind[i].replace('_', '-')} update {ratio[i]:.1f} times its std off"

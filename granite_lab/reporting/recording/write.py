@@ -80,8 +80,8 @@ def _series(origin: str, title: str, lines: Sequence[Line], *, legend: bool = Tr
     """
     axis = None
     if "slip" in lines[0].entity:
-        known = np.concatenate([line.value.ravel() for line in lines])
-        low, high = np.nanpercentile(np.append(known, 0.0), [4, 96])
+        values = np.concatenate([line.value.ravel() for line in lines])
+        low, high = np.nanpercentile(np.append(values, 0.0), [4, 96])
         axis = rrb.ScalarAxis(range=(10 * np.floor(low / 10 - 0.2), 10 * np.ceil(high / 10 + 0.2)))
     return rrb.TimeSeriesView(
         origin=origin, name=f"{title} [{lines[0].unit}]", axis_x=TIME_AXIS, axis_y=axis,
@@ -144,10 +144,10 @@ def overlay(rows: Mapping[str, Sequence[Line]], many: int) -> Any:
     views = []
     for i, (speed, lines) in enumerate(rows.items()):
         pair = []
-        for plot, what in (("velocity", "velocity"), ("slip", "slip, mean of the wheels")):
+        for plot, label in (("velocity", "velocity"), ("slip", "slip, mean of the wheels")):
             root = f"{OVERLAY}/{i}/{plot}"
-            if own := [line for line in lines if line.entity.startswith(f"{root}/")]:
-                pair.append(_series(f"/{root}", f"{speed}: {what}", own, legend=many <= MOST_NAMED))
+            if of_plot := [line for line in lines if line.entity.startswith(f"{root}/")]:
+                pair.append(_series(f"/{root}", f"{speed}: {label}", of_plot, legend=many <= MOST_NAMED))
         if pair:
             views.append(rrb.Horizontal(*pair, name=speed))
     key = rrb.TextDocumentView(origin="/key", name="Key")
@@ -187,9 +187,9 @@ def record_study(result: StudyResult, path: Path, *, finding: Finding | None = N
     velocities and slips of all trials over each other. Arguments and errors as in `record_trial`.
     """
     names = distinct([drawable(r.trial.name) for r in result.trials])
-    known = zip(names, result.trials, strict=True)
-    contents = {name: _Content(r.trial, r.comparison, finding) for name, r in known}
-    speeds = by_speed(own.comparison.motion.variant.velocity for own in contents.values())
+    pairs = zip(names, result.trials, strict=True)
+    contents = {name: _Content(r.trial, r.comparison, finding) for name, r in pairs}
+    speeds = by_speed(content.comparison.motion.variant.velocity for content in contents.values())
     tabs, rows = [], {}
     for i, (speed, positions) in enumerate(speeds.items()):
         of_speed = [names[position] for position in positions]
@@ -204,8 +204,8 @@ def record_study(result: StudyResult, path: Path, *, finding: Finding | None = N
     with recording(path, result.name, blueprint(rrb.Tabs(first, *tabs, active_tab=0))) as stream:
         Writer(stream).static("key", _page("recording_key.md", virtual=result.virtual, study=True))
         write_lines(Writer(stream), chain(*rows.values()))
-        for name, own in contents.items():
-            own.write(Writer(stream, root_of(name)))
+        for name, content in contents.items():
+            content.write(Writer(stream, root_of(name)))
     return path
 
 
