@@ -20,7 +20,7 @@ from granite_lab.errors import InputError, LabError
 from granite_lab.files import readable
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.folders import distinct
-from granite_lab.logs.trial import Array, Trial, trial_files
+from granite_lab.logs.trial import Trial, trial_files
 from granite_lab.origin import NOTHING, Failure, Origin, Source, Written
 from granite_lab.shown import Shown
 
@@ -144,14 +144,6 @@ def of_search(finding: Finding, folder: Path) -> StudyResult:
     source = finding.origin.source
     assert source is not None
     return StudyResult(folder.resolve().name, (), (), None, source, finding)
-
-
-def mean_of_known(values: Array, axis: int) -> Array:
-    """Return the mean along an axis over what is finite; NaN where nothing is."""
-    known = np.isfinite(values)
-    count = known.sum(axis=axis)
-    total = np.where(known, values, 0.0).sum(axis=axis)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 CHANNELS = {

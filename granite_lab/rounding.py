@@ -148,6 +148,12 @@ def shown_as(unit: str) -> tuple[str, float]:
     return SHOWN_AS.get(unit, (unit, 1.0))
 
 
+def axis_unit(unit: str) -> tuple[str, float]:
+    """Return the unit, as a reader expects it, and the factor in which values in `unit` are drawn."""
+    named, factor = {"-": ("%", 100.0), "m/s": (unit, 1.0)}.get(unit) or shown_as(unit)
+    return tidy_unit(named), factor
+
+
 @dataclass(frozen=True)
 class Number:
     """A number as it stands everywhere: value, std and 95 % interval rounded to one decimal place.

@@ -15,13 +15,13 @@ from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import Finding
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit, K92Fit
+from granite_lab.logs.counters import mean_known
 from granite_lab.model.run import Run
 from granite_lab.reporting import canvas
 from granite_lab.reporting.pictures import wheel_figure
 from granite_lab.reporting.plot_motion import SLIP_STD_SHOWN, comparison_figure
 from granite_lab.reporting.plot_results import fits_figure
 from granite_lab.reporting.plot_search import gap_figure
-from granite_lab.results import mean_of_known
 
 
 def plot(record: Any) -> Figure:
@@ -87,7 +87,7 @@ def run_plot(run: Run) -> Figure:
 
 def motion_plot(motion: Motion) -> Figure:
     """Draw velocity, slip ratio and pitch over time with bands of ±2σ."""
-    t, wheel, degree = motion.t, mean_of_known(motion.v_wheel, 1), 180 / math.pi
+    t, wheel, degree = motion.t, mean_known(motion.v_wheel, 1), 180 / math.pi
     known = np.isfinite(wheel)
     with canvas.styled():
         labels = ["velocity [m/s]", "slip ratio [%]", "pitch [°]"]
@@ -96,7 +96,7 @@ def motion_plot(motion: Motion) -> Figure:
         axes[0].plot(t[known], wheel[known], color=canvas.MEASURED_LIGHT, label="wheels, mean")
         for name, color, k in (("front", canvas.MEASURED, [0, 1]), ("rear", canvas.MEASURED_LIGHT, [2, 3])):
             sure = (motion.slip_std[:, k] < SLIP_STD_SHOWN).all(axis=1)
-            slip = np.where(sure, mean_of_known(motion.slip[:, k], 1), math.nan)
+            slip = np.where(sure, mean_known(motion.slip[:, k], 1), math.nan)
             axes[1].plot(t, 100 * slip, color=color, label=f"{name} wheels")
         canvas.band(axes[2], t, degree * motion.pitch, degree * motion.pitch_std, "nose down")
         for axis in axes:

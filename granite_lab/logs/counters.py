@@ -89,8 +89,8 @@ def quantum(raw: Array) -> float:
     return 0.0
 
 
-def mean_known(values: Array) -> Array:
-    """Mean of each row, as over the wheels; NaN where none is known, without a warning."""
-    n = np.isfinite(values).sum(axis=1)
-    total = np.where(np.isfinite(values), values, 0.0).sum(axis=1)
+def mean_known(values: Array, axis: int = 1) -> Array:
+    """Mean along an axis, by default of each row, as over the wheels; NaN where none is known."""
+    n = np.isfinite(values).sum(axis=axis)
+    total = np.where(np.isfinite(values), values, 0.0).sum(axis=axis)
     return np.where(n > 0, total / np.maximum(n, 1), np.nan)

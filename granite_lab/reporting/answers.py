@@ -18,6 +18,7 @@ from granite_lab.reporting.names import (
     capital,
     describe,
     in_plain_words,
+    inside,
     listed,
     next_steps,
     plain,
@@ -151,11 +152,9 @@ def _differ(finding: Finding, gap: float) -> str:
 
 def _drove(trials: int, robots: Sequence[str], soils: Sequence[str], speeds: Sequence[float]) -> str:
     """Say what was driven; titles of robots and soils may repeat, and the most frequent ones come first."""
-    # A title stands inside a sentence; an acronym keeps its capitals.
-    small = [s[0].lower() + s[1:] if s[1:2].islower() else s for s in soils]
     robot, soil = (
         listed([name for name, _ in Counter(titles).most_common()])
-        for titles in ([r.split(",")[0] for r in robots], small)
+        for titles in ([r.split(",")[0] for r in robots], map(inside, soils))
     )
     velocities = listed([f"{v:g}" for v in speeds])
     return f"{plural(trials, 'trial')} of {robot} driving straight on {soil} at {velocities} m/s"
@@ -431,8 +430,7 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
         named = ", ".join(doubtful[:3])
         doubts.append(f"{len(doubtful)} of {plural(n, 'estimate')} doubtful ({named}{more})")
     elif n:
-        which = {1: "The motion estimate is", 2: "Both motion estimates are"}
-        grounds.append(f"{which.get(n, f'All {n} motion estimates are')} good.")
+        grounds.append(all_good(n))
     if failed := sum(not f.excluded for f in result.failures):
         doubts.append(f"{plural(failed, 'trial')} could not be used")
     if finding is None or not finding.provisional:
@@ -460,6 +458,12 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
     text = " ".join([*grounds, *doubt, f"Valid for these speeds, this robot and this sand.{radius}"])
     verdict, tone = ("With care", "fair") if doubts else ("Well, for trials like these", "good")
     return Answer("trust", "How far can this be trusted?", verdict, text, tone)
+
+
+def all_good(n: int) -> str:
+    """Say that all of n motion estimates are good."""
+    which = {1: "The motion estimate is", 2: "Both motion estimates are"}
+    return f"{which.get(n, f'All {n} motion estimates are')} good."
 
 
 def _next(steps: Sequence[str]) -> tuple[Answer, ...]:

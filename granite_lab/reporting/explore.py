@@ -28,7 +28,7 @@ from granite_lab.reporting.names import SENSORS, with_found
 from granite_lab.reporting.plot_motion import shown_channel
 from granite_lab.reporting.render import rendered
 from granite_lab.results import CHANNELS, StudyResult, TrialResult
-from granite_lab.rounding import shown_as, tidy_unit
+from granite_lab.rounding import axis_unit, shown_as, tidy_unit
 
 POINTS, FEWEST = 900, 150
 """Points of a line, and how few of them are left where there are many trials."""
@@ -40,8 +40,6 @@ MOST = 120
 READ = ("torque_f", "torque_r", "accel", "pitch_rate")
 """Channels of a comparison that a sensor reads; the others are estimated from several."""
 WHEEL_NAMES = dict(zip(WHEELS, ("front left", "front right", "rear left", "rear right"), strict=True))
-AXIS = {"-": ("%", 100.0), "rad": ("°", 180 / math.pi), "rad/s": ("°/s", 180 / math.pi)}
-"""Unit of a record to that of an axis and the factor to it; other units stay."""
 
 
 class Curves(NamedTuple):
@@ -179,10 +177,10 @@ def _thin(signal: Curves, points: int) -> dict[str, Any]:
     later = () if signal.augmented is None else (signal.augmented, signal.augmented - signal.measured)
     lines = (signal.measured, signal.simulated, signal.simulated - signal.measured, *later)
     kept = extremes(lines, points)
-    unit, scale = AXIS.get(signal.unit, (signal.unit, 1.0))
+    unit, scale = axis_unit(signal.unit)
     gap_unit, gap_scale = shown_as(signal.unit)
     about = {
-        "name": signal.name, "unit": tidy_unit(unit), "read": signal.read, "gap": tidy_unit(gap_unit),
+        "name": signal.name, "unit": unit, "read": signal.read, "gap": tidy_unit(gap_unit),
         "factor": gap_scale / scale, "search": signal.id.startswith("search_"),
     }  # fmt: skip
     packed: dict[str, Any] = {"about": about, "t": _base64(signal.t[kept])}

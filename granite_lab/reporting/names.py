@@ -180,6 +180,11 @@ def capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def inside(title: str) -> str:
+    """Return a title as it stands inside a sentence; an acronym keeps its capitals."""
+    return title[0].lower() + title[1:] if title[1:2].islower() else title
+
+
 def in_plain_words(note: str, finding: Finding) -> str:
     """Return a sentence of the search with the effects and channels in it as words."""
     ids = {c.id for c in finding.candidates} | {d.effect for d in finding.detectable}

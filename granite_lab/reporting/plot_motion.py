@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from granite_lab.comparison.compare import Comparison
 from granite_lab.estimation.motion import Motion
+from granite_lab.logs.counters import mean_known
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration
 from granite_lab.parameters import WHEELS
@@ -24,7 +25,7 @@ from granite_lab.reporting.canvas import Figure
 from granite_lab.reporting.channels import channels_of
 from granite_lab.reporting.names import lines_of, speed_stem, together
 from granite_lab.reporting.speeds import Speed
-from granite_lab.results import gaps, mean_of_known
+from granite_lab.results import gaps
 from granite_lab.rounding import significant
 
 SLIP_STD_SHOWN = 0.04
@@ -125,7 +126,7 @@ def shown_channel(c: Comparison, source: str, name: str) -> tuple[Array, Array]:
     """
     nothing = np.full(len(c.t), np.nan)
     values = c.measured if source == "measured" else c.simulated
-    wheels = mean_of_known(np.array([values.get(f"wheel_{w}", nothing) for w in WHEELS]), 0)
+    wheels = mean_known(np.array([values.get(f"wheel_{w}", nothing) for w in WHEELS]), 0)
     if name == "wheels":
         return wheels, nothing
     value = values.get(name, nothing)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import MaxNLocator
 
 from granite_lab.discovery.finding import Candidate, Finding, Residual
+from granite_lab.logs.counters import mean_known
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import by_speed
 from granite_lab.reporting import canvas
@@ -29,7 +30,6 @@ from granite_lab.reporting.names import (
     speed_stem,
     with_found,
 )
-from granite_lab.results import mean_of_known
 from granite_lab.rounding import places, shown_as, significant, tidy_unit, times
 
 Pair = tuple[float, float]
@@ -183,7 +183,7 @@ def history_figures(finding: Finding) -> list[Figure]:
 def _closer(finding: Finding, drawn: Mapping[str, Residual]) -> str:
     """Say which sensor comes closest with what was found."""
     both = {c: [(v - m.measured) ** 2 for v in (m.before, m.after)] for c, m in drawn.items()}
-    squares = {c: [float(mean_of_known(x, 0)) for x in pair] for c, pair in both.items()}
+    squares = {c: [float(mean_known(x, 0)) for x in pair] for c, pair in both.items()}
     factor = {c: math.sqrt(before / after) for c, (before, after) in squares.items() if after > 0}
     best = max(factor, key=lambda c: factor[c], default="")
     if not finding.terms or not factor.get(best, 0.0) >= 1.1:
@@ -196,7 +196,7 @@ def mean_of(group: Sequence[Residual]) -> Residual:
     finite = np.array([np.isfinite(r.measured) for r in group])
 
     def average(name: str) -> Array:
-        return mean_of_known(np.where(finite, [getattr(r, name) for r in group], np.nan), 0)
+        return mean_known(np.where(finite, [getattr(r, name) for r in group], np.nan), 0)
 
     return replace(group[0], measured=average("measured"), before=average("before"), after=average("after"))
 

@@ -133,8 +133,8 @@ class Report:
     answers: Answers
     first: FilledTable | None
     sections: tuple[Section, ...]
-    numbers: str = "report.json"
-    files: tuple[Link, ...] = ()
+    numbers: str
+    files: tuple[Link, ...]
 
     @property
     def has_lines(self) -> bool:
@@ -200,22 +200,18 @@ def study_report(
         looks = _looks(result, folder, recordings)
         sections.append(Section("trials", "Quality of the trials", _kept(_quality(result, decided, looks))))
     sections.append(_provenance(result.source, decided.steps[1:]))
-    if result.trials or result.finding is None:
-        first = first_table(decided.speeds, silent=decided.silent, virtual=bool(decided.virtual))
-        files = (
-            *([Link("all lines", LINES)] if result.trials else []), Link("PDF", "report.pdf"),
-            Link("Markdown", "report.md"), Link("numbers", "report.json"),
-            *([Link("recordings", f"{recordings}/")] if recordings else []),
-            Link("tables", "tables/"), Link("figures", "figures/"),
-        )  # fmt: skip
-        kind = f"Report of a study, {today()}"
-        return Report(result.name, kind, decided, first, tuple(sections), files=files)
-    kind = f"Report of a search for a missing effect, {today()}"
-    beside = (
-        Link("Markdown", "report.md"), Link("numbers", "finding.json"), Link("tables", "tables/"),
-        Link("figures", "figures/"),
+    study = bool(result.trials) or result.finding is None
+    numbers, kind = ("report.json", "study") if study else ("finding.json", "search for a missing effect")
+    addresses = {
+        "all lines": LINES if result.trials else "", "PDF": "report.pdf" if study else "",
+        "Markdown": "report.md", "numbers": numbers, "recordings": f"{recordings}/" if recordings else "",
+        "tables": "tables/", "figures": "figures/",
+    }  # fmt: skip
+    return Report(
+        result.name, f"Report of a {kind}, {today()}", decided,
+        first_table(decided.speeds, silent=decided.silent, virtual=bool(decided.virtual)), tuple(sections),
+        numbers, tuple(Link(text, address) for text, address in addresses.items() if address),
     )  # fmt: skip
-    return Report(result.name, kind, decided, None, tuple(sections), "finding.json", beside)
 
 
 def _slip(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
@@ -315,10 +311,9 @@ def _looks(result: StudyResult, folder: str, recordings: str) -> Looks:
 def _quality(result: StudyResult, decided: Answers, looks: Looks) -> Iterator[Maybe]:
     n = len(result.trials)
     doubtful = [r for r in result.trials if not r.comparison.motion.health.good]
-    which = {1: "The estimate of the motion is", 2: "Both estimates of the motion are"}
-    text = f"{which.get(n, f'All {n} estimates of the motion are')} good."
+    text = decide.all_good(n)
     if doubtful:
-        text = f"{n - len(doubtful)} of {n} estimates of the motion are good. Exceptions:"
+        text = f"{n - len(doubtful)} of {n} motion estimates are good. Exceptions:"
     yield (
         f"{text} An estimate is good if a standstill, or wheels that come to rest, fixes the velocity at "
         "both ends, and if the residuals agree with the noise."

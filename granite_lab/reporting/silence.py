@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from granite_lab.estimation.motion import no_slip_is_known
 from granite_lab.fitting.fit import BOUNDS
-from granite_lab.reporting.names import listed
+from granite_lab.reporting.names import inside, listed
 from granite_lab.reporting.speeds import Speed
 from granite_lab.results import StudyResult, TrialResult
 from granite_lab.rounding import significant
@@ -84,9 +84,8 @@ def assumptions(result: StudyResult) -> str:
         if kind in given or not unnamed:
             continue
         titles = list(dict.fromkeys(getattr(r.comparison.run, kind).title for r in unnamed))
-        small = [t[0].lower() + t[1:] if t[1:2].islower() else t for t in titles]
         every = "" if len(unnamed) == len(result.trials) else f" of {len(unnamed)} trials"
-        parts.append(f"the {kind}{every} is {listed(small)}")
+        parts.append(f"the {kind}{every} is {listed([inside(title) for title in titles])}")
     if not parts:
         return ""
     keys = " and ".join(f"--{part.split()[1]}" for part in parts)

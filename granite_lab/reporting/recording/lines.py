@@ -18,13 +18,13 @@ import rerun as rr
 
 from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import Finding, Residual
+from granite_lab.logs.counters import mean_known
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting.answers import missing_answer
 from granite_lab.reporting.names import latency_in_words, sensor
 from granite_lab.reporting.recording.stream import Writer, drawable
-from granite_lab.results import mean_of_known
-from granite_lab.rounding import plus_minus, significant
+from granite_lab.rounding import axis_unit, plus_minus, significant
 
 Rgb = tuple[int, int, int]
 
@@ -42,11 +42,6 @@ FINE, MEDIUM, COARSE = 0.01, 0.02, 0.04
 """Spacing of lines [s], enough for the eye: channels; differences and single wheels; innovations."""
 MOST_ROWS = 20_000
 """A line of more samples is thinned, so that a log of an hour still opens."""
-
-SHOWN = {
-    "-": ("%", 100.0), "rad": ("°", 180 / np.pi), "rad/s": ("°/s", 180 / np.pi), "m/s^2": ("m/s²", 1.0),
-}  # fmt: skip
-"""Unit of a record to the unit that is shown, and its factor; other units are shown as they are."""
 
 CHANNELS = {
     "velocity": {"velocity": ""},
@@ -93,7 +88,7 @@ class Line:
         rows = len(self.t)
         spacing = float(np.ptp(self.t)) / (rows - 1) if rows > 1 else 0.0
         n = max(1, round(self.step / spacing) if spacing > 0 else 1, -(-rows // MOST_ROWS))
-        unit, factor = SHOWN.get(self.unit, (self.unit, 1.0))
+        unit, factor = axis_unit(self.unit)
         value = factor * self.value[::n]
         std = None if self.std is None else factor * self.std[::n]
         return replace(
@@ -113,7 +108,7 @@ def lines_of(trial: Trial, comparison: Comparison, finding: Finding | None = Non
     """Return every line of a trial as shown, with simulations of a finding; none without a finite sample."""
     motion, start = comparison.motion, comparison.start
     run, t = comparison.run, motion.t - start
-    wheels = mean_of_known(motion.v_wheel, 1)
+    wheels = mean_known(motion.v_wheel, 1)
     lines = [
         Line("velocity/desired", ("desired",), "m/s", run.t, run["v_desired_mps"], (GREY,), step=FINE),
         Line("velocity/wheels", ("wheels, measured",), "m/s", t, wheels, (GREEN,), step=FINE),
@@ -217,7 +212,7 @@ def overlaid(row: str, name: str, comparison: Comparison, colour: Rgb) -> list[L
     lines = []
     for plot, unit, simulated, measured in (
         (f"{row}/velocity", "m/s", run["v_mps"], motion.v),
-        (f"{row}/slip", "-", slip, mean_of_known(motion.slip, 1)),
+        (f"{row}/slip", "-", slip, mean_known(motion.slip, 1)),
     ):
         wide = _simulated(plot, ("simulated",), unit, run.t, simulated, (SIMULATED,))
         lines.append(replace(wide, entity=f"{wide.entity}/{last}"))
