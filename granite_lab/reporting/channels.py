@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from granite_lab.columns import Cell, Column, Table, number, words
 from granite_lab.discovery.finding import Finding
 from granite_lab.results import PHASES, Gap
-from granite_lab.rounding import NONE, shown_as, significant, tidy_unit, with_unit
+from granite_lab.rounding import NONE, shown_as, significant, with_unit
 
 AGREES = "agrees"
 
@@ -94,7 +94,7 @@ def channels_of(
         verdict, tone = _judge(gap, noise)
         if verdict == AGREES and over.intersection(SENSORS_OF.get(gap.channel, ())):
             verdict, tone = "differs, less than the noise", "fair"
-        judged.append(ChannelAnswer(gap.channel, gap.name, tidy_unit(unit), *sizes, verdict, tone, worst))
+        judged.append(ChannelAnswer(gap.channel, gap.name, unit, *sizes, verdict, tone, worst))
     return tuple(judged)
 
 
@@ -119,7 +119,7 @@ MISFITS = Table[Gap](
     "Simulated minus measured, by quantity and phase",
     Column("quantity", lambda g: g.name),
     Column("phase", lambda g: PHASES[g.phase]),
-    Column("unit", lambda g: tidy_unit(shown_as(g.unit)[0])),
+    Column("unit", lambda g: shown_as(g.unit)[0]),
     Column("rms", lambda g: _small(g.rms, g), "rms_si"),
     Column("mean", lambda g: _small(g.bias, g), "bias_si"),
     Column("largest", lambda g: _small(g.peak, g), "peak_si"),

@@ -28,7 +28,7 @@ from granite_lab.reporting.names import SENSORS, with_found
 from granite_lab.reporting.plot_motion import shown_channel
 from granite_lab.reporting.render import rendered
 from granite_lab.results import CHANNELS, StudyResult, TrialResult
-from granite_lab.rounding import axis_unit, shown_as, tidy_unit
+from granite_lab.rounding import axis_unit, shown_as
 
 POINTS, FEWEST = 900, 150
 """Points of a line, and how few of them are left where there are many trials."""
@@ -180,7 +180,7 @@ def _thin(signal: Curves, points: int) -> dict[str, Any]:
     unit, scale = axis_unit(signal.unit)
     gap_unit, gap_scale = shown_as(signal.unit)
     about = {
-        "name": signal.name, "unit": unit, "read": signal.read, "gap": tidy_unit(gap_unit),
+        "name": signal.name, "unit": unit, "read": signal.read, "gap": gap_unit,
         "factor": gap_scale / scale, "search": signal.id.startswith("search_"),
     }  # fmt: skip
     packed: dict[str, Any] = {"about": about, "t": _base64(signal.t[kept])}

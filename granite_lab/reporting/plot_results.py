@@ -27,7 +27,8 @@ APART, WIDE = 0.008, 0.05
 """Abscissae of the trials of a speed [m/s]: from one to the next, and from first to last at most."""
 CROWD = 12
 """So many trials of a speed are drawn in full; more are drawn smaller and fainter."""
-DASHED = (0, (4, 1.5))
+DASHED, UNDER = (0, (4, 1.5)), 2.8
+"""Line of the paper, and width of the fitted one below it [pt]: both are seen where they coincide."""
 
 Point = tuple[Estimate, Estimate, int]
 """x and y of a trial, and the number of trials at its speed."""
@@ -114,7 +115,7 @@ def _k92_panel(
         if all(map(math.isfinite, fit.ci95)):
             low, high = (np.exp(-a * v) for a in fit.ci95)
             axis.fill_between(v, low, high, color=canvas.FITTED, alpha=0.25, linewidth=0)
-        axis.plot(v, np.exp(-fit.a_theta.value * v), color=canvas.FITTED, label="law, 95 %")
+        axis.plot(v, np.exp(-fit.a_theta.value * v), color=canvas.FITTED, linewidth=UNDER, label="law, 95 %")
     axis.plot(v, np.exp(-paper.a_theta * v), color=canvas.PAPER, linestyle=DASHED)
     _trials(axis, points, (1.0, 1.0))
     _published(axis, [(p.velocity, p.k92) for p in paper.table3])
@@ -134,7 +135,8 @@ def k92_over_slip(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figu
 
     def draw(axis: Axes) -> None:
         if line is not None:
-            axis.plot(100 * x, line[0] + line[1] * x, color=canvas.FITTED, label="fitted line")
+            fitted = line[0] + line[1] * x
+            axis.plot(100 * x, fitted, color=canvas.FITTED, linewidth=UNDER, label="fitted line")
         fits = [(r.comparison.fit, len(s.results)) for s in answers.speeds for r in s.results]
         _trials(axis, [(f.slip_measured, _told(f), n) for f, n in fits], (100.0, 1.0))
         axis.plot(100 * x, paper.fig4_intercept + paper.fig4_slope * x, color=canvas.PAPER, linestyle=DASHED)

@@ -30,7 +30,7 @@ from granite_lab.reporting.names import (
     speed_stem,
     with_found,
 )
-from granite_lab.rounding import places, shown_as, significant, tidy_unit, times
+from granite_lab.rounding import places, shown_as, significant, times
 
 Pair = tuple[float, float]
 """Before and after; NaN where not known."""
@@ -202,7 +202,7 @@ def mean_of(group: Sequence[Residual]) -> Residual:
 
 
 def _history(finding: Finding, drawn: Mapping[str, Residual]) -> Canvas:
-    units = [f"[{tidy_unit(shown_as(m.unit)[0])}]" for m in drawn.values()]
+    units = [f"[{shown_as(m.unit)[0]}]" for m in drawn.values()]
     figure, axes = canvas.panels([1.1] * len(drawn), head=0.46, y=units, x=canvas.TIME)
     for axis, (name, mean) in zip(axes, drawn.items(), strict=True):
         scale = shown_as(mean.unit)[1]
@@ -217,7 +217,7 @@ def _history(finding: Finding, drawn: Mapping[str, Residual]) -> Canvas:
         ]
         for values, colour, width, label in lines:
             axis.plot(mean.t, scale * (values - zero), color=colour, linewidth=width, label=label)
-        canvas.key(axis, sensor(name) + (" less model" if mean.unit == "rad" else ""))
+        canvas.key(axis, sensor(name) + (", minus the paper's model" if mean.unit == "rad" else ""))
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper left", ncols=3, bbox_to_anchor=(0.13, 1.0))
     t = next(iter(drawn.values())).t

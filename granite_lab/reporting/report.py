@@ -70,19 +70,10 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Look:
-    """How to look at a trial: its name, its lines, and the command that shows its recording, if any."""
-
-    trial: str
-    lines: str
-    command: str
-
-
-@dataclass(frozen=True)
 class Looks:
-    """How to look at each trial."""
+    """How to look at each trial: its name, its lines, and the command that shows its recording, if any."""
 
-    rows: tuple[Look, ...]
+    rows: tuple[tuple[str, str, str], ...]
 
 
 @dataclass(frozen=True)
@@ -305,7 +296,7 @@ def _looks(result: StudyResult, folder: str, recordings: str) -> Looks:
     place = f"{folder or result.name}/{recordings}"
     commands = [f"granite-lab view {pasted(f'{place}/{name}')}" if recordings else "" for name in names]
     trials = [r.trial.name for r in result.trials]
-    return Looks(tuple(Look(t, lines_of(t), c) for t, c in zip(trials, commands, strict=True)))
+    return Looks(tuple(zip(trials, map(lines_of, trials), commands, strict=True)))
 
 
 def _quality(result: StudyResult, decided: Answers, looks: Looks) -> Iterator[Maybe]:
