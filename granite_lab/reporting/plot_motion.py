@@ -26,7 +26,7 @@ from granite_lab.reporting.channels import channels_of
 from granite_lab.reporting.names import lines_of, speed_stem, together
 from granite_lab.reporting.speeds import Speed
 from granite_lab.results import gaps
-from granite_lab.rounding import axis_unit, shown_as, significant, tidy_unit
+from granite_lab.rounding import axis_unit, shown_as, significant
 
 SLIP_STD_SHOWN = 0.04
 """Measured slip is drawn where its standard deviation is below this; at crawling speed it says nothing."""
@@ -142,9 +142,8 @@ class Line(NamedTuple):
 
 def _history(c: Comparison) -> Canvas:
     heights = [h for p in PANELS for h in (p.height, DIFFERENCE)]
-    units = [(axis_unit(p.unit)[0], tidy_unit(shown_as(p.unit)[0])) for p in PANELS]
     labels = [
-        t for p, (u, below) in zip(PANELS, units, strict=True) for t in (f"{p.name} [{u}]", f"[{below}]")
+        label for p in PANELS for label in (f"{p.name} [{axis_unit(p.unit)[0]}]", f"[{shown_as(p.unit)[0]}]")
     ]
     figure, axes = canvas.panels(heights, y=labels, x=canvas.TIME, gap=0.2)
     end = min(float(c.t[-1]), duration(c.run.variant) + 1.2)
