@@ -2,6 +2,7 @@
 
 import json
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
@@ -410,3 +411,5 @@ def test_the_readme_beside_it_tells_how_the_finding_was_judged(report: dict[str,
     assert MEANING[judged.outcome] in said
     for effect in (*judged.hidden, *judged.named):
         assert f"`{effect}`" in said
+    text = text_of("reports/README.md")
+    assert runpy.run_path(str(ROOT / "reports" / "make_example.py"))["judge"](text) == text
