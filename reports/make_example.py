@@ -84,14 +84,15 @@ def judge(text: str) -> str:
         rows.append(f"| `{p.effect}` | {p.name.replace('_', ' ')} | {hidden} | {found} |")
     before, after = finding["gap"]["held_out"].values()
     mark = "right" if judged.right else "wrong"
-    lines = [
-        *rows, "", f"Judgement of `granite-lab reveal data/samples` with this finding: **{mark}; "
-        f"{MEANING[judged.outcome]}**.", "On trials that were left out of the fit, the gap is "
-        f"{times(before)} with the paper's model and {times(after)} with what was found; noise", "and "
-        "tolerance explain a gap of 1.",
-    ]  # fmt: skip
+    verdict = f"**{mark}; {MEANING[judged.outcome]}**"
+    sentences = (
+        f"Judgement of `granite-lab reveal data/samples` with this finding: {verdict}.",
+        "On trials that were left out of the fit, the gap is "
+        f"{times(before)} with the paper's model and {times(after)} with what was found;",
+        "noise and tolerance explain a gap of 1.",
+    )
     head, tail = text.split(JUDGED[0], maxsplit=1)[0], text.split(JUDGED[1])[1]
-    return head + "\n".join([JUDGED[0], *lines, JUDGED[1]]) + tail
+    return head + "\n".join([JUDGED[0], *rows, "", *sentences, JUDGED[1]]) + tail
 
 
 if __name__ == "__main__":
