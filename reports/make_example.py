@@ -87,8 +87,10 @@ def judge(text: str) -> str:
     verdict = f"**{mark}; {MEANING[judged.outcome]}**"
     sentences = (
         f"Judgement of `granite-lab reveal data/samples` with this finding: {verdict}.",
-        "On trials that were left out of the fit, the gap is "
-        f"{times(before)} with the paper's model and {times(after)} with what was found;",
+        (
+            "On trials that were left out of the fit, the gap is "
+            f"{times(before)} with the paper's model and {times(after)} with what was found;"
+        ),
         "noise and tolerance explain a gap of 1.",
     )
     head, tail = text.split(JUDGED[0], maxsplit=1)[0], text.split(JUDGED[1])[1]
