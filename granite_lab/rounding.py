@@ -135,8 +135,8 @@ def percent_of(share: Estimate) -> str:
 
 SHOWN_AS: dict[str, tuple[str, float]] = {
     "m/s": ("mm/s", 1e3),
-    "rad": ("deg", 180 / math.pi),
-    "rad/s": ("deg/s", 180 / math.pi),
+    "rad": ("°", 180 / math.pi),
+    "rad/s": ("°/s", 180 / math.pi),
     "-": ("points", 100.0),
     "": ("points", 100.0),
 }
@@ -144,8 +144,13 @@ SHOWN_AS: dict[str, tuple[str, float]] = {
 
 
 def shown_as(unit: str) -> tuple[str, float]:
-    """Return the unit and factor in which differences in `unit` are printed."""
-    return SHOWN_AS.get(unit, (unit, 1.0))
+    """Return the unit, as a reader expects it, and factor in which differences in `unit` are printed."""
+    return SHOWN_AS.get(unit, (tidy_unit(unit), 1.0))
+
+
+def axis_unit(unit: str) -> tuple[str, float]:
+    """Return the unit, as a reader expects it, and the factor in which values in `unit` are drawn."""
+    return {"-": ("%", 100.0), "m/s": (unit, 1.0)}.get(unit) or shown_as(unit)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 The page and the numbers are what `granite-lab study data/samples` writes. Of the figures only one PNG each is
 kept, with fewer pixels and colours, for the Markdown; of the tables the CSV; there are no recordings,
-and no page of all lines. The hashes are those of what is kept.
+and no page of all lines. The hashes are those of what is kept. `reports/README.md` gets the judgement by the
+sealed answer, between its two marks.
 
     python reports/make_example.py
 """
@@ -18,13 +19,19 @@ from pathlib import Path
 
 from PIL import Image
 
+from granite_lab.estimate import Estimate
 from granite_lab.folders import LIST
+from granite_lab.hidden.scoring import MEANING, score
+from granite_lab.hidden.sealed import open_answer
 from granite_lab.reporting.json_report import dumps, hashes_of
-from granite_lab.reporting.names import LINES
+from granite_lab.reporting.names import LINES, scale_of
+from granite_lab.rounding import plus_minus, significant, times, with_unit
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "reports" / "example"
 COLOURS = 48
+JUDGED = "<!-- judged -->", "<!-- end -->"
+"""Marks in `reports/README.md`."""
 
 
 def study() -> None:
@@ -53,7 +60,9 @@ def slim() -> None:
     for name in (LIST, LINES):
         (EXAMPLE / name).unlink(missing_ok=True)
     first = EXAMPLE / "index.html"
-    text = re.sub(r'<a href="([^"#][^"]*)">[^<]*</a> ?', _if_there, first.read_text(encoding="utf-8"))
+    text = re.sub(
+        r'(?:<li>)?<a href="([^"#][^"]*)">[^<]*</a>(?:</li>)? ?', _if_there, first.read_text(encoding="utf-8")
+    )
     first.write_text(text, encoding="utf-8")
     page = EXAMPLE / "report.md"
     page.write_text(page.read_text(encoding="utf-8").replace(".svg)", ".png)"), encoding="utf-8")
@@ -63,6 +72,33 @@ def slim() -> None:
     numbers.write_text(dumps(document), encoding="utf-8")
 
 
+def judge(text: str) -> str:
+    """Return the text of `reports/README.md` with the judgement of the example by the sealed answer."""
+    finding = json.loads((EXAMPLE / "report.json").read_bytes())["discovery"]
+    judged = score(open_answer(ROOT / "data" / "samples"), finding)
+    rows = ["| effect | number | hidden | found |", "|---|---|---|---|"]
+    for p in judged.parameters:
+        unit, scale = scale_of(p.effect, p.name, p.unit, p.true)
+        hidden = with_unit(significant(scale * p.true), unit)
+        found = plus_minus(Estimate(p.value, p.std or 0.0), unit, scale)
+        rows.append(f"| `{p.effect}` | {p.name.replace('_', ' ')} | {hidden} | {found} |")
+    before, after = finding["gap"]["held_out"].values()
+    mark = "right" if judged.right else "wrong"
+    verdict = f"**{mark}; {MEANING[judged.outcome]}**"
+    sentences = (
+        f"Judgement of `granite-lab reveal data/samples` with this finding: {verdict}.",
+        (
+            "On trials that were left out of the fit, the gap is "
+            f"{times(before)} with the paper's model and {times(after)} with what was found;"
+        ),
+        "noise and tolerance explain a gap of 1.",
+    )
+    head, tail = text.split(JUDGED[0], maxsplit=1)[0], text.split(JUDGED[1])[1]
+    return head + "\n".join([JUDGED[0], *rows, "", *sentences, JUDGED[1]]) + tail
+
+
 if __name__ == "__main__":
     study()
     slim()
+    readme = ROOT / "reports" / "README.md"
+    readme.write_text(judge(readme.read_text(encoding="utf-8")), encoding="utf-8")

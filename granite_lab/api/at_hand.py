@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from granite_lab.api.arguments import knowing, options_of
+from granite_lab.api.arguments import options_of
 from granite_lab.api.project import FILE, named_logs, project_in
 from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.estimate import Estimate
@@ -30,7 +30,7 @@ ABOUT = ("robot", "soil", "column_map", "topics", "window")
 """Parameters that say something of the logs, as `options_of` has them."""
 
 KNOWN = ("rests", "body_rests", "distance_measured", "use_reference", "ref_v_std", "ref_x_std", "changes")
-"""Parameters that say what is known of the trials, as `knowing` has them."""
+"""Parameters that say what is known of the trials, likewise."""
 
 ALONE = ("imu", "encoders", "currents", "reference", "rows", "variant")
 """Parameters of `ingest` that no other command has."""
@@ -184,9 +184,7 @@ def remember(folder: Path, tables: Mapping[Path, Path], said: Mapping[str, Any])
         LabError: the list cannot be written.
     """
     path = folder / LIST
-    own = {name: said[name] for name in KNOWN if said.get(name)}
-    about: dict[str, Any] = {name: said.get(name) for name in ABOUT}
-    options = knowing(options_of(**about), **own).given()
+    options = options_of({name: said.get(name) for name in ABOUT + KNOWN}).given()
     alone = tuple(name for name in ALONE if said.get(name))
     known = {one.table: one for one in (_read(path) if path.exists() else ())}
     known |= {table: Listed(log, table, options, alone) for log, table in tables.items()}

@@ -17,7 +17,6 @@ from granite_lab.api.arguments import (
     Topics,
     Window,
     execution_of,
-    knowing,
     options_of,
     refuse_outside,
 )
@@ -123,16 +122,13 @@ def ingest(
         EstimateError: the motion cannot be had from any.
         UsageError: the arguments do not fit together.
     """
+    options = options_of(locals())
     refuse_outside("variant", variant, 0.01, 5)
     apart = {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference}
     files: dict[str, Any] = {name: Path(path) for name, path in apart.items() if path is not None}
     if files and not isinstance(logs, (str, Path)) and not logs:  # the IMU's file is the log
         logs = files.pop("imu", ())
     execution = execution_of(jobs)
-    options = replace(options_of(robot, soil, column_map, topics, window), rows=rows)
-    options = knowing(
-        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
-    )
     chosen = choose(logs, options)
     together, note = ({}, "") if files or rows else _halves(chosen)
     if together:
@@ -237,6 +233,7 @@ def view(
         UsageError: `web` and `screenshot` together, `at` alone or outside of the recording.
         LabError: there is no display, viewer or graphics driver.
     """
+    options = options_of(locals())
     if web and screenshot is not None:
         raise UsageError("--web and --screenshot: one of them at a time", "run the command twice")
     if at is not None and screenshot is None:
@@ -246,7 +243,7 @@ def view(
     if is_folder(path) and not is_log(path):
         path = _recording_in(path, trial)
     elif path.suffix != ".rrd":
-        result = analyse(path, choose(path, options_of(robot, soil, column_map), everything=True).options)
+        result = analyse(path, choose(path, options, everything=True).options)
         place, name = Path("reports") / "view", f"{name_of(path)}.rrd"
         with replacing(place, name) as new:
             reporting.recording.record_trial(result.trial, result.comparison, new / name)
@@ -297,10 +294,7 @@ def check(
     Raises:
         UsageError: unknown robot or column map, or a folder of several logs.
     """
-    options = options_of(robot, soil, column_map, topics, window)
-    options = knowing(
-        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
-    )
+    options = options_of(locals())
     chosen = choose(log, options, everything=True)
     if len(chosen.files) > 1:
         raise UsageError(f"{log}: {len(chosen.files)} logs", "check_logs checks several")
@@ -335,11 +329,7 @@ def check_logs(
     Raises:
         UsageError: unknown robot or column map, or no log.
     """
-    execution = execution_of(jobs)
-    options = options_of(robot, soil, column_map, topics, window)
-    options = knowing(
-        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
-    )
+    options, execution = options_of(locals()), execution_of(jobs)
     chosen = choose(logs, options, everything=True)
     outcomes = each_trial(check_run, chosen.files, chosen.options, execution=execution, done=done)
     pairs = zip(chosen.files, outcomes, strict=True)

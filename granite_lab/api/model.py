@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granite_lab.api.arguments import Changes, File, knowing, path, refuse_outside, text
+from granite_lab.api.arguments import Changes, File, options_of, path, refuse_outside
 from granite_lab.api.project import FILE, project_in
 from granite_lab.api.records import Records
 from granite_lab.effects import get, library
@@ -24,7 +24,6 @@ from granite_lab.model import simulate as run_model
 from granite_lab.model.command import hauling
 from granite_lab.model.effect import Active, Effect, activate
 from granite_lab.model.single_wheel import Ratio, SingleWheel, WheelPoint, acts, rolling
-from granite_lab.options import Options
 from granite_lab.parameters import (
     GRAVITY,
     Robot,
@@ -166,8 +165,9 @@ def _of_log(
     """Return the wheels of a log as what drives a run, and robot and soil: as given, else as the log says."""
     from granite_lab.chain import simulable  # noqa: PLC0415, heavy
 
-    name, ground = (None if isinstance(given, (Robot, Soil)) else text(given) for given in (robot, soil))
-    trial, found, motion = simulable(log, knowing(Options(name, ground, drive="wheels"), changes=changes))
+    given: dict[str, File | Robot | Soil] = {"robot": robot, "soil": soil}
+    named = {kind: name for kind, name in given.items() if not isinstance(name, (Robot, Soil))}
+    trial, found, motion = simulable(log, options_of(named | {"drive": "wheels", "changes": changes}))
     return motion.variant, robot or found, soil or trial.info.soil
 
 

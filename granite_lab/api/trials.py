@@ -19,7 +19,6 @@ from granite_lab.api.arguments import (
     Topics,
     Window,
     execution_of,
-    knowing,
     options_of,
     path,
     refuse_outside,
@@ -101,10 +100,7 @@ def fit_k92(
         InputError: a log or file cannot be used.
         EstimateError: an estimate or fit cannot be had.
     """
-    options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
-    options = knowing(
-        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
-    )
+    options = options_of(locals())
     execution = execution_of(jobs, scheduler, cache=cache)
     results, origin = _analysed("fit-k92", logs, options, execution, strict, done)
     return Records([result.comparison.fit for result in results], (), origin)
@@ -141,6 +137,7 @@ def fit_a_theta(
         UsageError: both or neither of `logs` and `published`.
         InputError, EstimateError: as in `fit_k92`, or the trials do not allow the fit.
     """
+    options = options_of(locals())
     given = [logs] if isinstance(logs, (str, Path)) else list(logs)
     if published:
         if given:
@@ -148,11 +145,6 @@ def fit_a_theta(
         return fitting.published_fit()
     fits, origin = [item for item in given if isinstance(item, K92Fit)], NOWHERE
     if not fits:
-        options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
-        options = knowing(
-            options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
-        )
-        options = replace(options, exclude=tuple((exclude or {}).items()))
         paths = [item for item in given if not isinstance(item, K92Fit)]
         execution = execution_of(jobs, scheduler, cache=cache)
         results, origin = _analysed("fit-atheta", paths, options, execution, strict, done)
@@ -192,10 +184,7 @@ def compare(
         InputError, EstimateError: as in `fit_k92`.
         LabError: a file cannot be written.
     """
-    options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
-    options = knowing(
-        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
-    )
+    options = options_of(locals())
     execution = execution_of(jobs, scheduler, cache=cache)
     results, origin = _analysed("compare", logs, options, execution, strict, done)
     comparisons = [result.comparison for result in results]
@@ -246,12 +235,7 @@ def study(
     Raises:
         LabError: no trial went through, or the folder cannot be written.
     """
-    options = options_of(robot, soil, column_map, topics, window, model, effects, drive)
-    options = knowing(
-        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
-    )
-    exclusions = tuple((exclude or {}).items())
-    options = replace(options, tolerance=tolerance, latency=latency, exclude=exclusions)
+    options = options_of(locals())
     execution, folder = execution_of(jobs, scheduler, cache=cache), path(out)
     chosen = choose(logs, options)
     with claimed(folder, PAGES) if folder else nullcontext():
@@ -281,14 +265,16 @@ def _write(
     from granite_lab.study_folder import write  # noqa: PLC0415, heavy
 
     cache, jobs, guard = execution.cache, execution.jobs, Guard(folder)
-    key = digest_of(code(shows=True), content(result), content(options), recordings)
+    # A recording has an id of its own: the same study in another folder is not the same files.
+    place = str(folder.resolve())
+    key = digest_of(code(shows=True), content(result), content(options), recordings, place)
     known: dict[str, str] | None = cache.get(key) if cache is not None else None
     if known and all(fingerprint(folder / name) == sha for name, sha in known.items()):
         model = folder / MODEL if MODEL in known else None
         return replace(result, written=Written(folder / "index.html", model, unchanged=True))
     if recordings:
-        place = folder / RECORDINGS
-        guard.run("recordings", lambda: record_trials(result, place, jobs=jobs, progress=progress))
+        recorded = folder / RECORDINGS
+        guard.run("recordings", lambda: record_trials(result, recorded, jobs=jobs, progress=progress))
     progress("report", 0, 0)
     result = write(result, options, folder, failures=guard.lines, jobs=jobs)
     if cache is not None and not result.written.failures:
@@ -363,12 +349,7 @@ def discover(
         InputError: a log cannot be used, or nothing says what was commanded.
         EstimateError: a trial has no sensor to compare with, or the simulation fails.
     """
-    options = options_of(robot, soil, column_map, topics, window, effects=effects, drive=drive)
-    options = knowing(
-        options, rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes
-    )
-    exclusions = tuple((exclude or {}).items())
-    options = replace(options, tolerance=tolerance, latency=latency, exclude=exclusions)
+    options = options_of(locals())
     execution, folder = execution_of(jobs, scheduler, cache=cache), path(out)
     chosen = choose(logs, options)
     options = chosen.options

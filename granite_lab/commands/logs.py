@@ -31,11 +31,10 @@ from granite_lab.commands.options import (
     To,
     Topics,
     UseReference,
-    about,
     at_hand,
     count_of,
-    known,
     picture,
+    said_of,
     topics_of,
 )
 from granite_lab.commands.printer import Printer, progress, warn_of, write_picture
@@ -64,10 +63,7 @@ def check(
 
     Of several logs one line each is shown. The exit code is 3 if one cannot be used, 4 if one is poor.
     """
-    given = at_hand(
-        about(logs, robot, soil, column_map, topics, begin, end)
-        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
-    )
+    given = at_hand(locals())
     with progress("checking", quiet=quiet, total=count_of(given["logs"])) as watch:
         checked = gl.check_logs(**given, jobs=jobs, done=watch.done)
     printer = Printer(as_json)
@@ -188,8 +184,7 @@ def ingest(
 
     if against_reference not in (None, "ref"):
         raise UsageError(f"--against {against_reference}: cannot be understood", "use --against ref")
-    given = about(logs, robot, soil, column_map, topics, begin, end)
-    given |= known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
+    given = said_of(locals())
     given |= {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference, "rows": rows}
     given |= {"variant": variant}
     ending = ending_of(None, table_format)

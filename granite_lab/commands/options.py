@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -15,6 +15,9 @@ from granite_lab.errors import LabError, UsageError, printable
 from granite_lab.estimate import Estimate
 
 T = TypeVar("T")
+
+AS_GIVEN = ("robot", "soil", "column_map", "use_reference", "ref_v_std", "ref_x_std")
+"""Options whose values are those of the API."""
 
 TRIALS = "Logs (CSV, ROS bag, MCAP), or folders of them."
 CATALOGUE = "a name of the catalogue or a .toml file"
@@ -96,64 +99,39 @@ def picture(text: str, **more: Any) -> Any:
     return Option(help=f"{text} (.png, .svg or .pdf).", callback=checked, **more)
 
 
-def about(
-    logs: Sequence[Path] | None,
-    robot: str | None,
-    soil: str | None,
-    column_map: str | None,
-    topics: Sequence[str] | None,
-    begin: float | None,
-    end: float | None,
-) -> dict[str, Any]:
-    """Return logs and what is said of them as keywords of the API; what was not given is left to it.
+def said_of(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return logs and what is said of them, out of all options of a command, as keywords of the API.
+
+    What was not given is left to it.
 
     Raises:
-        UsageError: a topic cannot be understood, or the window ends before it begins.
+        UsageError: a text cannot be understood, or the window ends before it begins.
     """
-    keywords: dict[str, Any] = {"robot": robot, "soil": soil, "column_map": column_map}
-    if topics:
-        keywords["topics"] = topics_of(topics)
-    first, last = -math.inf if begin is None else begin, math.inf if end is None else end
+    start, end = options["begin"], options["end"]
+    first, last = -math.inf if start is None else start, math.inf if end is None else end
     if not first < last:
         raise UsageError(f"--from {first:g} --to {last:g}: not a window", "--from comes before --to")
-    if (first, last) != (-math.inf, math.inf):
-        keywords["window"] = (first, last)
-    given = {name: value for name, value in keywords.items() if value is not None}
-    return {"logs": list(logs or ()), **given}
-
-
-def known(
-    rests: Sequence[str] | None,
-    body_rests: Sequence[str] | None,
-    distance_measured: str | None,
-    use_reference: bool,
-    ref_v_std: float | None,
-    ref_x_std: float | None,
-    changes: Sequence[str] | None,
-) -> dict[str, Any]:
-    """Return what is known of trials as keywords of the API; what was not given is left to it.
-
-    Raises:
-        UsageError: an interval, a distance or a number cannot be understood.
-    """
     hint = "write start:end in seconds, the start first, as 0:1.2"
-    tape = [] if distance_measured is None else [distance_measured]
-    keywords: dict[str, Any] = {
-        "rests": read_all("--rest", rests or (), interval_of, hint),
-        "body_rests": read_all("--body-rest", body_rests or (), interval_of, hint),
+    tape = [text for text in (options["distance_measured"],) if text is not None]
+    keywords = {name: options[name] for name in AS_GIVEN} | {
+        "topics": topics_of(options["topics"] or ()),
+        "window": None if (first, last) == (-math.inf, math.inf) else (first, last),
+        "rests": read_all("--rest", options["rests"] or (), interval_of, hint),
+        "body_rests": read_all("--body-rest", options["body_rests"] or (), interval_of, hint),
         "distance_measured": next(
             iter(read_all("--distance-measured", tape, measured, "write 2.03 or 2.03±0.01 [m]")), None
         ),
-        "use_reference": use_reference, "ref_v_std": ref_v_std, "ref_x_std": ref_x_std,
-        "changes": changes_of(changes),
-    }  # fmt: skip
-    return {name: value for name, value in keywords.items() if value not in (None, False, [], {})}
+        "changes": changes_of(options["changes"]),
+    }
+    given = {name: value for name, value in keywords.items() if value not in (None, False, [], {})}
+    return {"logs": list(options["logs"] or ()), **given}
 
 
-def at_hand(keywords: dict[str, Any]) -> dict[str, Any]:
-    """Return what `about` returned; where it names no logs with those at hand, which stderr tells."""
+def at_hand(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what `said_of` does; where no logs are named with those at hand, which stderr tells."""
     from granite_lab.api.at_hand import logs_at_hand
 
+    keywords = said_of(options)
     if keywords["logs"]:
         return keywords
     found = logs_at_hand()

@@ -39,11 +39,10 @@ from granite_lab.commands.options import (
     Topics,
     UseCache,
     UseReference,
-    about,
     at_hand,
     count_of,
     excluded_of,
-    known,
+    said_of,
 )
 from granite_lab.commands.printer import Printer, progress, provenance, warn, warn_of
 from granite_lab.errors import LabError
@@ -80,10 +79,7 @@ def fit_k92(
 
     Fits without an optimum are marked; --verbose prints notes on all fits.
     """
-    given = at_hand(
-        about(logs, robot, soil, column_map, topics, begin, end)
-        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
-    )
+    given = at_hand(locals())
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
         fits = gl.fit_k92(
             **given, drive=drive, model=model, effects=effects, strict=strict, jobs=jobs, scheduler=scheduler,
@@ -122,10 +118,7 @@ def fit_atheta(
 
     A verdict needs three speeds.
     """
-    given = about(logs, robot, soil, column_map, topics, begin, end)
-    given |= known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
-    if not published:
-        given = at_hand(given)
+    given = said_of(locals()) if published else at_hand(locals())
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
         fit = gl.fit_a_theta(
             **given, exclude=excluded_of(exclude),
@@ -163,10 +156,7 @@ def compare(
     """
     from granite_lab.api.project import results_folder
 
-    given = at_hand(
-        about(logs, robot, soil, column_map, topics, begin, end)
-        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
-    )
+    given = at_hand(locals())
     out = out or results_folder(given["logs"], "compare")
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
         comparisons = gl.compare(
@@ -222,10 +212,7 @@ def study(
             )  # fmt: skip
         _show_verification(printer, verified)
         return
-    given = at_hand(
-        about(logs, robot, soil, column_map, topics, begin, end)
-        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
-    )
+    given = at_hand(locals())
     out = out or results_folder(given["logs"], "study")
     with progress("trials", quiet=quiet, total=count_of(given["logs"])) as watch:
         result = gl.study(
@@ -320,10 +307,7 @@ def discover(
     from granite_lab.discovery.as_json import finding_as_json
     from granite_lab.results import of_search
 
-    given = at_hand(
-        about(logs, robot, soil, column_map, topics, begin, end)
-        | known(rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std, changes)
-    )
+    given = at_hand(locals())
     out = out or results_folder(given["logs"], "discover")
     with progress("discovering", quiet=quiet) as watch:
         finding = gl.discover(

@@ -157,9 +157,9 @@ def compare(
         measured[name] = value - standstill_mean(t, value - simulated[name])[0], std
     late = np.nan_to_num(fit.t_start.std)
     values, stds, misfits = {}, {}, []
-    for name, (value, own) in measured.items():
-        values[name], stds[name] = value, own
-        std = np.hypot(own, np.abs(np.gradient(simulated[name], t)) * late)
+    for name, (value, sensor_std) in measured.items():
+        values[name], stds[name] = value, sensor_std
+        std = np.hypot(sensor_std, np.abs(np.gradient(simulated[name], t)) * late)
         misfits += misfits_of(name, value, std, simulated[name], np.array(motion.phase))
     return Comparison(motion, run, fit, t, values, stds, simulated, tuple(misfits))
 
@@ -175,29 +175,34 @@ def misfits_of(
     usable = np.isfinite(difference)
     if channel.startswith("slip"):
         usable &= ~(std > SLIP_STD_USED) & (phase != "rest")
-    found = []
+    misfits = []
     for name in PHASES:
         mask = usable if name == "all" else usable & (phase == name)
         if not mask.any():
             continue
         d, s = difference[mask], std[mask]
-        known = np.isfinite(s) & (s > 0)
-        normalised = float(np.sqrt(np.mean((d[known] / s[known]) ** 2))) if known.any() else np.nan
+        with_std = np.isfinite(s) & (s > 0)
+        normalised = float(np.sqrt(np.mean((d[with_std] / s[with_std]) ** 2))) if with_std.any() else np.nan
         rms, bias, peak = float(np.sqrt(np.mean(d**2))), float(d.mean()), float(np.abs(d).max())
-        found.append(Misfit(channel, UNITS[channel], name, rms, bias, peak, normalised, int(mask.sum())))
-    return found
+        misfits.append(Misfit(channel, UNITS[channel], name, rms, bias, peak, normalised, int(mask.sum())))
+    return misfits
 
 
 def _measured(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Measured:
     """Return what was measured, at the (N,) stamps `t` of the motion [s after command start]."""
-    found = {"velocity": (motion.v, motion.v_std), "pitch": (motion.pitch, motion.pitch_std)}
+    channels = {"velocity": (motion.v, motion.v_std), "pitch": (motion.pitch, motion.pitch_std)}
     for i, wheel in enumerate(WHEELS):
-        found[f"wheel_{wheel}"] = motion.v_wheel[:, i], motion.v_wheel_std[:, i]
+        channels[f"wheel_{wheel}"] = motion.v_wheel[:, i], motion.v_wheel_std[:, i]
     for axle, columns in AXLES.items():
         # the body's velocity is common to a pair and rules the error, so a mean is no better than one
-        found[f"slip_{axle}"] = mean_known(motion.slip[:, columns]), mean_known(motion.slip_std[:, columns])
-    found |= _torques(motion, trial, robot, t) | _imu(motion, trial)
-    return {name: found[name] for name in UNITS if name in found and np.isfinite(found[name][0]).any()}
+        channels[f"slip_{axle}"] = (
+            mean_known(motion.slip[:, columns]),
+            mean_known(motion.slip_std[:, columns]),
+        )
+    channels |= _torques(motion, trial, robot, t) | _imu(motion, trial)
+    return {
+        name: channels[name] for name in UNITS if name in channels and np.isfinite(channels[name][0]).any()
+    }
 
 
 def simulated_channels(run: Run, t: Array) -> dict[str, Array]:
@@ -231,7 +236,7 @@ def standstill_mean(t: Array, signal: Array) -> tuple[float, int]:
 
 def _torques(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Measured:
     """Return the driving torque of a wheel by (24), mean of a pair, less the offset at standstill."""
-    sensor, found = robot.currents, {}
+    sensor, torques = robot.currents, {}
     if trial.currents is None or robot.drive is None:
         return {}
     late = motion.clock_left.value if np.isfinite(motion.clock_left.value) else 0.0
@@ -250,15 +255,15 @@ def _torques(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Measured:
         if pair:
             factor, mean = _torque_per_ampere(robot), np.mean(pair, axis=0)
             spread = np.sqrt(sensor.noise**2 + offset_std**2 + (sensor.gain * mean) ** 2)
-            found[f"torque_{axle}"] = factor * mean, factor * spread / np.sqrt(len(pair))
-    return found
+            torques[f"torque_{axle}"] = factor * mean, factor * spread / np.sqrt(len(pair))
+    return torques
 
 
 def _imu(motion: Motion, trial: Trial) -> Measured:
     """Return specific force along the robot and pitch rate; the std of each phase is that of its noise."""
     from scipy.ndimage import uniform_filter1d  # noqa: PLC0415, heavy
 
-    imu, phase, found = trial.imu, np.array(motion.phase), {}
+    imu, phase, signals = trial.imu, np.array(motion.phase), {}
     if imu is None:
         return {}
     for name, signal in (("accel", imu.specific_force[:, 0]), ("pitch_rate", imu.angular_rate[:, 1])):
@@ -269,7 +274,7 @@ def _imu(motion: Motion, trial: Trial) -> Measured:
         window = max(3, round(_FAST / float(np.median(np.diff(imu.t)))))
         noise = np.interp(motion.t, t, (y - uniform_filter1d(y, window, mode="nearest")) ** 2)
         std = np.empty(motion.t.size)
-        for own in np.unique(phase):
-            std[phase == own] = np.sqrt(noise[phase == own].mean())
-        found[name] = np.interp(motion.t, t, y), std
-    return found
+        for name_of_phase in np.unique(phase):
+            std[phase == name_of_phase] = np.sqrt(noise[phase == name_of_phase].mean())
+        signals[name] = np.interp(motion.t, t, y), std
+    return signals

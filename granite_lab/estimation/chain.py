@@ -14,7 +14,7 @@ from granite_lab.estimation.clean import clean_trial
 from granite_lab.estimation.guard import common_gaps, guard
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
-from granite_lab.estimation.outcome import motion_of, motion_without_imu
+from granite_lab.estimation.outcome import FEWEST_OF_IMU, motion_of, motion_without_imu
 from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.rest import named_rests
 from granite_lab.estimation.smoother import Solution
@@ -55,9 +55,7 @@ def correct(trial: Trial, robot: Robot, *, soil: Soil | None = None) -> tuple[Tr
     if not _feels_thrust(trial.imu, robot):
         wheels, rolling, turned = stages.roll_wheels(trial, None, robot)
         if rolling is None:
-            raise EstimateError(
-                f"{trial.name}: neither IMU nor encoder samples", "inspect the log and its column map"
-            )
+            raise _too_few(trial)
         rolling = replace(rolling, doubts=(*turned, *rolling.doubts))
         motion = motion_without_imu(trial, robot, rolling, rests)
         return clean_trial(trial, robot, motion, wheels, rolling), motion
@@ -119,8 +117,23 @@ def _tape(trial: Trial) -> Estimate | None:
     return Estimate(info.distance_measured, info.distance_measured_std or TAPE)
 
 
+def _too_few(trial: Trial) -> EstimateError:
+    """Return the error of a trial without enough samples of an IMU or of encoders."""
+    streams = {"IMU": trial.imu, "encoder": trial.wheels}
+    counts = [f"{stream.t.size} {name}" for name, stream in streams.items() if stream is not None]
+    if not counts:
+        return EstimateError(
+            f"{trial.name}: neither IMU nor encoder samples", "inspect the log and its column map"
+        )
+    return EstimateError(
+        f"{trial.name}: only {' and '.join(counts)} samples, expected {FEWEST_OF_IMU} of an IMU's forward "
+        f"acceleration or {stages.FEWEST} of encoders at least",
+        "the log is too short: log the whole trial, with 2 s of standstill before and after the motion",
+    )
+
+
 def _feels_thrust(imu: ImuStream | None, robot: Robot) -> bool:
     """Whether an accelerometer along the robot's x axis was logged."""
-    if imu is None or imu.t.size < 8:
+    if imu is None or imu.t.size < FEWEST_OF_IMU:
         return False
     return bool(np.isfinite(mounting.to_body(imu, mounted(robot)).forward).any())

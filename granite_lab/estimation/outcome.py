@@ -46,6 +46,9 @@ CLEAR = 5.0
 BAND = 0.05
 """The wheels run steadily within this share of their plateau."""
 
+FEWEST_OF_IMU = 8
+"""Samples of an IMU from which on it says something of the body."""
+
 
 def motion_of(trial: Trial, problem: Problem, solution: Solution, health: Health) -> Motion:
     """Add the smoothed drift to the nominal motion and derive slip, phases and variant.
@@ -157,6 +160,8 @@ def motion_without_imu(trial: Trial, robot: Robot, rolling: Rolling, by_hand: Se
     start = command_start(trial.command, Estimate(0.0), course.onset)
     variant, source, doubt = _command(trial, start, Estimate(0.0), course)
     lacking = "No IMU" if trial.imu is None else "No accelerometer along the robot's x axis"
+    if trial.imu is not None and trial.imu.t.size < FEWEST_OF_IMU:
+        lacking = f"Only {trial.imu.t.size} IMU samples"
     blank, four, none = np.full(t.size, NAN), np.full((t.size, 4), NAN), np.zeros(0)
     health = Health(
         t=none, kind=(), innovation=none, innovation_std=none, nis={}, accel_bias=blank,

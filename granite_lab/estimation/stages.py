@@ -36,6 +36,9 @@ a trial of half a minute [1/sqrt(s)]."""
 
 ALONE = Doubt("without encoders, noise that only motion makes cannot be told from the motion", grade="fair")
 
+FEWEST = 3
+"""Samples of the encoders from which on the wheels can be rolled."""
+
 LONG = 60.0
 """Motion longer than this [s] without a standstill leans on the wheels."""
 
@@ -65,7 +68,7 @@ def roll_wheels(
     trial: Trial, imu: mounting.BodyImu | None, robot: Robot
 ) -> tuple[WheelStream | None, Rolling | None, tuple[Doubt, ...]]:
     """Put the encoders right and roll the wheels; also what was corrected or is doubtful."""
-    if trial.wheels is None or trial.wheels.t.size <= 2:
+    if trial.wheels is None or trial.wheels.t.size < FEWEST:
         return trial.wheels, None, ()
     forward = imu is not None and (robot.imu.forward != "find" or bool(trial.imu and trial.imu.robot_axes))
     try:

@@ -28,6 +28,7 @@ from granite_lab.logs.table import Table, open_table
 from granite_lab.logs.trial import Array, Trial, is_bag, name_of, parts_of
 from granite_lab.parameters import load_robot
 from granite_lab.parameters.quantity import toml
+from granite_lab.rounding import significant
 from granite_lab.shown import Shown
 
 _KNOWN = 0.95  # how sure a recognised layout is
@@ -153,7 +154,8 @@ class Inspection(Shown):
 
 def _entry(column: ColumnReport) -> list[str]:
     """Return the lines of one column in a map; without channels they are comments."""
-    span = f"; values from {column.low:.6g} to {column.high:.6g}" if column.filled > 0 else ""
+    low, high = (significant(end, 4) for end in (column.low, column.high))
+    span = f"; values from {low} to {high}" if column.filled > 0 else ""
     sure = f"{column.confidence:.0%} sure, " if column.to else ""
     why = re.sub(r"[\x00-\x1f\x7f]+", " ", f"# {sure}{column.why}{span}")
     body = ["[[column]]", *_pairs(("name", column.name), ("to", column.to))]

@@ -18,13 +18,14 @@ from granite_lab.reporting.names import (
     capital,
     describe,
     in_plain_words,
+    inside,
     listed,
     next_steps,
     plain,
     together,
 )
 from granite_lab.reporting.silence import REMEDY, assumptions, reach_in_words, silent, why_no_k92
-from granite_lab.reporting.speeds import Speed, speeds_of, velocities_of
+from granite_lab.reporting.speeds import Speed, published_at, speeds_of, velocities_of
 from granite_lab.results import StudyResult, gaps
 from granite_lab.rounding import (
     Number,
@@ -122,10 +123,10 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
     questions += [] if quiet else [missing_answer(finding, result.unsearched)]
     questions += [closes_answer(finding)] if finding else []
     questions.append(_trust(result, finding))
-    own = dict(result.source.options).get("effects", "")
+    user_effects = dict(result.source.options).get("effects", "")
     steps: tuple[str, ...] = (REMEDY,) if quiet else ()
     if finding is not None:
-        steps = next_steps(finding, model, folder or result.name, own)
+        steps = next_steps(finding, model, folder or result.name, user_effects)
     return Answers(
         _lead(result, speeds), _virtual(result), (*questions, *_next(steps)), steps, speeds, a_theta, agrees,
         channels, paper.a_theta, quiet,
@@ -135,7 +136,7 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
 def explained(finding: Finding) -> tuple[str, str, str]:
     """Say whether the model explains the sensors it was fitted to: verdict, its tone, and how many agree."""
     within = sum(g.train[0] <= 1.0 for g in finding.gaps)
-    text = f"{within} of {plural(len(finding.gaps), 'sensor')} agree with the model fitted to all of them."
+    text = f"Once the model is fitted to all sensors, {within} of {len(finding.gaps)} sensors agree with it."
     if finding.verdict == "none":
         return "Yes", "good", text
     return ("In part", "fair", text) if within else ("No", "bad", text)
@@ -144,16 +145,16 @@ def explained(finding: Finding) -> tuple[str, str, str]:
 def _differ(finding: Finding, gap: float) -> str:
     """Say how far the sensors are from the model without effects."""
     text = f"Gap {gap_pair(finding)[2]}: {times(gap)}. {scale_of_gap(finding)}"
-    return text + (" Repetitions of a command differ from each other by more." if finding.scatter else "")
+    return text + (
+        " Repetitions of a command differ more than that from each other." if finding.scatter else ""
+    )
 
 
 def _drove(trials: int, robots: Sequence[str], soils: Sequence[str], speeds: Sequence[float]) -> str:
     """Say what was driven; titles of robots and soils may repeat, and the most frequent ones come first."""
-    # A title stands inside a sentence; an acronym keeps its capitals.
-    small = [s[0].lower() + s[1:] if s[1:2].islower() else s for s in soils]
     robot, soil = (
         listed([name for name, _ in Counter(titles).most_common()])
-        for titles in ([r.split(",")[0] for r in robots], small)
+        for titles in ([r.split(",")[0] for r in robots], map(inside, soils))
     )
     velocities = listed([f"{v:g}" for v in speeds])
     return f"{plural(trials, 'trial')} of {robot} driving straight on {soil} at {velocities} m/s"
@@ -197,13 +198,15 @@ def _virtual(result: StudyResult) -> str:
 
 
 def _slip(speeds: Sequence[Speed]) -> Answer:
-    known = [s for s in speeds if s.slip_is_known]
-    inside, outside = ([f"{s.velocity:g}" for s in known if s.agrees is agrees] for agrees in (True, False))
+    with_slip = [s for s in speeds if s.slip_is_known]
+    inside, outside = (
+        [f"{s.velocity:g}" for s in with_slip if s.agrees is agrees] for agrees in (True, False)
+    )
     verdict = " to ".join(
-        f"{s.slip.quantity} at {s.velocity:g} m/s" for s in dict.fromkeys(known[:1] + known[-1:])
+        f"{s.slip.quantity} at {s.velocity:g} m/s" for s in dict.fromkeys(with_slip[:1] + with_slip[-1:])
     )
     tone = "fair" if outside else "good"
-    if not known:
+    if not with_slip:
         verdict, text, tone = (
             "Not known",
             "No trial has a steady part with a slip ratio that is known.",
@@ -219,9 +222,10 @@ def _slip(speeds: Sequence[Speed]) -> Answer:
     else:
         every = " at every speed" if len(inside) + len(outside) > 1 else ""
         text = f"The paper's experiment lies {'outside' if outside else 'in'} the 95 % interval{every}."
-    if alone := [f"{s.velocity:g}" for s in known if s.trials == 1]:
+    if alone := [f"{s.velocity:g}" for s in with_slip if s.trials == 1]:
         text += (
-            f" The interval of a single trial ({listed(alone)} m/s) leaves out the scatter between trials."
+            f" The interval of a single trial ({listed(alone)} m/s) does not include the scatter between "
+            "trials."
         )
     text = " ".join(filter(None, (text, reach_in_words(speeds))))
     return Answer("slip", "How much does the robot slip?", verdict, text, tone)
@@ -241,12 +245,14 @@ def a_theta_of(fit: AThetaFit | None) -> tuple[Number | None, bool | None]:
 
 def _k92_off(fit: AThetaFit) -> dict[float, float]:
     """Return the speeds at which the mean k_92 differs from the paper's, and by how many of its std."""
-    known = {}
+    distances = {}
     for velocity, positions in by_speed(v for _, v, _, _ in fit.points).items():
         k92 = mean_over(fit.points[i][2] for i in positions)
-        own = next((p.k92 for p in load_paper().table3 if abs(p.velocity - velocity) < 0.005), math.nan)
-        known[velocity] = abs(k92.value - own) / k92.std if k92.std > 0 else math.nan
-    return {velocity: far for velocity, far in known.items() if far > FAR}
+        published = published_at(velocity, load_paper())
+        distances[velocity] = (
+            abs(k92.value - published.k92) / k92.std if published and k92.std > 0 else math.nan
+        )
+    return {velocity: far for velocity, far in distances.items() if far > FAR}
 
 
 def _speeds_of(fit: AThetaFit) -> int:
@@ -264,7 +270,7 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
     if fit is None or number is None:
         return Answer("a_theta", question, "Not known", "a_θ needs a trial in which k_92 could be fitted.")
     text = (
-        f"By the files of soil and robot as they are, a_θ = {number.with_std} s/m, 95 % interval "
+        f"With soil and robot as in their files, a_θ = {number.with_std} s/m, 95 % interval "
         f"{number.interval} s/m, from {plural(len(fit.points), 'trial')}.{depends}"
     )
     if agrees is None and _speeds_of(fit) >= SPEEDS:
@@ -282,9 +288,12 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
         text += f" k_92 itself lies {far} std from the paper's at {where} m/s."
         return Answer("a_theta", question, f"Yes, but not k_92 at {where} m/s", text, "fair")
     way = "above" if number.value > fit.published else "below"
-    text += f" By the files it is {percent(abs(number.value / fit.published - 1))} {way} the paper's."
+    text += f" It is {percent(abs(number.value / fit.published - 1))} {way} the paper's."
     if finding is not None and finding.effects:
-        text += " k_92 is fitted with the paper's model there, so that what is missing can cause this."
+        text += (
+            " This k_92 is fitted with the paper's model; what is missing from the model can cause the "
+            "difference."
+        )
     held = any(v.ci95[0] <= fit.published <= v.ci95[1] for v in views if v.by != "files")
     return Answer("a_theta", question, "Not by these files alone" if held else "No", text, "fair")
 
@@ -296,7 +305,7 @@ def _by_views(question: str, views: Sequence[View], depends: str) -> Answer:
     text = ""
     if (filed := next((v for v in views if v.by == "files"), None)) is not None:
         number = decided(filed.a_theta.value, filed.a_theta.std, *filed.ci95)
-        text = f"By the files of soil and robot as they are: {number.with_std} s/m, {number.interval} s/m."
+        text = f"With soil and robot as in their files: {number.with_std} s/m, {number.interval} s/m."
     verdict, tone = ("Yes, with what was found", "good") if agrees else ("No", "fair")
     return Answer("a_theta", question, verdict, f"{text}{depends}".strip(), tone)
 
@@ -308,11 +317,13 @@ def _depends(views: Sequence[View]) -> str:
     if (wide := by.get("uncertain")) is not None:
         most = next(part.name for part in wide.parts if part.name != TRIALS).partition(",")[0]
         ends = interval(*wide.ci95, "s/m")
-        text += f" With the uncertainty of soil and wheel radius, mostly that of {most}: {ends}."
-    if (found := by.get("found")) is not None:
-        number = decided(found.a_theta.value, found.a_theta.std, *found.ci95)
         text += (
-            " With the soil fitted to all sensors and what was found in the model: "
+            f" With the uncertainty of soil and wheel radius (most of it: {most}), the interval is {ends}."
+        )
+    if (augmented := by.get("found")) is not None:
+        number = decided(augmented.a_theta.value, augmented.a_theta.std, *augmented.ci95)
+        text += (
+            " With the soil fitted to all sensors and what was found added to the model: "
             f"{number.with_std} s/m, {number.interval} s/m."
         )
     return text
@@ -331,7 +342,7 @@ def model_answer(channels: Sequence[ChannelAnswer], finding: Finding | None = No
     if differ:
         worst, names = differ[0], capital(together([c.name for c in differ]))
         text += (
-            f" {names} {'differs' if len(differ) == 1 else 'differ'}; largest against its noise: "
+            f" {names} {'differs' if len(differ) == 1 else 'differ'}. Largest relative to its noise: "
             f"{worst.name}, {with_unit(significant(worst.rms, 2), worst.unit)} rms, "
             f"{significant(worst.rms / worst.noise, 2)} times the noise."
         )
@@ -345,7 +356,7 @@ def model_answer(channels: Sequence[ChannelAnswer], finding: Finding | None = No
         verdict, tone = "Yes", "good"
     elif finding is not None:
         verdict, tone = "Yes, once the sand is fitted", "good"
-        text = f"With the sand of the parameter file: {text} With the sand fitted, the sensors agree too."
+        text = f"With the sand of the parameter file: {text} With the sand fitted, all sensors agree."
     elif not agree:
         verdict, tone = "No", "bad"
     return Answer("model", question, verdict, text, tone)
@@ -401,11 +412,12 @@ def closes_answer(finding: Finding) -> Answer:
     if not finding.terms:
         verdict = "No gap" if finding.verdict == "none" else "Nothing"
         return Answer("closes", question, verdict, _differ(finding, before))
-    text = f"Gap {where}: {times(before)} without, {times(after)} with it. {scale_of_gap(finding)}"
+    text = f"Gap {where}: {times(before)} with the paper's model, {times(after)} with what was found. "
+    text += scale_of_gap(finding)
     closes = 1 - finding.remainder
     verdict = capital(percent(min(max(closes, 0.0), 1.0))) if math.isfinite(closes) else "Not known"
-    known = finding.remainder <= MUCH and math.isfinite(finding.gap.held_out[0])
-    return Answer("closes", question, verdict, text, "good" if known else "fair")
+    tested = finding.remainder <= MUCH and math.isfinite(finding.gap.held_out[0])
+    return Answer("closes", question, verdict, text, "good" if tested else "fair")
 
 
 def _trust(result: StudyResult, finding: Finding | None) -> Answer:
@@ -418,8 +430,7 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
         named = ", ".join(doubtful[:3])
         doubts.append(f"{len(doubtful)} of {plural(n, 'estimate')} doubtful ({named}{more})")
     elif n:
-        which = {1: "The motion estimate is", 2: "Both motion estimates are"}
-        grounds.append(f"{which.get(n, f'All {n} motion estimates are')} good.")
+        grounds.append(all_good(n))
     if failed := sum(not f.excluded for f in result.failures):
         doubts.append(f"{plural(failed, 'trial')} could not be used")
     if finding is None or not finding.provisional:
@@ -433,16 +444,26 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
             doubts.append(f"{plural(len(finding.dropped), 'trial')} left out because no model fits")
         grounds.append(f"Probability of the finding: {chance(finding.probability)}.")
         left = ((finding.trials_left_out, "trials"), (finding.speeds_left_out, "speeds"))
-        counts = [f"{sum(x.after < x.before for x in f)} of {len(f)} {what}" for f, what in left if f]
+        counts = [f"{sum(x.after < x.before for x in f)} of {len(f)} {kind}" for f, kind in left if f]
         if finding.effects and counts:
             grounds.append(f"{listed(counts)} left out of the fit are predicted better.")
         elif finding.effects:
-            doubts.append("nothing could be left out of the fit, so that no prediction tests it")
+            doubts.append("no trial could be left out of the fit to test a prediction")
     doubt = [f"Doubts: {'; '.join(doubts)}."] if doubts else []
-    radius = " The slip holds no error of the wheel radius (1 % of it is 1 point of slip)." if n else ""
+    radius = (
+        " The std of the slip leaves out the wheel radius: 1 % of it changes the slip by 1 point."
+        if n
+        else ""
+    )
     text = " ".join([*grounds, *doubt, f"Valid for these speeds, this robot and this sand.{radius}"])
     verdict, tone = ("With care", "fair") if doubts else ("Well, for trials like these", "good")
     return Answer("trust", "How far can this be trusted?", verdict, text, tone)
+
+
+def all_good(n: int) -> str:
+    """Say that all of n motion estimates are good."""
+    which = {1: "The motion estimate is", 2: "Both motion estimates are"}
+    return f"{which.get(n, f'All {n} motion estimates are')} good."
 
 
 def _next(steps: Sequence[str]) -> tuple[Answer, ...]:
@@ -458,7 +479,7 @@ def parted(step: str) -> tuple[str, str]:
     return f"{text.rstrip('.')}.", f"granite-lab {command.rstrip('.')}" if command else ""
 
 
-def plural(n: int, what: str) -> str:
+def plural(n: int, noun: str) -> str:
     """Return a number of things in words: "1 trial", "2 quantities"."""
-    many = f"{what[:-1]}ies" if what.endswith("ity") else f"{what}s"
-    return f"{n} {what if n == 1 else many}"
+    many = f"{noun[:-1]}ies" if noun.endswith("ity") else f"{noun}s"
+    return f"{n} {noun if n == 1 else many}"

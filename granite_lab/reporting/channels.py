@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from granite_lab.columns import Cell, Column, Table, number, words
 from granite_lab.discovery.finding import Finding
 from granite_lab.results import PHASES, Gap
-from granite_lab.rounding import NONE, shown_as, significant, tidy_unit, with_unit
+from granite_lab.rounding import NONE, shown_as, significant, with_unit
 
 AGREES = "agrees"
 
@@ -69,13 +69,13 @@ CHANNEL_TABLE = Table[ChannelAnswer](
     Column("largest value", lambda c: c.size(c.largest), "largest largest_unit"),
     Column("largest difference", lambda c: c.worst),
     note="Root mean square of the difference over whole trials, beside the noise of the measurement (its "
-    "standard deviation) and the largest simulated value. Points: percentage points of slip. What differs "
-    "less than the noise of a trial is seen in the mean over repetitions: see what is missing.",
+    "standard deviation) and the largest simulated value. Points: percentage points of slip. “Differs, less "
+    "than the noise”: seen only in the mean over repetitions, by the search for what is missing.",
 )
 
 
 def channels_of(
-    found: dict[tuple[str, str], Gap], finding: Finding | None = None
+    by_phase: dict[tuple[str, str], Gap], finding: Finding | None = None
 ) -> tuple[ChannelAnswer, ...]:
     """Judge each channel over whole trials.
 
@@ -84,17 +84,17 @@ def channels_of(
     """
     over = {g.channel for g in finding.gaps if g.train[0] > 1.0} if finding is not None else set()
     judged = []
-    for gap in (g for g in found.values() if g.phase == "all"):
+    for gap in (g for g in by_phase.values() if g.phase == "all"):
         unit, scale = shown_as(gap.unit)
         noise = gap.rms / gap.normalised if gap.normalised > 0 else math.nan
-        phases = [found[gap.channel, p] for p in PHASES if p != "all" and (gap.channel, p) in found]
-        known = [g for g in phases if math.isfinite(g.normalised)]
-        worst = PHASES[max(known, key=lambda g: g.normalised).phase] if known else ""
+        phases = [by_phase[gap.channel, p] for p in PHASES if p != "all" and (gap.channel, p) in by_phase]
+        judged_phases = [g for g in phases if math.isfinite(g.normalised)]
+        worst = PHASES[max(judged_phases, key=lambda g: g.normalised).phase] if judged_phases else ""
         sizes = (gap.rms * scale, noise * scale, gap.size * scale)
         verdict, tone = _judge(gap, noise)
         if verdict == AGREES and over.intersection(SENSORS_OF.get(gap.channel, ())):
             verdict, tone = "differs, less than the noise", "fair"
-        judged.append(ChannelAnswer(gap.channel, gap.name, tidy_unit(unit), *sizes, verdict, tone, worst))
+        judged.append(ChannelAnswer(gap.channel, gap.name, unit, *sizes, verdict, tone, worst))
     return tuple(judged)
 
 
@@ -119,7 +119,7 @@ MISFITS = Table[Gap](
     "Simulated minus measured, by quantity and phase",
     Column("quantity", lambda g: g.name),
     Column("phase", lambda g: PHASES[g.phase]),
-    Column("unit", lambda g: tidy_unit(shown_as(g.unit)[0])),
+    Column("unit", lambda g: shown_as(g.unit)[0]),
     Column("rms", lambda g: _small(g.rms, g), "rms_si"),
     Column("mean", lambda g: _small(g.bias, g), "bias_si"),
     Column("largest", lambda g: _small(g.peak, g), "peak_si"),

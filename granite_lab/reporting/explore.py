@@ -28,7 +28,7 @@ from granite_lab.reporting.names import SENSORS, with_found
 from granite_lab.reporting.plot_motion import shown_channel
 from granite_lab.reporting.render import rendered
 from granite_lab.results import CHANNELS, StudyResult, TrialResult
-from granite_lab.rounding import shown_as, tidy_unit
+from granite_lab.rounding import axis_unit, shown_as
 
 POINTS, FEWEST = 900, 150
 """Points of a line, and how few of them are left where there are many trials."""
@@ -40,8 +40,6 @@ MOST = 120
 READ = ("torque_f", "torque_r", "accel", "pitch_rate")
 """Channels of a comparison that a sensor reads; the others are estimated from several."""
 WHEEL_NAMES = dict(zip(WHEELS, ("front left", "front right", "rear left", "rear right"), strict=True))
-AXIS = {"-": ("%", 100.0), "rad": ("°", 180 / math.pi), "rad/s": ("°/s", 180 / math.pi)}
-"""Unit of a record to that of an axis and the factor to it; other units stay."""
 
 
 class Curves(NamedTuple):
@@ -52,7 +50,7 @@ class Curves(NamedTuple):
         read: a sensor read it; else it is estimated.
         t: (N,) time since the start of the command [s].
         measured, std, simulated: (N,); NaN where nothing is known.
-        found: (N,) simulated with what was found; None without any.
+        augmented: (N,) simulated by the model with what was found; None without any.
         raw: stamps and values of the sensor behind an estimate; None where there is no single one.
     """
 
@@ -64,7 +62,7 @@ class Curves(NamedTuple):
     measured: Array
     std: Array
     simulated: Array
-    found: Array | None = None
+    augmented: Array | None = None
     raw: tuple[Array, Array] | None = None
 
 
@@ -76,9 +74,9 @@ def explore_data(result: StudyResult, jobs: int = 1) -> dict[str, Any]:
     trials = [row for row in rows if row["curves"]]
     quantities: dict[str, dict[str, Any]] = {}
     for row in trials:
-        for id_, own in row["curves"].items():
-            quantities.setdefault(id_, own.pop("about"))
-            own.pop("about", None)
+        for id_, packed in row["curves"].items():
+            quantities.setdefault(id_, packed.pop("about"))
+            packed.pop("about", None)
     order = [*UNITS, *(f"search_{name}" for name in SENSORS), *sorted(quantities)]
     named = {id_: quantities[id_] for id_ in sorted(quantities, key=order.index)}
     left = len(result.trials) - len(trials)
@@ -113,7 +111,7 @@ def _packed(given: tuple[StudyResult, Sequence[TrialResult], int], k: int) -> di
     steady = [x if math.isfinite(x) else None for x in c.run.steady]
     return {
         "name": r.trial.name, "speed": float(f"{c.motion.variant.velocity:.3g}"), "steady": steady,
-        "good": c.motion.health.good, "curves": {own.id: _thin(own, points) for own in curves},
+        "good": c.motion.health.good, "curves": {signal.id: _thin(signal, points) for signal in curves},
     }  # fmt: skip
 
 
@@ -123,10 +121,10 @@ def _motion_curves(trial: Trial, c: Comparison, finding: Finding | None) -> Iter
     for name in (n for n in UNITS if n in c.measured):
         value, std = shown_channel(c, "measured", name)
         simulated = shown_channel(c, "simulated", name)[0]
-        found = None if later is None else shown_channel(later, "simulated", name)[0]
+        augmented = None if later is None else shown_channel(later, "simulated", name)[0]
         words = CHANNELS.get(name) or f"{WHEEL_NAMES[name.removeprefix('wheel_')]} wheel speed"
         raw = _raw_wheel(trial, c, name)
-        yield Curves(name, words, UNITS[name], name in READ, c.t, value, std, simulated, found, raw)
+        yield Curves(name, words, UNITS[name], name in READ, c.t, value, std, simulated, augmented, raw)
 
 
 def _with_found(c: Comparison, finding: Finding | None) -> Comparison | None:
@@ -148,14 +146,14 @@ def _raw_wheel(trial: Trial, c: Comparison, name: str) -> tuple[Array, Array] | 
     """Return the speed of a wheel by the differences of its encoder's angle [m/s]."""
     if not name.startswith("wheel_") or trial.wheels is None:
         return None
-    k, own = WHEELS.index(name.removeprefix("wheel_")), trial.wheels
+    k, wheels = WHEELS.index(name.removeprefix("wheel_")), trial.wheels
     late = c.motion.clock_left.value if math.isfinite(c.motion.clock_left.value) else 0.0
-    t = own.t + late - (c.motion.t[0] - c.t[0])
+    t = wheels.t + late - (c.motion.t[0] - c.t[0])
     radius = c.run.robot.wheels.radius
-    if own.rate is not None:
-        return t, radius * own.rate[:, k]
-    there = np.isfinite(own.angle[:, k])
-    t, angle = t[there], own.angle[there, k]
+    if wheels.rate is not None:
+        return t, radius * wheels.rate[:, k]
+    there = np.isfinite(wheels.angle[:, k])
+    t, angle = t[there], wheels.angle[there, k]
     return ((t[1:] + t[:-1]) / 2, radius * np.diff(angle) / np.diff(t)) if t.size > 1 else None
 
 
@@ -174,24 +172,25 @@ def _search_curves(c: Comparison, finding: Finding | None) -> Iterator[Curves]:
         )  # fmt: skip
 
 
-def _thin(own: Curves, points: int) -> dict[str, Any]:
+def _thin(signal: Curves, points: int) -> dict[str, Any]:
     """Return the lines of a quantity for JSON, with the extremes of each between neighbouring points."""
-    later = () if own.found is None else (own.found, own.found - own.measured)
-    lines = (own.measured, own.simulated, own.simulated - own.measured, *later)
+    later = () if signal.augmented is None else (signal.augmented, signal.augmented - signal.measured)
+    lines = (signal.measured, signal.simulated, signal.simulated - signal.measured, *later)
     kept = extremes(lines, points)
-    unit, scale = AXIS.get(own.unit, (own.unit, 1.0))
-    gap_unit, gap_scale = shown_as(own.unit)
+    unit, scale = axis_unit(signal.unit)
+    gap_unit, gap_scale = shown_as(signal.unit)
     about = {
-        "name": own.name, "unit": tidy_unit(unit), "read": own.read, "gap": tidy_unit(gap_unit),
-        "factor": gap_scale / scale, "search": own.id.startswith("search_"),
+        "name": signal.name, "unit": unit, "read": signal.read, "gap": gap_unit,
+        "factor": gap_scale / scale, "search": signal.id.startswith("search_"),
     }  # fmt: skip
-    packed: dict[str, Any] = {"about": about, "t": _base64(own.t[kept])}
-    for key, values in (("m", own.measured), ("e", own.std), ("s", own.simulated), ("f", own.found)):
+    packed: dict[str, Any] = {"about": about, "t": _base64(signal.t[kept])}
+    drawn = (signal.measured, signal.std, signal.simulated, signal.augmented)
+    for key, values in zip("mesf", drawn, strict=True):
         if values is not None and np.isfinite(values).any():
             packed[key] = _base64(scale * values[kept])
-    if own.raw is not None and own.raw[0].size:
-        few = extremes((own.raw[1],), points)
-        packed |= {"rt": _base64(own.raw[0][few]), "r": _base64(scale * own.raw[1][few])}
+    if signal.raw is not None and signal.raw[0].size:
+        few = extremes((signal.raw[1],), points)
+        packed |= {"rt": _base64(signal.raw[0][few]), "r": _base64(scale * signal.raw[1][few])}
     return packed
 
 

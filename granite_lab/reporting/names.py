@@ -60,8 +60,8 @@ def sensor(channel: str) -> str:
 
 def channels_of(finding: Finding) -> list[str]:
     """Return the channels that the search used, in the order of the report."""
-    found = {r.channel for r in finding.residuals}
-    return [c for c in SENSORS if c in found] + sorted(found - set(SENSORS))
+    used = {r.channel for r in finding.residuals}
+    return [c for c in SENSORS if c in used] + sorted(used - set(SENSORS))
 
 
 def plain(effect_id: str) -> str:
@@ -82,10 +82,10 @@ def describe(effect: FoundEffect) -> str:
     if effect.empirical:
         title, sizes = plain(effect.id), [amount(effect, p) for p in effect.parameters]
     for p in (p for p in effect.parameters if not p.per_trial):
-        known = declared(effect.id, p.name)
-        if known and known.signs[0]:
+        declaration = declared(effect.id, p.name)
+        if declaration and declaration.signs[0]:
             away = replace(p, estimate=Estimate(abs(p.estimate.value), p.estimate.std))
-            title, sizes = known.signs[p.estimate.value < 0], [f"by {amount(effect, away)}"]
+            title, sizes = declaration.signs[p.estimate.value < 0], [f"by {amount(effect, away)}"]
     return f"{title} ({', '.join(sizes)})" if sizes else title
 
 
@@ -142,13 +142,13 @@ def together(names: Sequence[str]) -> str:
 def shared(lines: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:
     """Say once what several trials say alike; each line is a trial's name and what it says."""
     speakers: dict[str, list[str]] = {}
-    for trial, own in lines:
-        for line in dict.fromkeys(own):
+    for trial, notes in lines:
+        for line in dict.fromkeys(notes):
             speakers.setdefault(line, []).append(trial)
     everybody = len(lines)
     return tuple(
-        f"all {everybody} trials: {line}" if len(own) == everybody > 1 else f"{', '.join(own)}: {line}"
-        for line, own in speakers.items()
+        f"all {everybody} trials: {line}" if len(trials) == everybody > 1 else f"{', '.join(trials)}: {line}"
+        for line, trials in speakers.items()
     )
 
 
@@ -167,6 +167,11 @@ def speed_stem(speed: float) -> str:
 def capital(text: str) -> str:
     """Return a text with a capital letter in front."""
     return text[:1].upper() + text[1:]
+
+
+def inside(title: str) -> str:
+    """Return a title as it stands inside a sentence; an acronym keeps its capitals."""
+    return title[0].lower() + title[1:] if title[1:2].islower() else title
 
 
 def in_plain_words(note: str, finding: Finding) -> str:
@@ -189,8 +194,8 @@ def scale_of(effect_id: str, name: str, unit: str, size: float) -> tuple[str, fl
 
     Relative errors are percent; small sizes of some units are thousandths, as ms for 0.027 s.
     """
-    known = declared(effect_id, name)
-    if known and known.relative:
+    declaration = declared(effect_id, name)
+    if declaration and declaration.relative:
         return "%", 100.0
     if unit not in PREFIXED or size == 0 or abs(size) >= 0.1:
         return tidy_unit(unit), 1.0
@@ -205,11 +210,11 @@ def amount(effect: FoundEffect, parameter: FoundParameter) -> str:
 
 def meaning(effect_id: str, name: str) -> str:
     """Say what a number of an effect is, and which way its sign goes; empty where that is not known."""
-    known = declared(effect_id, name)
-    if known is None:
+    declaration = declared(effect_id, name)
+    if declaration is None:
         return ""
-    told = "positive" in known.meaning or not known.signs[1]
-    return known.meaning if told else f"{known.meaning}; below zero: {known.signs[1]}"
+    complete = "positive" in declaration.meaning or not declaration.signs[1]
+    return declaration.meaning if complete else f"{declaration.meaning}; below zero: {declaration.signs[1]}"
 
 
 def law_formulas(finding: Finding) -> tuple[str, ...]:
@@ -229,38 +234,40 @@ def next_steps(finding: Finding, model: Path | str | None, folder: str, effects:
     """
     given = f" --effects {pasted(effects)}" if effects else ""
     plan = f"granite-lab plan-next {pasted(folder)}{given}"
-    own = "granite-lab discover TRIALS --effects my_effect.py"
+    user_effect = "granite-lab discover TRIALS --effects my_effect.py"
     again = "Drive two trials or more at each of three speeds, then search again."
     steps = [again] if finding.provisional else []
     if finding.verdict == "none":
         return (
             *steps,
-            f"Nothing needs to be added. Plan the trial that would show effects still hidden: {plan}",
+            f"Nothing needs to be added. Plan a trial that shows effects too small for these trials: {plan}",
         )
     if finding.verdict == "unknown":
         look = (
-            "Find what changes from trial to trial, such as uneven ground, wind or a motor that warms up, "
-            "and repeat the trials without it."
+            "Find what changes from trial to trial, for example uneven ground, wind or a warm motor. Then "
+            "repeat the trials without it."
             if finding.scatter
-            else "Look where the model disagrees, then test the suspected cause as an effect of your own: "
-            + own
+            else "See where the model disagrees, and test a suspected cause as an effect of your own: "
+            + user_effect
         )
-        return (*steps, look, f"Plan the trial that would tell more: {plan}")
-    faults = [plain(e.id) for e in finding.effects if (known := met(e.id)) and known.fault]
+        return (*steps, look, f"Plan the next trial: {plan}")
+    faults = [plain(e.id) for e in finding.effects if (effect := met(e.id)) and effect.fault]
     if faults:
         steps.append(
-            f"{capital(listed(faults))} is an error of the measurement, not of the model: correct it on the "
+            f"{capital(listed(faults))} is an error of the measurement, not of the model. Correct it on the "
             "robot or in the logs by the number found, and search again."
         )
     twins = {plain(e.id): listed([plain(t) for t in e.twins], "or") for e in finding.effects if e.twins}
-    steps += [f"Plan the trial that tells {one} from {others}: {plan}" for one, others in twins.items()]
+    steps += [
+        f"Plan the trial that separates {named} from {others}: {plan}" for named, others in twins.items()
+    ]
     if finding.remainder > MUCH:
-        steps.append(f"More is missing than was found. Try an effect of your own: {own}")
+        steps.append(f"Part of the gap remains. Test an effect of your own: {user_effect}")
     if model and finding.simulates and len(faults) < len(finding.effects):
         speed = min(finding.simulates, key=lambda v: abs(v - TYPICAL))
         steps.append(
-            "Simulate with what was found; at other speeds and on other sand that is a guess until a trial "
-            f"confirms it: granite-lab simulate --model {pasted(f'{folder}/{Path(model).name}')}{given} "
+            "Simulate with what was found. At other speeds and on other sand no trial has confirmed the "
+            f"result: granite-lab simulate --model {pasted(f'{folder}/{Path(model).name}')}{given} "
             f"--variant {speed:g}"
         )
     return (*steps, *([] if twins else [f"Plan the trial that lowers the largest std: {plan}"]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from granite_lab.reporting.answers import of_study
 from granite_lab.reporting.render import rendered
-from granite_lab.reporting.speeds import SLIP_BY_SPEED
+from granite_lab.reporting.speeds import first_table
 from granite_lab.results import StudyResult
 from granite_lab.shown import as_html
 
@@ -16,5 +16,5 @@ TONES = {"good": "#00634a", "fair": "#8a4b00", "bad": "#a3211a"}
 def study_as_html(result: StudyResult) -> str:
     """Return the first screen of a study's report as a part of a page, with its styles in it."""
     decided = of_study(result)
-    first = SLIP_BY_SPEED.fill(decided.speeds, virtual=bool(decided.virtual))
+    first = first_table(decided.speeds, silent=decided.silent, virtual=bool(decided.virtual))
     return rendered("notebook.html", answers=decided, first=first, tones=TONES)

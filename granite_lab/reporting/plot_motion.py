@@ -26,7 +26,7 @@ from granite_lab.reporting.channels import channels_of
 from granite_lab.reporting.names import lines_of, speed_stem, together
 from granite_lab.reporting.speeds import Speed
 from granite_lab.results import gaps
-from granite_lab.rounding import significant
+from granite_lab.rounding import axis_unit, shown_as, significant
 
 SLIP_STD_SHOWN = 0.04
 """Measured slip is drawn where its standard deviation is below this; at crawling speed it says nothing."""
@@ -48,40 +48,28 @@ class Panel(NamedTuple):
     """One quantity of a time history.
 
     Attributes:
-        label: of the axis, with its unit.
+        name: of the axis.
+        unit: of the comparison; drawn as by `axis_unit`, differences as by `shown_as`.
         height: of the panel [in].
-        scale: from the unit of the comparison to that of the axis.
         channels: of its lines, the dark one first; "wheels" is the mean of the four.
         key: what dark and light lines are.
-        finer: from the unit of the axis to that of the difference below.
     """
 
-    label: str
+    name: str
+    unit: str
     height: float
-    scale: float
     channels: tuple[str, ...]
     key: str = ""
-    finer: float = 1.0
-
-    @property
-    def unit(self) -> str:
-        """Unit of the axis."""
-        return self.label.partition("[")[2].rstrip("]")
-
-    @property
-    def below(self) -> str:
-        """Label of the panel with the difference."""
-        return "[mm/s]" if self.unit == "m/s" else "[points]" if self.unit == "%" else f"[{self.unit}]"
 
 
 DIFFERENCE = 0.42
 """Height of a panel with the difference [in]."""
 
 PANELS = (
-    Panel("velocity [m/s]", 1.1, 1.0, ("velocity", "wheels"), "dark: body, light: wheels", 1e3),
-    Panel("slip ratio [%]", 0.95, 100.0, ("slip_f", "slip_r"), "dark: front, light: rear"),
-    Panel("torque [N m]", 0.95, 1.0, ("torque_f", "torque_r"), "dark: front, light: rear"),
-    Panel("pitch [°]", 0.7, 180 / math.pi, ("pitch",)),
+    Panel("velocity", "m/s", 1.1, ("velocity", "wheels"), "dark: body, light: wheels"),
+    Panel("slip ratio", "-", 0.95, ("slip_f", "slip_r"), "dark: front, light: rear"),
+    Panel("torque", "N m", 0.95, ("torque_f", "torque_r"), "dark: front, light: rear"),
+    Panel("pitch", "rad", 0.7, ("pitch",)),
 )
 
 
@@ -154,16 +142,19 @@ class Line(NamedTuple):
 
 def _history(c: Comparison) -> Canvas:
     heights = [h for p in PANELS for h in (p.height, DIFFERENCE)]
-    labels = [text for p in PANELS for text in (p.label, p.below)]
+    labels = [
+        label for p in PANELS for label in (f"{p.name} [{axis_unit(p.unit)[0]}]", f"[{shown_as(p.unit)[0]}]")
+    ]
     figure, axes = canvas.panels(heights, y=labels, x=canvas.TIME, gap=0.2)
     end = min(float(c.t[-1]), duration(c.run.variant) + 1.2)
     inside = (c.t >= -0.5) & (c.t <= end)
     t = c.t[inside]
     for axis, below, panel in zip(axes[::2], axes[1::2], PANELS, strict=True):
-        for one in (axis, below) if all(map(math.isfinite, c.run.steady)) else ():
-            one.axvspan(*c.run.steady, color=canvas.SHADE, linewidth=0, zorder=0)
+        for panel_axis in (axis, below) if all(map(math.isfinite, c.run.steady)) else ():
+            panel_axis.axvspan(*c.run.steady, color=canvas.SHADE, linewidth=0, zorder=0)
+        unit, scale = axis_unit(panel.unit)
         lines = [
-            Line(source, light, value[inside] * panel.scale, std[inside] * panel.scale)
+            Line(source, light, value[inside] * scale, std[inside] * scale)
             for source in SOURCES
             for light, name in enumerate(panel.channels)
             for value, std in (shown_channel(c, source, name),)
@@ -173,7 +164,7 @@ def _history(c: Comparison) -> Canvas:
         _difference(below, panel, t, lines)
         parts = [panel.key if any(line.source == "measured" for line in lines) else "not measured"]
         if wide:
-            parts.append(f"±2σ of the measurement, not drawn: {significant(wide, 2)} {panel.unit}")
+            parts.append(f"±2σ of the measurement, not drawn: {significant(wide, 2)} {unit}")
         canvas.key(axis, "; ".join(filter(None, parts)))
     desired = c.run.signals.get("v_desired_mps")
     if desired is not None and t.size:
@@ -224,15 +215,15 @@ def _difference(axis: Axes, panel: Panel, t: Array, lines: Sequence[Line]) -> No
         return
     axis.axhline(0, color=canvas.INK, linewidth=0.6, zorder=1)
     canvas.key(axis, "simulated − measured")
-    every = []
+    every, finer = [], shown_as(panel.unit)[1] / axis_unit(panel.unit)[1]
     for light in range(len(panel.channels)):
-        own = {line.source: line for line in lines if line.light == light}
-        if len(own) == len(SOURCES):
-            gap = panel.finer * (own["simulated"].value - own["measured"].value)
-            axis.plot(*canvas.envelope(t, gap), color=own["simulated"].colour, linewidth=0.8)
+        pair = {line.source: line for line in lines if line.light == light}
+        if len(pair) == len(SOURCES):
+            gap = finer * (pair["simulated"].value - pair["measured"].value)
+            axis.plot(*canvas.envelope(t, gap), color=pair["simulated"].colour, linewidth=0.8)
             every.append(gap[np.isfinite(gap)])
-    known = np.concatenate([*every, np.zeros(1)])
-    low, high = np.percentile(known, [1, 99]) if known.size > 1 else (-1.0, 1.0)
+    finite = np.concatenate([*every, np.zeros(1)])
+    low, high = np.percentile(finite, [1, 99]) if finite.size > 1 else (-1.0, 1.0)
     most = 1.2 * max(abs(low), abs(high)) or 1.0
     axis.set_ylim(-most, most)
 
@@ -277,7 +268,7 @@ def health_figure(motion: Motion, index: int) -> Figure:
     title = f"{motion.trial}: the estimate is {'good' if h.good else 'doubtful'}"
     caption = (
         f"{significant(outside, 2)} % of the innovations lie outside ±2σ (band); 5 % are expected. Mean "
-        f"normalised innovation squared, 1 is ideal, up to 3 is good, of few innovations more: "
+        f"normalised innovation squared (1 is ideal, up to 3 is good; more if innovations are few): "
         f"{squares or 'none'}. Grey: standstills."
     )
     make, lines = partial(_health, motion, ratio), lines_of(motion.trial)
@@ -297,10 +288,10 @@ def _health(motion: Motion, ratio: Array) -> Canvas:
     canvas.band(axes[0], t, v, std, "body velocity")
     axes[1].axhspan(-2, 2, color=canvas.FAINT, alpha=0.4, linewidth=0, zorder=0.5)
     for kind, (colour, marker) in zip(dict.fromkeys(h.kind), itertools.cycle(KINDS), strict=False):
-        own = np.flatnonzero(kinds == kind)
-        own = own[:: -(-own.size // SHOWN_INNOVATIONS)]
+        positions = np.flatnonzero(kinds == kind)
+        positions = positions[:: -(-positions.size // SHOWN_INNOVATIONS)]
         axes[1].plot(
-            np.asarray(h.t)[own], ratio[own], marker=marker, markersize=1.8, linestyle="none",
+            np.asarray(h.t)[positions], ratio[positions], marker=marker, markersize=1.8, linestyle="none",
             color=colour, label=kind.replace("_", " "), markeredgewidth=0,
         )  # fmt: skip
     highest = float(np.nanmax(np.abs(ratio))) if np.isfinite(ratio).any() else 3.0

@@ -27,7 +27,8 @@ APART, WIDE = 0.008, 0.05
 """Abscissae of the trials of a speed [m/s]: from one to the next, and from first to last at most."""
 CROWD = 12
 """So many trials of a speed are drawn in full; more are drawn smaller and fainter."""
-DASHED = (0, (4, 1.5))
+DASHED, UNDER = (0, (4, 1.5)), 2.8
+"""Line of the paper, and width of the fitted one below it [pt]: both are seen where they coincide."""
 
 Point = tuple[Estimate, Estimate, int]
 """x and y of a trial, and the number of trials at its speed."""
@@ -35,14 +36,15 @@ Point = tuple[Estimate, Estimate, int]
 
 def slip_figure(answers: Answers, paper: Paper) -> Figure:
     """Draw λ_R over the desired velocity: each trial, the means with their intervals, and the paper."""
-    known = [s for s in answers.speeds if s.slip_is_known]
-    rising = all(a.slip.value < b.slip.value for a, b in pairwise(known))
+    with_slip = [s for s in answers.speeds if s.slip_is_known]
+    rising = all(a.slip.value < b.slip.value for a, b in pairwise(with_slip))
     title = "Slip grows with speed" if rising else "Slip does not grow steadily with speed"
-    if len(known) < 2:
+    if len(with_slip) < 2:
         title = (
-            "".join(f"{s.slip.quantity} slip at {s.velocity:g} m/s" for s in known) or "No slip ratio known"
+            "".join(f"{s.slip.quantity} slip at {s.velocity:g} m/s" for s in with_slip)
+            or "No slip ratio known"
         )
-    judged = [s for s in known if s.agrees is not None]
+    judged = [s for s in with_slip if s.agrees is not None]
     if judged:
         inside = sum(bool(s.agrees) for s in judged)
         where = f"in the interval at {inside} of {len(judged)} speeds"
@@ -51,11 +53,11 @@ def slip_figure(answers: Answers, paper: Paper) -> Figure:
         title += f"; the paper's experiment is {where}"
 
     def draw(axis: Axes) -> None:
-        alone = all(s.trials == 1 for s in known)
+        alone = all(s.trials == 1 for s in with_slip)
         points = _over_speed(answers.speeds, lambda c: c.motion.slip_ratio)
         _trials(axis, [] if alone else points, (1.0, 100.0), color=canvas.MEASURED_LIGHT)
         label = f"{'one trial' if alone else 'mean'}, 95 %"
-        for k, s in enumerate(known):
+        for k, s in enumerate(with_slip):
             bars = [[_bar(s.slip.value - s.slip.low)], [_bar(s.slip.high - s.slip.value)]]
             axis.errorbar(
                 s.velocity, s.slip.value, yerr=bars, color=canvas.MEASURED, marker="D", markersize=4.5,
@@ -113,7 +115,7 @@ def _k92_panel(
         if all(map(math.isfinite, fit.ci95)):
             low, high = (np.exp(-a * v) for a in fit.ci95)
             axis.fill_between(v, low, high, color=canvas.FITTED, alpha=0.25, linewidth=0)
-        axis.plot(v, np.exp(-fit.a_theta.value * v), color=canvas.FITTED, label="law, 95 %")
+        axis.plot(v, np.exp(-fit.a_theta.value * v), color=canvas.FITTED, linewidth=UNDER, label="law, 95 %")
     axis.plot(v, np.exp(-paper.a_theta * v), color=canvas.PAPER, linestyle=DASHED)
     _trials(axis, points, (1.0, 1.0))
     _published(axis, [(p.velocity, p.k92) for p in paper.table3])
@@ -126,14 +128,15 @@ def k92_over_slip(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figu
     root = significant(-100 * paper.fig4_intercept / paper.fig4_slope, 3)
     title = f"The paper's line reaches k_92 = 0, the limit of the model, at {root} % slip"
     if line is not None and line[1] < 0:
-        own = significant(-100 * line[0] / line[1], 3)
-        title = f"k_92 = 0, the limit of the model, is reached at {own} % slip; {root} % in the paper"
+        fitted_root = significant(-100 * line[0] / line[1], 3)
+        title = f"k_92 = 0, the limit of the model, is reached at {fitted_root} % slip; {root} % in the paper"
     slips = [p.slip_measured for p in paper.table3] + [s.slip.value / 100 for s in answers.speeds]
     x = np.linspace(0, max(0.25, 1.1 * max(s for s in slips if math.isfinite(s))), 2)
 
     def draw(axis: Axes) -> None:
         if line is not None:
-            axis.plot(100 * x, line[0] + line[1] * x, color=canvas.FITTED, label="fitted line")
+            fitted = line[0] + line[1] * x
+            axis.plot(100 * x, fitted, color=canvas.FITTED, linewidth=UNDER, label="fitted line")
         fits = [(r.comparison.fit, len(s.results)) for s in answers.speeds for r in s.results]
         _trials(axis, [(f.slip_measured, _told(f), n) for f, n in fits], (100.0, 1.0))
         axis.plot(100 * x, paper.fig4_intercept + paper.fig4_slope * x, color=canvas.PAPER, linestyle=DASHED)

@@ -30,7 +30,7 @@ from granite_lab.reporting.names import (
     speed_stem,
     with_found,
 )
-from granite_lab.rounding import places, shown_as, significant, tidy_unit, times
+from granite_lab.rounding import places, shown_as, significant, times
 
 Pair = tuple[float, float]
 """Before and after; NaN where not known."""
@@ -43,21 +43,21 @@ KEYS_LEFT = 0.06
 
 def gap_figure(finding: Finding) -> Figure:
     """Draw the gap over all sensors, in the fit and on trials left out, and of each sensor in the fit."""
-    whole, known = finding.gap, {g.channel: g for g in finding.gaps}
+    whole, by_channel = finding.gap, {g.channel: g for g in finding.gaps}
     lines = {"all sensors": whole.train}
     if math.isfinite(whole.held_out[0]):
         lines["all, trials left out"] = whole.held_out
     first = len(lines)
-    lines |= {sensor(c): known[c].train for c in channels_of(finding) if c in known}
+    lines |= {sensor(c): by_channel[c].train for c in channels_of(finding) if c in by_channel}
     before, after, where = gap_pair(finding)
-    title = f"The gap between sensors and model is {times(before)}; 1 is explained by noise and tolerance"
+    title = f"The gap between sensors and model is {times(before)}; noise and tolerance explain 1"
     if finding.terms:
         title = (
             f"{capital(with_found(finding))}, the gap falls from {times(before)} to {times(after)} {where}"
         )
     caption = (
-        "Above the line: root mean square of all residuals over what noise and tolerance explain; 1 means "
-        "explained. Below: largest discrepancy of a sensor over the tolerance; 0 means none beyond the noise."
+        "Above the line: rms of all residuals, divided by the rms that noise and tolerance explain. Below: "
+        "largest discrepancy of each sensor beyond its noise, divided by the tolerance."
     )
     return Figure("found_gap", title, caption, partial(_dumbbells, lines, finding, first), finding.virtual)
 
@@ -78,7 +78,7 @@ def _dumbbells(lines: Mapping[str, Pair], finding: Finding, rule: int) -> Canvas
     for k, pair in enumerate(lines.values()):
         text = " → ".join(times(x) for x in (pair if finding.terms else pair[:1]))
         axis.text(1.42 * high, k, text, ha="right", va="center", fontsize=7.5)
-    axis.set(xlim=(-0.04 * high, 1.45 * high), xlabel="gap, 1 means explained [–]")
+    axis.set(xlim=(-0.04 * high, 1.45 * high), xlabel="gap, ≤ 1 is explained [–]")
     axis.set_xticks([x for x in MaxNLocator(5).tick_values(0, high) if 0 <= x <= high])
     axis.axhline(rule - 0.5, color=canvas.FAINT, linewidth=0.6)
     canvas.legend(axis, left=KEYS_LEFT)
@@ -113,11 +113,11 @@ def _candidates(shown: Sequence[Candidate]) -> Canvas:
     names = ["\n".join(wrap(plain(c.id), 38)) for c in shown]
     figure, (left, right) = canvas.named_rows(names, columns=2, row=0.17, left=2.1)
     for status in dict.fromkeys(c.status for c in shown):
-        own = [(i, c) for i, c in enumerate(shown) if c.status == status]
-        closes = [100 * float(np.clip(c.closes, -0.5, 1.0)) for _, c in own]
-        for axis, x in ((left, [100 * c.probability for _, c in own]), (right, closes)):
+        rows = [(i, c) for i, c in enumerate(shown) if c.status == status]
+        closes = [100 * float(np.clip(c.closes, -0.5, 1.0)) for _, c in rows]
+        for axis, x in ((left, [100 * c.probability for _, c in rows]), (right, closes)):
             axis.plot(
-                x, [i for i, _ in own], linestyle="none", marker=MARKERS[status], markersize=5,
+                x, [i for i, _ in rows], linestyle="none", marker=MARKERS[status], markersize=5,
                 color=canvas.FITTED if status == "named" else canvas.GREY, label=STATUS[status],
                 clip_on=False,
             )  # fmt: skip
@@ -144,40 +144,40 @@ def intervals_figure(finding: Finding) -> Figure | None:
 
 def _intervals(finding: Finding) -> Canvas:
     speeds, channels = by_speed(d.variant for d in finding.where), channels_of(finding)
-    heights, own = [0.13 * len(channels)] * len(speeds), {d.variant for d in finding.where}
+    heights, variants = [0.13 * len(channels)] * len(speeds), {d.variant for d in finding.where}
     figure, axes = canvas.panels(heights, left=canvas.NAMES, gap=0.24, x=canvas.TIME)
     for axis, (speed, positions) in zip(axes, speeds.items(), strict=True):
         for d in (finding.where[i] for i in positions):
             axis.barh(channels.index(d.channel), d.end - d.start, 0.8, d.start, linewidth=0, color=BEFORE)
         canvas.name_rows(axis, [sensor(c) for c in channels], 6.5)
         canvas.key(axis, f"{speed:g} m/s")
-    axes[0].set_xlim(-0.5, max(float(r.t[-1]) for r in finding.residuals if r.variant in own))
+    axes[0].set_xlim(-0.5, max(float(r.t[-1]) for r in finding.residuals if r.variant in variants))
     return figure
 
 
 def history_figures(finding: Finding) -> list[Figure]:
     """Draw the sensors with the largest gap, one figure per speed: mean of the trials, and the model."""
-    known = {g.channel: g.train[0] for g in finding.gaps}
-    ranked = sorted(channels_of(finding), key=lambda c: -known.get(c, 0.0))[:SHOWN]
-    found = []
+    gap_of = {g.channel: g.train[0] for g in finding.gaps}
+    ranked = sorted(channels_of(finding), key=lambda c: -gap_of.get(c, 0.0))[:SHOWN]
+    figures = []
     for velocity, positions in by_speed(r.variant for r in finding.residuals).items():
         at = [finding.residuals[i] for i in positions]
         at = [r for r in at if r.phase == at[-1].phase]  # of two commands at one speed the last is drawn
-        own = {c: [r for r in at if r.channel == c] for c in ranked}
-        drawn = {c: mean_of(group) for c, group in own.items() if group}
+        groups = {c: [r for r in at if r.channel == c] for c in ranked}
+        drawn = {c: mean_of(group) for c, group in groups.items() if group}
         if not drawn:
             continue
-        n = max(map(len, own.values()))
+        n = max(map(len, groups.values()))
         title = f"{velocity:g} m/s: {_closer(finding, drawn)}"
         name = f"found_history_{speed_stem(velocity)}"
-        what = f"Mean of {n} trials" if n > 1 else "One trial"
+        count = f"Mean of {n} trials" if n > 1 else "One trial"
         caption = (
-            f"{what}. Grey: the paper's model disagrees by more than the tolerance. Of wheel angles the "
+            f"{count}. Grey: the paper's model disagrees by more than the tolerance. Of wheel angles the "
             "difference to the paper's model is drawn."
         )
         make, lines = partial(_history, finding, drawn), lines_of(speed=velocity, quantity="search")
-        found.append(Figure(name, title, caption, make, finding.virtual, lines))
-    return found
+        figures.append(Figure(name, title, caption, make, finding.virtual, lines))
+    return figures
 
 
 def _closer(finding: Finding, drawn: Mapping[str, Residual]) -> str:
@@ -193,16 +193,16 @@ def _closer(finding: Finding, drawn: Mapping[str, Residual]) -> str:
 
 def mean_of(group: Sequence[Residual]) -> Residual:
     """Return the mean over trials of one command; NaN where no trial was measured."""
-    known = np.array([np.isfinite(r.measured) for r in group])
+    finite = np.array([np.isfinite(r.measured) for r in group])
 
     def average(name: str) -> Array:
-        return mean_known(np.where(known, [getattr(r, name) for r in group], np.nan), 0)
+        return mean_known(np.where(finite, [getattr(r, name) for r in group], np.nan), 0)
 
     return replace(group[0], measured=average("measured"), before=average("before"), after=average("after"))
 
 
 def _history(finding: Finding, drawn: Mapping[str, Residual]) -> Canvas:
-    units = [f"[{tidy_unit(shown_as(m.unit)[0])}]" for m in drawn.values()]
+    units = [f"[{shown_as(m.unit)[0]}]" for m in drawn.values()]
     figure, axes = canvas.panels([1.1] * len(drawn), head=0.46, y=units, x=canvas.TIME)
     for axis, (name, mean) in zip(axes, drawn.items(), strict=True):
         scale = shown_as(mean.unit)[1]
@@ -217,7 +217,7 @@ def _history(finding: Finding, drawn: Mapping[str, Residual]) -> Canvas:
         ]
         for values, colour, width, label in lines:
             axis.plot(mean.t, scale * (values - zero), color=colour, linewidth=width, label=label)
-        canvas.key(axis, sensor(name) + (" less model" if mean.unit == "rad" else ""))
+        canvas.key(axis, sensor(name) + (", minus the paper's model" if mean.unit == "rad" else ""))
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper left", ncols=3, bbox_to_anchor=(0.13, 1.0))
     t = next(iter(drawn.values())).t

@@ -70,19 +70,10 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Look:
-    """How to look at a trial: its name, its lines, and the command that shows its recording, if any."""
-
-    trial: str
-    lines: str
-    command: str
-
-
-@dataclass(frozen=True)
 class Looks:
-    """How to look at each trial."""
+    """How to look at each trial: its name, its lines, and the command that shows its recording, if any."""
 
-    rows: tuple[Look, ...]
+    rows: tuple[tuple[str, str, str], ...]
 
 
 @dataclass(frozen=True)
@@ -133,8 +124,8 @@ class Report:
     answers: Answers
     first: FilledTable | None
     sections: tuple[Section, ...]
-    numbers: str = "report.json"
-    files: tuple[Link, ...] = ()
+    numbers: str
+    files: tuple[Link, ...]
 
     @property
     def has_lines(self) -> bool:
@@ -200,22 +191,18 @@ def study_report(
         looks = _looks(result, folder, recordings)
         sections.append(Section("trials", "Quality of the trials", _kept(_quality(result, decided, looks))))
     sections.append(_provenance(result.source, decided.steps[1:]))
-    if result.trials or result.finding is None:
-        first = first_table(decided.speeds, silent=decided.silent, virtual=bool(decided.virtual))
-        files = (
-            *([Link("all lines", LINES)] if result.trials else []), Link("PDF", "report.pdf"),
-            Link("Markdown", "report.md"), Link("numbers", "report.json"),
-            *([Link("recordings", f"{recordings}/")] if recordings else []),
-            Link("tables", "tables/"), Link("figures", "figures/"),
-        )  # fmt: skip
-        kind = f"Report of a study, {today()}"
-        return Report(result.name, kind, decided, first, tuple(sections), files=files)
-    kind = f"Report of a search for a missing effect, {today()}"
-    beside = (
-        Link("Markdown", "report.md"), Link("numbers", "finding.json"), Link("tables", "tables/"),
-        Link("figures", "figures/"),
+    study = bool(result.trials) or result.finding is None
+    numbers, kind = ("report.json", "study") if study else ("finding.json", "search for a missing effect")
+    addresses = {
+        "all lines": LINES if result.trials else "", "PDF": "report.pdf" if study else "",
+        "Markdown": "report.md", "numbers": numbers, "recordings": f"{recordings}/" if recordings else "",
+        "tables": "tables/", "figures": "figures/",
+    }  # fmt: skip
+    return Report(
+        result.name, f"Report of a {kind}, {today()}", decided,
+        first_table(decided.speeds, silent=decided.silent, virtual=bool(decided.virtual)), tuple(sections),
+        numbers, tuple(Link(text, address) for text, address in addresses.items() if address),
     )  # fmt: skip
-    return Report(result.name, kind, decided, None, tuple(sections), "finding.json", beside)
 
 
 def _slip(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
@@ -235,8 +222,8 @@ def _slip(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
 def _slip_alone(decided: Answers) -> Iterator[Maybe]:
     """Show what can be had where no slip ratio is known well enough for k_92: the motion of each speed."""
     yield (
-        "No trial has a slip ratio that is known to 5 points: k_92, a comparison with the model and a search "
-        "for what it lacks are left out."
+        "No slip ratio is known to 5 points. So k_92, the comparison with the model and the search for a "
+        "missing effect are left out."
     )
     yield _gallery(plot_results.slip_figure(decided, load_paper()) if decided.speeds else None)
 
@@ -258,19 +245,18 @@ def _model(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
 
 def _missing(finding: Finding) -> Iterator[Maybe]:
     yield (
-        "The model is fitted to the readings of the sensors, together with the sand of each trial, the time "
-        "offset of the IMU, and offsets and gains of the sensors, so that none of these can pass for a "
-        "missing effect. What then still differs in all repetitions of a command is compared with "
-        f"what each candidate effect would cause. Differences up to {percent(finding.tolerance)} of a "
-        "sensor's rms are tolerated."
+        "The model is fitted to all sensors. The sand of each trial, the time offset of the IMU, and offsets "
+        "and gains of the sensors are fitted too, so that an error of these is not taken for an effect. The "
+        "difference that remains in all repetitions of a command is compared with the signature of each "
+        f"candidate effect. Differences up to {percent(finding.tolerance)} of a sensor's rms are tolerated."
     )
     yield _gallery(plot_search.gap_figure(finding))
     yield search_tables.effects_table(finding, finding.effects)
     yield tables.A_THETA.fill(finding.a_theta, virtual=finding.virtual) if finding.a_theta else None
     if finding.description:
         yield (
-            "The rest is described, not explained: these terms predict trials that were left out, but are no "
-            "sure cause."
+            "These terms describe the rest. They predict trials that were left out of the fit, but their "
+            "cause is not known."
         )
         yield search_tables.effects_table(finding, finding.description, "described")
     formulas = law_formulas(finding)
@@ -312,19 +298,18 @@ def _looks(result: StudyResult, folder: str, recordings: str) -> Looks:
     place = f"{folder or result.name}/{recordings}"
     commands = [f"granite-lab view {pasted(f'{place}/{name}')}" if recordings else "" for name in names]
     trials = [r.trial.name for r in result.trials]
-    return Looks(tuple(Look(t, lines_of(t), c) for t, c in zip(trials, commands, strict=True)))
+    return Looks(tuple(zip(trials, map(lines_of, trials), commands, strict=True)))
 
 
 def _quality(result: StudyResult, decided: Answers, looks: Looks) -> Iterator[Maybe]:
     n = len(result.trials)
     doubtful = [r for r in result.trials if not r.comparison.motion.health.good]
-    which = {1: "The estimate of the motion is", 2: "Both estimates of the motion are"}
-    text = f"{which.get(n, f'All {n} estimates of the motion are')} good."
+    text = decide.all_good(n)
     if doubtful:
-        text = f"{n - len(doubtful)} of {n} estimates of the motion are good. Exceptions:"
+        text = f"{n - len(doubtful)} of {n} motion estimates are good. Exceptions:"
     yield (
-        f"{text} Good: at both ends a standstill, or the wheels coming to rest, fixes the velocity, and the "
-        "measurements agree with their noise."
+        f"{text} An estimate is good if a standstill, or wheels that come to rest, fixes the velocity at "
+        "both ends, and if the residuals agree with the noise."
     )
     yield [f"{r.trial.name}: {r.comparison.motion.health.verdict}" for r in doubtful]
     yield "Trials that were left out:" if result.failures else None

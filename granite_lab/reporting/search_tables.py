@@ -91,16 +91,16 @@ def effects_table(
     name, title = "found_effects", "What is missing, with sizes"
     note = (
         f"Fitted together with the sand and the errors of the sensors. The std of a strength includes "
-        f"{FORMULA} for the error of its formula. Last column: how much of the closed "
-        f"gap is lost when the effect is left out, {gap_pair(finding)[2]}."
+        f"{FORMULA} for the error of its formula. Share of the gap: the part of the closed gap that opens "
+        f"when the effect is removed, {gap_pair(finding)[2]}."
     )
     if kind == "described":
         name, title = "found_description", "What describes the rest"
     if kind == "small":
         name, title = "found_small", "Small effects"
-        note = "Possibly present; they close little of the gap or stay below the tolerance."
+        note = "Possibly present. They close little of the gap, or are smaller than the tolerance."
 
-    def what(r: Size) -> str:
+    def explanation(r: Size) -> str:
         return r.effect.formula if r.effect.empirical else meaning(r.effect.id, r.parameter.name)
 
     def size(r: Size) -> Cell:
@@ -120,7 +120,7 @@ def effects_table(
         title,
         Column("effect", lambda r: r.once(words(plain(r.effect.id)))),
         Column("number", lambda r: "amount" if r.effect.empirical else _spaced(r.parameter.name)),
-        Column("what it is", what),
+        Column("what it is", explanation),
         Column("value ± std", size, "value std unit"),
         Column("95 % interval", ends, "low high"),
         Column(
@@ -200,9 +200,9 @@ def discrepancies(finding: Finding) -> dict[str, tuple[float, float]]:
     """Return per channel the rms of its discrepancy in motion over its rms, without and with the effects."""
 
     def part(channel: str, name: str) -> float:
-        own = [r for r in finding.residuals if r.channel == channel and r.size > 0]
+        residuals = [r for r in finding.residuals if r.channel == channel and r.size > 0]
         # A discrepancy has a std in the bins of the motion.
-        values = np.concatenate([getattr(r, name)[r.std > 0] / r.size for r in own] or [np.zeros(0)])
+        values = np.concatenate([getattr(r, name)[r.std > 0] / r.size for r in residuals] or [np.zeros(0)])
         return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
 
     return {c: (part(c, "discrepancy_before"), part(c, "discrepancy_after")) for c in channels_of(finding)}
@@ -228,10 +228,10 @@ def gaps_table(finding: Finding) -> FilledTable:
         Column("with", lambda g: g.held_out[1], "held_out_after", unit="–", shown=out),
         Column("discrepancy: without", lambda g: discrepancy(g, 0), "discrepancy_before"),
         Column("with", lambda g: discrepancy(g, 1), "discrepancy_after"),
-        note="All channels: root mean square of the residuals over what noise and tolerance explain; 1 means "
-        "explained. A sensor: its largest discrepancy over the tolerance; 0 means none beyond the noise. "
-        "Discrepancy: what all repetitions share and the model does not explain, over the rms of the sensor "
-        "in motion.",
+        note="All channels: rms of the residuals, divided by the rms that noise and tolerance explain; up to "
+        "1: explained. A sensor: its largest discrepancy beyond its noise, divided by the tolerance. "
+        "Discrepancy: difference to the model that all repetitions have in common, as a share of the "
+        "sensor's rms in motion.",
     ).fill(every, virtual=finding.virtual)
 
 
@@ -241,7 +241,8 @@ LEFT_OUT = Table[tuple[str, LeftOut]](
     Column("left out", lambda r: r[0]),
     Column("without", lambda r: r[1].before, "before", unit="–"),
     Column("with", lambda r: r[1].after, "after", unit="–"),
-    note="Gap of each, predicted by a fit to the others, without and with the effects found.",
+    note="Gap of the trials that were left out, by the model fitted to the others, without and with the "
+    "effects found.",
 )
 
 
@@ -285,8 +286,8 @@ def detectable_table(finding: Finding) -> FilledTable:
     """List the smallest size of every candidate that these trials show, and what limits it."""
 
     def ends_of(d: Detectable) -> tuple[float, float] | None:
-        known = declared(d.effect, d.parameter)
-        return (known.prior_low, known.prior_high) if known else None
+        declaration = declared(d.effect, d.parameter)
+        return (declaration.prior_low, declaration.prior_high) if declaration else None
 
     def scale(d: Detectable) -> tuple[str, float]:
         return scale_of(d.effect, d.parameter, d.unit, max(map(abs, ends_of(d) or (d.size,))))

@@ -1,4 +1,4 @@
-"""When a report is silent: what trials can say, why k_92 cannot be had from them, and what was assumed."""
+"""When a report is silent: what trials can say, why they do not determine k_92, and what was assumed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from granite_lab.estimation.motion import no_slip_is_known
 from granite_lab.fitting.fit import BOUNDS
-from granite_lab.reporting.names import listed
+from granite_lab.reporting.names import inside, listed
 from granite_lab.reporting.speeds import Speed
 from granite_lab.results import StudyResult, TrialResult
 from granite_lab.rounding import significant
@@ -25,7 +25,7 @@ def silent(result: StudyResult) -> bool:
 
 
 def why_no_k92(result: StudyResult) -> str:
-    """Say why k_92 cannot be had from any trial of a study; nothing where it can, or where there is none."""
+    """Say why no trial of a study determines k_92; nothing where one does, or where there is none."""
     if not result.trials or any(r.comparison.fit.tells for r in result.trials):
         return ""
     reasons: dict[str, list[TrialResult]] = defaultdict(list)
@@ -35,12 +35,12 @@ def why_no_k92(result: StudyResult) -> str:
     for reason, trials in reasons.items():
         stds = [100 * r.comparison.fit.slip_measured.std for r in trials]
         low, high = (significant(f(stds), 2) for f in (min, max))
-        known = f"± {low}" if low == high else f"± {low} to {high}"
+        uncertainty = f"± {low}" if low == high else f"± {low} to {high}"
         which = "that of" if parts else "λ_R of"
         names = [r.trial.name for r in trials]
         several = f"{len(names)} trials" if len(names) > 3 else listed(names)
-        parts.append(f"{which} {several} {reason.format(known=known)}")
-    return f"k_92 cannot be had from these trials, because {'; '.join(parts)}."
+        parts.append(f"{which} {several} {reason.format(known=uncertainty)}")
+    return f"k_92 cannot be determined from these trials, because {'; '.join(parts)}."
 
 
 def _reason(r: TrialResult) -> str:
@@ -49,9 +49,9 @@ def _reason(r: TrialResult) -> str:
     if not math.isfinite(fit.slip_measured.value):
         return "does not exist: nothing in it is steady"
     if not fit.slip_known:
-        causes = [one for one in motion.health.reasons if "known to ±" not in one]
+        causes = [reason for reason in motion.health.reasons if "known to ±" not in reason]
         # what anchors the velocity says most of how well slip is known
-        causes.sort(key=lambda one: "anchor" not in one and "standstill" not in one)
+        causes.sort(key=lambda reason: "anchor" not in reason and "standstill" not in reason)
         because = f" ({causes[0].split(': ')[0]})" if causes else ""
         return f"is known to {{known}} points only{because.replace('{', '{{').replace('}', '}}')}"
     if fit.status in BOUNDS:
@@ -63,30 +63,29 @@ def _reason(r: TrialResult) -> str:
 
 def reach_in_words(speeds: Sequence[Speed]) -> str:
     """Say which slip the model can reach on the soil of the trials, by its k_92 alone."""
-    known = [s for s in speeds if all(map(math.isfinite, s.reach))]
-    if not known:
+    reached = [s for s in speeds if all(map(math.isfinite, s.reach))]
+    if not reached:
         return ""
-    ends = [f"{significant(max(s.reach[0], 0.0), 2)} to {significant(s.reach[1], 2)} %" for s in known]
-    if len(known) > 3:
-        low, high = min(s.reach[0] for s in known), max(s.reach[1] for s in known)
+    ends = [f"{significant(max(s.reach[0], 0.0), 2)} to {significant(s.reach[1], 2)} %" for s in reached]
+    if len(reached) > 3:
+        low, high = min(s.reach[0] for s in reached), max(s.reach[1] for s in reached)
         where = f"{significant(max(low, 0.0), 2)} to {significant(high, 2)} %, depending on speed"
     else:
-        where = listed([f"{end} at {s.velocity:.3g} m/s" for s, end in zip(known, ends, strict=True)])
+        where = listed([f"{end} at {s.velocity:.3g} m/s" for s, end in zip(reached, ends, strict=True)])
     return f"On this soil the model reaches a slip of {where}."
 
 
 def assumptions(result: StudyResult) -> str:
     """Say which robot and soil were assumed because nobody named them; nothing where all are named."""
-    said = dict(result.source.options)
+    given = dict(result.source.options)
     parts = []
-    for what in ("robot", "soil"):
-        unnamed = [r for r in result.trials if getattr(r.trial.info, what) is None]
-        if what in said or not unnamed:
+    for kind in ("robot", "soil"):
+        unnamed = [r for r in result.trials if getattr(r.trial.info, kind) is None]
+        if kind in given or not unnamed:
             continue
-        titles = list(dict.fromkeys(getattr(r.comparison.run, what).title for r in unnamed))
-        small = [t[0].lower() + t[1:] if t[1:2].islower() else t for t in titles]
+        titles = list(dict.fromkeys(getattr(r.comparison.run, kind).title for r in unnamed))
         every = "" if len(unnamed) == len(result.trials) else f" of {len(unnamed)} trials"
-        parts.append(f"the {what}{every} is {listed(small)}")
+        parts.append(f"the {kind}{every} is {listed([inside(title) for title in titles])}")
     if not parts:
         return ""
     keys = " and ".join(f"--{part.split()[1]}" for part in parts)

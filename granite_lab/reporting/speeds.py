@@ -12,7 +12,7 @@ from granite_lab.columns import Cell, Column, FilledTable, Table, number
 from granite_lab.estimate import mean_over
 from granite_lab.estimation.motion import TELLING
 from granite_lab.fitting.fit import BOUNDS
-from granite_lab.parameters import Paper, by_speed
+from granite_lab.parameters import Paper, Published, by_speed
 from granite_lab.results import StudyResult, TrialResult
 from granite_lab.rounding import NONE, Number, decided
 
@@ -66,42 +66,36 @@ class Speed:
 
 AGREES = {True: Cell("yes", (True,), "good"), False: Cell("no", (False,), "fair"), None: Cell(NONE, (None,))}
 
-_SLIP: tuple[Column[Speed], ...] = (
-    Column("speed", lambda s: s.velocity, "speed_mps", unit="m/s", form="g"),
-    Column("slip", lambda s: Cell(s.slip.text, (s.slip.value / 100,)), "slip_ratio", unit="%"),
-    Column(
-        "95 % interval", lambda s: Cell(s.slip.interval, (s.slip.low / 100, s.slip.high / 100)),
-        "slip_ratio_low95 slip_ratio_high95", unit="%",
-    ),
-    Column(
-        "paper", lambda s: number(s.paper_slip / 100, scale=100), "slip_ratio_paper_experiment", unit="%"
-    ),
-    Column("paper in interval", lambda s: AGREES[s.agrees]),
-)  # fmt: skip
-_TRIALS: Column[Speed] = Column("trials", lambda s: s.trials, "trials")
-_NOTE = "Means over the trials; the interval covers their scatter and their standard deviations."
-
-SLIP_BY_SPEED = Table[Speed](
-    "slip_by_speed",
-    "Slip ratio λ_R and contact-angle ratio k_92 by speed",
-    *_SLIP,
-    Column(
-        "k_92", lambda s: Cell(s.k92_note or s.k92.with_std, (s.k92.value, s.k92.std)),
-        "k92 k92_std", unit="–",
-    ),
-    Column("paper's k_92", lambda s: s.paper_k92, "k92_paper", unit="–", form="g"),
-    _TRIALS,
-    note=f"{_NOTE} k_92 ± standard error is fitted to the slip.",
-)  # fmt: skip
-SLIP_ALONE = Table[Speed]("slip_by_speed", "Slip ratio λ_R by speed", *_SLIP, _TRIALS, note=_NOTE)
-"""The table of the first screen, with k_92 and where there is none."""
-
 
 def first_table(speeds: Sequence[Speed], *, silent: bool, virtual: bool) -> FilledTable | None:
-    """Return the table of the first screen; None where it would hold nothing that is known."""
+    """Return the table of the first screen; None where it would hold nothing that is known.
+
+    Where the report is `silent`, it has no k_92.
+    """
     if not speeds or (silent and not any(s.slip_is_known for s in speeds)):
         return None
-    return (SLIP_ALONE if silent else SLIP_BY_SPEED).fill(speeds, virtual=virtual)
+    note = "Means over trials. The interval includes their scatter and the std of each."
+    return Table[Speed](
+        "slip_by_speed",
+        "Slip ratio λ_R by speed" if silent else "Slip ratio λ_R and contact-angle ratio k_92 by speed",
+        Column("speed", lambda s: s.velocity, "speed_mps", unit="m/s", form="g"),
+        Column("slip", lambda s: Cell(s.slip.text, (s.slip.value / 100,)), "slip_ratio", unit="%"),
+        Column(
+            "95 % interval", lambda s: Cell(s.slip.interval, (s.slip.low / 100, s.slip.high / 100)),
+            "slip_ratio_low95 slip_ratio_high95", unit="%",
+        ),
+        Column(
+            "paper", lambda s: number(s.paper_slip / 100, scale=100), "slip_ratio_paper_experiment", unit="%"
+        ),
+        Column("paper in interval", lambda s: AGREES[s.agrees]),
+        Column(
+            "k_92", lambda s: Cell(s.k92_note or s.k92.with_std, (s.k92.value, s.k92.std)),
+            "k92 k92_std", unit="–", shown=not silent,
+        ),
+        Column("paper's k_92", lambda s: s.paper_k92, "k92_paper", unit="–", form="g", shown=not silent),
+        Column("trials", lambda s: s.trials, "trials"),
+        note=note if silent else f"{note} k_92 is fitted to the slip; ± is its standard error.",
+    ).fill(speeds, virtual=virtual)  # fmt: skip
 
 
 def speeds_of(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
@@ -117,18 +111,24 @@ def speeds_of(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
         k92 = mean_over(f.k92 for f in inner)
         # The interval is by the likelihood where the covariance is not enough.
         ends = k92_interval(inner, (k92.low, k92.high))
-        own = next((p for p in paper.table3 if abs(p.velocity - velocity) < 0.005), None)
+        published = published_at(velocity, paper)
         rows.append(
             Speed(
                 velocity, tuple(trials), count, decided(*slip, unit="%", scale=100),
                 decided(k92.value, k92.std, *ends),
                 "" if inner else "at its limit" if all(f.status in BOUNDS for f in fits) else "not known",
                 # The paper prints three digits; the tail of 100 times a fraction is none of them.
-                round(100 * own.slip_measured, 6) if own else math.nan, own.k92 if own else math.nan,
+                round(100 * published.slip_measured, 6) if published else math.nan,
+                published.k92 if published else math.nan,
                 (100 * min(f.reach[0] for f in fits), 100 * max(f.reach[1] for f in fits)),
             )
         )  # fmt: skip
     return tuple(rows)
+
+
+def published_at(velocity: float, paper: Paper) -> Published | None:
+    """Return the row of Table 3 of the paper at a velocity [m/s]; None where it has none."""
+    return next((row for row in paper.table3 if abs(row.velocity - velocity) < 0.005), None)
 
 
 def velocities_of(result: StudyResult) -> list[float]:

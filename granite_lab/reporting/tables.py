@@ -118,25 +118,25 @@ def budget_tables(result: StudyResult, speeds: Sequence[Speed]) -> list[FilledTa
 
     What has no stated std, or no components, has no budget.
     """
-    budgets: dict[str, list[records.Budget | None]] = {what: [] for what in BUDGETS}
+    budgets: dict[str, list[records.Budget | None]] = {quantity: [] for quantity in BUDGETS}
     for speed in speeds:
         motions = [r.comparison.motion for r in speed.results]
-        known = [m for m in motions if math.isfinite(m.slip_ratio.value)]
+        with_slip = [m for m in motions if math.isfinite(m.slip_ratio.value)]
         inner = [r.comparison.fit for r in speed.results if r.comparison.fit.tells]
-        slips, k92 = [m.slip_ratio for m in known], [f.k92 for f in inner]
-        parts = {"slip": [m.slip_parts for m in known], "k92": [f.parts for f in inner]}
-        for what, own, vague in (("slip", slips, TELLING), ("k92", k92, math.inf)):
-            mean, weights = mean_over(own, vague), weights_of(own, vague)
+        slips, k92 = [m.slip_ratio for m in with_slip], [f.k92 for f in inner]
+        parts = {"slip": [m.slip_parts for m in with_slip], "k92": [f.parts for f in inner]}
+        for quantity, estimates, vague in (("slip", slips, TELLING), ("k92", k92, math.inf)):
+            mean, weights = mean_over(estimates, vague), weights_of(estimates, vague)
             stated = Estimate(mean.value, mean.std)
-            budgets[what].append(records.of_mean(speed.velocity, stated, parts[what], weights))
+            budgets[quantity].append(records.of_mean(speed.velocity, stated, parts[quantity], weights))
     if result.a_theta is not None:
         budgets["a_theta"].append(
             records.of_a_theta(result.a_theta, [r.comparison.fit for r in result.trials])
         )
         wide = [records.Budget(math.nan, v.a_theta, v.parts) for v in records.views_of(result.a_theta)[1:]]
         budgets["a_theta_uncertain"] += wide
-    there = {what: [b for b in own if b is not None] for what, own in budgets.items()}
-    return [_budget_table(what, own, result.virtual) for what, own in there.items() if own]
+    there = {quantity: [b for b in stated if b is not None] for quantity, stated in budgets.items()}
+    return [_budget_table(quantity, stated, result.virtual) for quantity, stated in there.items() if stated]
 
 
 A_THETA = Table[View](
@@ -158,9 +158,9 @@ class Component(NamedTuple):
     share: float
 
 
-def _budget_table(what: str, of: Sequence[records.Budget], virtual: bool) -> FilledTable:
+def _budget_table(quantity: str, of: Sequence[records.Budget], virtual: bool) -> FilledTable:
     """Return the budgets of one quantity as one table, the combined uncertainty of each last."""
-    title, unit, scale = BUDGETS[what]
+    title, unit, scale = BUDGETS[quantity]
     rows = []
     for b in of:
         rows += [Component(b.speed, part, b.share(part)) for part in b.parts]
@@ -174,10 +174,10 @@ def _budget_table(what: str, of: Sequence[records.Budget], virtual: bool) -> Fil
     def sensitivity(row: Component) -> Cell:
         return number(row.part.sensitivity if row.part.unit else math.nan, 2, scale=scale)
 
-    each = not what.startswith("a_theta")
+    each = not quantity.startswith("a_theta")
     mean = "Mean over the trials of a speed. " if each else ""
     return Table[Component](
-        f"budget_{what}",
+        f"budget_{quantity}",
         f"Uncertainty budget of {title}",
         Column("component", lambda row: row.part.name),
         Column("speed", lambda row: row.speed, "speed_mps", unit="m/s", form="g", shown=each),
@@ -192,7 +192,7 @@ def _budget_table(what: str, of: Sequence[records.Budget], virtual: bool) -> Fil
         Column("share", lambda row: share(row.share), "share"),
         note=f"{mean}Contribution: sensitivity times standard uncertainty, combined over the trials. Share: "
         "of the variance. Type A: from the scatter of the data; type B: from other knowledge. "
-        f"{records.LEFT_OUT[what]}",
+        f"{records.LEFT_OUT[quantity]}",
     ).fill(rows, virtual=virtual)  # fmt: skip
 
 

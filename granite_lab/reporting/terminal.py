@@ -129,11 +129,11 @@ def _against_reference(judged: Judgement) -> str:
     unit = "m/s" if judged.quantity == "velocity" else "m"
     wheels, slip = f"{significant(judged.rmse_wheels, 2)} {unit}", f"{significant(100 * judged.slip, 3)} %"
     slip = f"apparent slip {slip} by the reference's way"
-    known = math.isfinite(judged.rmse_wheels) and math.isfinite(judged.slip)
+    judged_wheels = math.isfinite(judged.rmse_wheels) and math.isfinite(judged.slip)
     if not math.isfinite(judged.rmse):
-        text = f"{slip}, rms difference {wheels}" if known else "unknown"
+        text = f"{slip}, rms difference {wheels}" if judged_wheels else "unknown"
         return f"{judged.quantity} of the wheels against the reference: {text}"
-    alone = f", wheels alone {wheels}, {slip}" if known else ""
+    alone = f", wheels alone {wheels}, {slip}" if judged_wheels else ""
     return (
         f"{judged.quantity} against the reference: rms error {significant(judged.rmse, 2)} {unit}, mean "
         f"{significant(judged.bias, 2)} {unit}{alone}; within ±2σ {significant(100 * judged.coverage, 2)} % "
@@ -144,11 +144,11 @@ def _against_reference(judged: Judgement) -> str:
 def show_k92_fits(fits: Sequence[K92Fit], console: Console, *, notes: bool = False) -> None:
     """Print k_92 of each trial by steady slip and by trajectory, and the notes of the fits if asked to."""
     show_table(reporting.tables.k92_table(fits), console)
-    said = reporting.names.shared([(fit.trial, fit.notes) for fit in fits])
-    for note in said if notes else ():
+    notes_of_trials = reporting.names.shared([(fit.trial, fit.notes) for fit in fits])
+    for note in notes_of_trials if notes else ():
         say(console, reporting.names.sensors_in_words(note), "yellow")
-    if said and not notes:
-        say(console, f"{len(said)} notes of the fits: --verbose lists them", "dim")
+    if notes_of_trials and not notes:
+        say(console, f"{len(notes_of_trials)} notes of the fits: --verbose lists them", "dim")
 
 
 def show_a_theta(fit: AThetaFit, console: Console) -> None:
@@ -209,12 +209,12 @@ def show_inspection(inspection: Inspection, console: Console) -> None:
 
 
 def _file(report: FileReport, console: Console) -> None:
-    known = (
+    layout = (
         f"layout “{report.layout}”"
         if report.layout
         else "no known layout; columns guessed from names and values"
     )
-    say(console, f"{known}, {100 * report.confidence:.0f} % sure")
+    say(console, f"{layout}, {100 * report.confidence:.0f} % sure")
     if report.dialect is not None:
         d = report.dialect
         text = (
@@ -270,10 +270,10 @@ CLOCKS: Table[StreamReport] = Table(
 )
 
 
-def show_parameters(known: Sequence[Provenance], variants: Sequence[Variant], console: Console) -> None:
+def show_parameters(parameters: Sequence[Provenance], variants: Sequence[Variant], console: Console) -> None:
     """Print every parameter in force with symbol, unit, allowed range and origin."""
-    for group in dict.fromkeys(row.group for row in known):
-        members = [row for row in known if row.group == group]
+    for group in dict.fromkeys(row.group for row in parameters):
+        members = [row for row in parameters if row.group == group]
         common = Counter(row.origin for row in members).most_common(1)[0][0]
         say(console, Text.assemble((group, "bold"), (f"  from {common}", "dim")))
         others = any(p.origin != common for p in members)

@@ -89,15 +89,17 @@ def write_comparison(comparisons: Sequence[Comparison], folder: Path) -> list[Pa
     Raises:
         LabError: a file cannot be written.
     """
-    found, virtual = gaps(comparisons), any(c.motion.virtual for c in comparisons)
+    differences, virtual = gaps(comparisons), any(c.motion.virtual for c in comparisons)
     like = {
         k: [comparisons[i] for i in positions]
         for positions in by_speed(c.motion.variant.velocity for c in comparisons).values()
         for k in positions
     }
     figures = tuple(comparison_figure(c, k + 1, like[k]) for k, c in enumerate(comparisons))
-    judged = CHANNEL_TABLE.fill(channels_of(found), virtual=virtual)
-    return write_parts([Gallery(figures), judged, MISFITS.fill(found.values(), virtual=virtual)], folder)
+    judged = CHANNEL_TABLE.fill(channels_of(differences), virtual=virtual)
+    return write_parts(
+        [Gallery(figures), judged, MISFITS.fill(differences.values(), virtual=virtual)], folder
+    )
 
 
 def write_parts(blocks: Sequence[Block], folder: Path, page: str = "") -> list[Path]:
@@ -127,13 +129,13 @@ def _write_figures(figures: Sequence[Figure], folder: Path, jobs: int = 1) -> di
     """Write each figure in all formats; return their SVG by name."""
     (folder / "figures").mkdir()
     pictures = shared_out(_drawn, figures, len(figures), "drew figures", jobs=jobs, few=2)
-    found = {figure.name: svg for figure, svg in zip(figures, pictures, strict=True)}
-    wanted = [(name, kind) for name in found for kind in FORMATS]
+    drawings = {figure.name: svg for figure, svg in zip(figures, pictures, strict=True)}
+    wanted = [(name, kind) for name in drawings for kind in FORMATS]
     with ThreadPoolExecutor(jobs or os.cpu_count()) as threads:  # which Typst does not block
-        made = threads.map(lambda one: converted(found[one[0]], one[1], canvas.DPI), wanted)
+        made = threads.map(lambda wish: converted(drawings[wish[0]], wish[1], canvas.DPI), wanted)
         for (name, kind), content in zip(wanted, made, strict=True):
             (folder / "figures" / f"{name}.{kind}").write_bytes(content)
-    return {name: svg.decode() for name, svg in found.items()}
+    return {name: svg.decode() for name, svg in drawings.items()}
 
 
 def _drawn(figures: Sequence[Figure], k: int) -> bytes:  # not converted: Typst hangs in forked processes

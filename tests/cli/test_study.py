@@ -125,6 +125,16 @@ def test_an_unchanged_report_is_kept_and_an_edited_one_is_written_again(ended: t
     assert "(unchanged" in lab("study", "logs", "--out", "reports/mine", cwd=folder).out
 
 
+def test_the_same_study_in_another_folder_does_not_make_a_report_look_changed(tmp_path: Path) -> None:
+    """What is remembered of a report is that of its folder: each recording has an id of its own."""
+    for name in ("one", "other"):
+        trials(tmp_path / name, "virtual_v0.7_r1")
+        lab("study", "logs", "--out", "report", "--no-discover", cwd=tmp_path / name)
+    for name in ("one", "other"):
+        done = lab("study", "logs", "--out", "report", "--no-discover", cwd=tmp_path / name)
+        assert "(unchanged" in done.out, name
+
+
 def stamps(folder: Path) -> dict[Path, int]:
     return {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
 

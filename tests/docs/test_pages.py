@@ -2,6 +2,7 @@
 
 import json
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
@@ -402,7 +403,7 @@ def test_its_first_screen_says_slip_a_theta_and_what_is_missing(report: dict[str
     for s in report["answers"]["speeds"]:
         low, high = (f"{x:.{2 if s['slip']['std'] < 0.355 else 1}f}" for x in s["slip"]["ci95"])
         assert re.search(rf"\| {s['speed_mps']:g} \| [\d.]+ \| {low} to {high} \|", said)
-    law = r"4\.919 s/m\?\*\* (Yes|No)\b.{,60}\. By the files .{,40} a_θ = [\d.]+ ± [\d.]+ s/m"
+    law = r"4\.919 s/m\?\*\* (Yes|No)\b.{,60}\. With soil and .{,30}, a_θ = [\d.]+ ± [\d.]+ s/m"
     assert re.search(law, said)
     if report["discovery"]["verdict"] == "named":
         assert re.search(r"How much of the gap does it close\?\*\* (Over )?\d+ %", said)
@@ -414,3 +415,5 @@ def test_the_readme_beside_it_tells_how_the_finding_was_judged(report: dict[str,
     assert MEANING[judged.outcome] in said
     for effect in (*judged.hidden, *judged.named):
         assert f"`{effect}`" in said
+    text = text_of("reports/README.md")
+    assert runpy.run_path(str(ROOT / "reports" / "make_example.py"))["judge"](text) == text

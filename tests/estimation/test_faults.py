@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimation import Motion, correct
-from granite_lab.logs.trial import Correction, Trial
+from granite_lab.logs.trial import Correction, Trial, part
 from granite_lab.parameters import WHEELS, Robot, load_robot, load_soil
 from tests.truth import faults
 from tests.truth.motion import estimate
@@ -239,6 +239,23 @@ def test_without_encoders_the_body_is_still_known() -> None:
 def test_neither_imu_nor_encoders_is_refused() -> None:
     with pytest.raises(EstimateError, match="neither IMU nor encoder"):
         estimate(replace(good(0).trial, imu=None, wheels=None), robot(0))
+
+
+def test_too_few_samples_are_told_from_none() -> None:
+    trial = good(0).trial
+    assert trial.imu is not None
+    assert trial.wheels is not None
+    imu, wheels = (
+        part(stream, np.arange(stream.t.size) < n) for stream, n in ((trial.imu, 3), (trial.wheels, 2))
+    )
+    with pytest.raises(
+        EstimateError, match=r"only 3 IMU and 2 encoder samples, expected 8 .* or 3 "
+    ) as error:
+        estimate(replace(trial, imu=imu, wheels=wheels), robot(0))
+    assert "too short" in error.value.hint
+    with pytest.raises(EstimateError, match="only 2 encoder samples"):
+        estimate(replace(trial, imu=None, wheels=wheels), robot(0))
+    assert estimate(replace(trial, imu=imu), robot(0)).health.verdict.startswith("Only 3 IMU samples")
 
 
 def channels(trial: Trial) -> np.ndarray:

@@ -45,15 +45,19 @@ def test_lines_and_bands_are_those_of_estimate_and_run(trial: TrialResult, back:
     for entity, clock, expected in (
         ("velocity/measured", c.t, motion.v),
         ("pitch/measured", c.t, DEGREE * c.measured["pitch"]),
-        ("wheel_velocity/measured_rl", c.t, motion.v_wheel[:, 2]),
-        ("wheel_slip/measured", c.t, 100 * motion.slip),
+        ("wheel_speed/measured_rl", c.t, motion.v_wheel[:, 2]),
+        ("slip_of_each_wheel/measured", c.t, 100 * motion.slip),
         ("velocity/desired", run.t, run["v_desired_mps"]),
         ("velocity/from_model", c.t, c.simulated["velocity"]),
         ("pitch/from_model", c.t, DEGREE * c.simulated["pitch"]),
         ("torque/from_model", c.t, pairs["torque"]),
         ("slip/from_model", c.t, 100 * pairs["slip"]),
-        ("residual_velocity/difference", c.t, c.simulated["velocity"] - c.measured["velocity"]),
-        ("residual_torque/difference", c.t, torque),
+        (
+            "difference_velocity/simulated_minus_measured",
+            c.t,
+            c.simulated["velocity"] - c.measured["velocity"],
+        ),
+        ("difference_torque/simulated_minus_measured", c.t, torque),
     ):
         t = back.t(f"/{entity}")
         assert np.diff(t).max() < 0.021
@@ -66,7 +70,7 @@ def test_lines_and_bands_are_those_of_estimate_and_run(trial: TrialResult, back:
 
 
 def test_slip_has_gaps_at_rest_and_nothing_else_has(trial: TrialResult, back: ReadBack) -> None:
-    t, slip = back.t("/wheel_slip/measured"), back.scalars("/wheel_slip/measured")
+    t, slip = back.t("/slip_of_each_wheel/measured"), back.scalars("/slip_of_each_wheel/measured")
     assert np.isfinite(slip[(t > 0.2) & (t < trial.comparison.run.steady[1])]).all()
     assert np.isnan(slip[t < 0]).all()
     for entity in back.batches:
@@ -281,7 +285,7 @@ def test_a_trial_without_imu_and_with_one_encoder_can_be_recorded(trial: TrialRe
     back = ReadBack(path)
     np.testing.assert_array_equal(back.scalars("/velocity/wheels"), v_wheel[::2, 0])
     assert "/pitch/measured" not in back.entities()
-    torque = {e for e in back.entities() if e.startswith(("/torque", "/current", "/residual_torque"))}
+    torque = {e for e in back.entities() if e.startswith(("/torque", "/motor_current", "/difference_torque"))}
     assert torque == {"/torque/from_model"}
     assert np.isfinite(back.values("/scene/measured", "Transform3D:quaternion")).all()
     assert "1 file verified" in verify(path)
@@ -317,7 +321,7 @@ def test_a_study_lays_its_trials_over_each_other_on_one_clock(tmp_path: Path, fi
         steady = (back.t(slip) > 1) & (back.t(slip) < 3)
         assert back.scalars(slip)[steady].mean() == pytest.approx(100 * motion.slip_ratio.value, abs=1)
         assert back.fixed(slip, "Measurements:names") == [result.trial.name]
-        for entity in ("found_current_r/from_model", "simulation_differs/pitch_rate"):
+        for entity in ("fitted_rear_motor_current/from_model", "simulation_differs/pitch_rate"):
             assert f"/{result.trial.name}/{entity}" in back.entities()
         colours.add((k // 2, back.fixed(slip, "Measurements:colors")[0]))
     assert len(colours) == 4  # each trial has a colour of its own beside the others of its speed
@@ -342,7 +346,7 @@ def test_a_line_without_samples_is_left_out(trial: TrialResult, tmp_path: Path) 
     bare = dataclasses.replace(trial.trial, reference_v=Series(nothing, nothing), currents=currents)
     back = ReadBack(record_trial(bare, trial.comparison, tmp_path / "trial.rrd"))
     assert "/velocity/measured" in back.entities()
-    assert not {"/velocity/reference", "/current/measured"} & back.entities()
+    assert not {"/velocity/reference", "/motor_current/measured"} & back.entities()
 
 
 def test_a_recording_that_fails_leaves_the_old_file_and_nothing_else(
@@ -377,7 +381,7 @@ LATE = START - 102.0
 
 def test_disagreements_are_bars_on_the_trials_own_clock(trial: TrialResult, searched: ReadBack) -> None:
     lane = "/simulation_differs/pitch_rate"
-    assert searched.texts(lane, "StateChange:state") == ["none", "35 %", "none"]
+    assert searched.texts(lane, "StateChange:state") == ["none", "35", "none"]
     np.testing.assert_allclose(
         searched.t(lane), [trial.comparison.t[0], BUMP[0] + LATE, BUMP[1] + LATE], atol=NANOSECOND
     )
@@ -387,7 +391,7 @@ def test_disagreements_are_bars_on_the_trials_own_clock(trial: TrialResult, sear
     assert not [e for e in searched.entities() if "motor" in e and "simulation_differs" in e]
 
 
-def test_bars_do_not_overlap_and_stay_in_the_log(
+def test_bars_that_overlap_become_one_and_stay_in_the_log(
     trial: TrialResult, finding: Finding, tmp_path: Path
 ) -> None:
     one = next(d for d in finding.where if d.variant == 0.3)
@@ -398,10 +402,10 @@ def test_bars_do_not_overlap_and_stay_in_the_log(
     found = dataclasses.replace(finding, where=tuple(where))
     path = record_trial(trial.trial, trial.comparison, tmp_path / "a.rrd", finding=found)
     back, lane = ReadBack(path), "/simulation_differs/pitch_rate"
-    assert back.texts(lane, "StateChange:state") == ["none", "20 %", "40 %", "none"]
-    np.testing.assert_allclose(back.t(lane), [trial.comparison.t[0], 2.0, 3.0, 5.0], atol=NANOSECOND)
+    assert back.texts(lane, "StateChange:state") == ["none", "40", "none"]
+    np.testing.assert_allclose(back.t(lane), [trial.comparison.t[0], 2.0, 5.0], atol=NANOSECOND)
     values, visible = (back.fixed(lane, f"StateConfiguration:{k}") for k in ("values", "visible"))
-    assert dict(zip(values, visible, strict=True)) == {"none": False, "20 %": True, "40 %": True}
+    assert dict(zip(values, visible, strict=True)) == {"none": False, "40": True}
 
 
 def test_simulations_before_and_after_stand_beside_what_was_measured(
@@ -410,17 +414,17 @@ def test_simulations_before_and_after_stand_beside_what_was_measured(
     own = {r.channel: r for r in finding.residuals if r.trial == trial.trial.name}
     assert set(own) == set(CHANNELS)
     r = own["pitch_rate"]
-    np.testing.assert_allclose(searched.scalars("/found_pitch_rate/measured"), DEGREE * r.measured)
-    model = searched.scalars("/found_pitch_rate/from_model")
+    np.testing.assert_allclose(searched.scalars("/fitted_pitch_rate/measured"), DEGREE * r.measured)
+    model = searched.scalars("/fitted_pitch_rate/from_model")
     np.testing.assert_allclose(model, DEGREE * np.column_stack([r.before, r.after]))
-    np.testing.assert_allclose(searched.t("/found_pitch_rate/from_model"), r.t + LATE, atol=NANOSECOND)
-    names = searched.fixed("/found_pitch_rate/from_model", "Measurements:names")
+    np.testing.assert_allclose(searched.t("/fitted_pitch_rate/from_model"), r.t + LATE, atol=NANOSECOND)
+    names = searched.fixed("/fitted_pitch_rate/from_model", "Measurements:names")
     assert names == ["without the effect", "with the effect"]
-    assert np.isnan(searched.scalars("/found_accel_x/measured")[42])  # a gap in the log
-    assert np.isfinite(searched.scalars("/found_accel_x/from_model")[42]).all()
+    assert np.isnan(searched.scalars("/fitted_forward_acceleration/measured")[42])  # a gap in the log
+    assert np.isfinite(searched.scalars("/fitted_forward_acceleration/from_model")[42]).all()
     r = own["wheel"]
     np.testing.assert_allclose(
-        searched.scalars("/found_wheel/from_model"),
+        searched.scalars("/fitted_mean_wheel_angle/from_model"),
         DEGREE * np.column_stack([r.measured - r.before, r.measured - r.after]),
     )
 
@@ -430,7 +434,10 @@ def test_log_lines_name_what_is_missing_and_where(searched: ReadBack) -> None:
     (missing,) = [line for line in lines if "missing from the model" in line]
     assert "ear wheels in the compacted rut (pressure 0.300 ± 0.004" in missing
     (where,) = [line for line in lines if "% of its rms" in line]
-    assert "simulated pitch rate differs from the measured one by 35 % of its rms, 0.53 s to 1.53 s" in where
+    assert (
+        "simulated pitch rate differs from the measured one by up to 35 % of its rms, 0.53 s to 1.53 s"
+        in where
+    )
     assert [line for line in lines if "IMU stamps 4.0 ± 1.0\u00a0ms behind those of wheels" in line]
     levels = dict(zip(lines, searched.texts("/events", "TextLog:level"), strict=True))
     assert levels[missing] == "WARN"
@@ -442,13 +449,13 @@ def test_nothing_found_and_not_searched_are_said(trial: TrialResult, tmp_path: P
     back = ReadBack(path)
     assert not [e for e in back.entities() if "simulation_differs" in e]
     assert "Nothing that these trials show" in "\n".join(back.texts("/events", "TextLog:text"))
-    assert back.scalars("/found_pitch_rate/from_model").ndim == 1
-    assert back.fixed("/found_pitch_rate/from_model", "Measurements:names") == ["simulated"]
+    assert back.scalars("/fitted_pitch_rate/from_model").ndim == 1
+    assert back.fixed("/fitted_pitch_rate/from_model", "Measurements:names") == ["simulated"]
     # a trial that was left out of the search
     left_out = ((trial.trial.name, "no model fits it"),)
     others = dataclasses.replace(made_up_finding(names="another_{speed}_{repetition}"), dropped=left_out)
     back = ReadBack(record_trial(trial.trial, trial.comparison, tmp_path / "b.rrd", finding=others))
-    assert not [e for e in back.entities() if "found_" in e or "simulation_differs" in e]
+    assert not [e for e in back.entities() if "fitted_" in e or "simulation_differs" in e]
     said = "\n".join(back.texts("/events", "TextLog:text"))
     assert "left out of the search: no model fits it" in said
 

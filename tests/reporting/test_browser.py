@@ -65,6 +65,37 @@ def test_the_page_is_short_with_all_details_closed(page: Page, twelve_folder: Pa
     assert page.evaluate("document.querySelectorAll('details[open]').length") == 0
 
 
+def test_the_answers_leave_no_empty_space_on_the_first_screen(page: Page, twelve_folder: Path) -> None:
+    """The rows of the grid are full, and the card with the table has room for little more than it holds."""
+    page.open(twelve_folder / "index.html", 1280, 900)
+    width, cards = page.evaluate(
+        "[document.getElementById('answers').clientWidth, [...document.querySelectorAll('.answer')].map(a => "
+        "[a.getBoundingClientRect().top, a.clientWidth, a.clientHeight, "
+        "a.lastElementChild.getBoundingClientRect().bottom - a.getBoundingClientRect().top])]"
+    )
+    rows: dict[float, float] = {}
+    for top, wide, _, _ in cards:
+        rows[top] = rows.get(top, 0.0) + wide
+    assert len(rows) >= 3
+    assert min(rows.values()) > 0.94 * width
+    _, _, tall, filled = cards[0]
+    assert filled > 0.8 * tall
+
+
+def test_a_formula_in_a_cell_stays_whole_on_a_phone(page: Page, twelve_folder: Path) -> None:
+    page.open(twelve_folder / "index.html", 390, 844)
+    page.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")
+    gaps = page.evaluate(
+        "[...document.querySelectorAll('tbody sub')].filter(s => s.previousSibling).map(s => { "
+        "const r = document.createRange(), before = s.previousSibling; "
+        "r.setStart(before, before.length - 1); r.setEnd(before, before.length); "
+        "const [a, b] = [r.getBoundingClientRect(), s.getBoundingClientRect()]; "
+        "return Math.abs(b.left - a.right) + Math.max(0, b.top - a.bottom); })"
+    )
+    assert len(gaps) > 3
+    assert max(gaps) < 2
+
+
 def test_print_takes_eight_pages_and_leaves_no_heading_alone(page: Page, twelve_folder: Path) -> None:
     page.open(twelve_folder / "index.html", 794, 1123, media="print")
     assert not page.evaluate(

@@ -40,12 +40,12 @@ def test_without_a_known_slip_nothing_is_said_of_k92_model_or_effects(tmp_path: 
     assert answers.silent
     assert [a.id for a in answers.questions] == ["slip", "k92", "trust", "next"]
     k92 = answers.questions[1]
-    assert k92.text.startswith("k_92 cannot be had from these trials, because λ_R of")
+    assert k92.text.startswith("k_92 cannot be determined from these trials, because λ_R of")
     assert "± 13 points only" in k92.text
     assert "--use-reference" in answers.questions[-1].text
     written = write_report(vague(), tmp_path / "report").with_name("report.md")
     page = written.read_text(encoding="utf-8").replace("\\", "")
-    assert "k_92 cannot be had" in page
+    assert "k_92 cannot be determined" in page
     for word in ("a_θ", "Model and measurement", "What is missing", "paper's k_92"):
         assert word not in page, word
     assert not (tmp_path / "report" / "figures" / "k92_over_velocity.svg").exists()

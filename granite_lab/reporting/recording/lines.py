@@ -2,6 +2,7 @@
 
 Measured lines are thin and drawn over simulated ones, which are wide: both are seen where they agree.
 Rerun draws the entities of a plot in the order of their names, hence ``from_model`` before ``measured``.
+Entities have the names that the report gives to quantities: words, joined by underscores.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from granite_lab.parameters import WHEELS
 from granite_lab.reporting.answers import missing_answer
 from granite_lab.reporting.names import latency_in_words, sensor
 from granite_lab.reporting.recording.stream import Writer, drawable
-from granite_lab.rounding import plus_minus, significant
+from granite_lab.rounding import axis_unit, plus_minus, significant
 
 Rgb = tuple[int, int, int]
 
@@ -42,18 +43,13 @@ FINE, MEDIUM, COARSE = 0.01, 0.02, 0.04
 MOST_ROWS = 20_000
 """A line of more samples is thinned, so that a log of an hour still opens."""
 
-SHOWN = {
-    "-": ("%", 100.0), "rad": ("°", 180 / np.pi), "rad/s": ("°/s", 180 / np.pi), "m/s^2": ("m/s²", 1.0),
-}  # fmt: skip
-"""Unit of a record to the unit that is shown, and its factor; other units are shown as they are."""
-
 CHANNELS = {
     "velocity": {"velocity": ""},
     "slip": {"slip_f": "front", "slip_r": "rear"},
     "torque": {"torque_f": "front", "torque_r": "rear"},
     "pitch": {"pitch": ""},
-    "wheel_velocity": {f"wheel_{w}": w for w in WHEELS},
-    "specific_force": {"accel": ""},
+    "wheel_speed": {f"wheel_{w}": w for w in WHEELS},
+    "forward_acceleration": {"accel": ""},
     "pitch_rate": {"pitch_rate": ""},
 }
 """Plot to the channels of the comparison that it shows, and what tells them apart."""
@@ -92,7 +88,7 @@ class Line:
         rows = len(self.t)
         spacing = float(np.ptp(self.t)) / (rows - 1) if rows > 1 else 0.0
         n = max(1, round(self.step / spacing) if spacing > 0 else 1, -(-rows // MOST_ROWS))
-        unit, factor = SHOWN.get(self.unit, (self.unit, 1.0))
+        unit, factor = axis_unit(self.unit)
         value = factor * self.value[::n]
         std = None if self.std is None else factor * self.std[::n]
         return replace(
@@ -116,15 +112,17 @@ def lines_of(trial: Trial, comparison: Comparison, finding: Finding | None = Non
     lines = [
         Line("velocity/desired", ("desired",), "m/s", run.t, run["v_desired_mps"], (GREY,), step=FINE),
         Line("velocity/wheels", ("wheels, measured",), "m/s", t, wheels, (GREEN,), step=FINE),
-        Line("wheel_slip/measured", WHEELS, "-", t, motion.slip, OF_WHEELS, (THIN,) * 4, step=MEDIUM),
+        Line("slip_of_each_wheel/measured", WHEELS, "-", t, motion.slip, OF_WHEELS, (THIN,) * 4, step=MEDIUM),
         *_channels(comparison), *_innovations(comparison),
     ]  # fmt: skip
-    if (known := trial.reference_v) is not None:
-        t = known.t - start
-        lines.append(Line("velocity/reference", ("reference",), "m/s", t, known.value, (PURPLE,)))
+    if (reference := trial.reference_v) is not None:
+        t = reference.t - start
+        lines.append(Line("velocity/reference", ("reference",), "m/s", t, reference.value, (PURPLE,)))
     if (drawn := trial.currents) is not None:
         t, value = drawn.t - start, drawn.current
-        lines.append(Line("current/measured", WHEELS, "A", t, value, OF_WHEELS, (1.0,) * 4, step=MEDIUM))
+        lines.append(
+            Line("motor_current/measured", WHEELS, "A", t, value, OF_WHEELS, (1.0,) * 4, step=MEDIUM)
+        )
     if finding is not None:
         lines += _found(finding, comparison)
     return [line for line in (line.shown() for line in lines) if not np.isnan(line.value).all()]
@@ -140,16 +138,25 @@ def _channels(c: Comparison) -> Iterator[Line]:
         yield _simulated(plot, tuple(ghosts), unit, c.t, value, (SIMULATED, VERMILION)[: len(ghosts)])
         step, drawn = (FINE, (SKY, BLUE)) if len(ids) < len(WHEELS) else (MEDIUM, OF_WHEELS)
         colours = dict(zip(ids, drawn, strict=False))
-        known = [k for k in ids if k in c.measured]
-        for k in known:
+        measured = [k for k in ids if k in c.measured]
+        for k in measured:
             entity, name = f"{plot}/measured_{channels[k]}", f"{channels[k]}, measured"
             names, value, std = (name.removeprefix(", "),), c.measured[k], c.measured_std[k]
             yield Line(entity.rstrip("_"), names, unit, c.t, value, (colours[k],), std=std, step=step)
-        if known:
-            gap = np.column_stack([c.simulated[k] - c.measured[k] for k in known])
-            labels, few = tuple(channels[k] or "difference" for k in known), tuple(colours[k] for k in known)
-            widths = (THIN,) * len(known)
-            yield Line(f"residual_{plot}/difference", labels, unit, c.t, gap, few, widths, step=MEDIUM)
+        if measured:
+            gap = np.column_stack([c.simulated[k] - c.measured[k] for k in measured])
+            labels = tuple(channels[k] or "difference" for k in measured)
+            few, widths = tuple(colours[k] for k in measured), (THIN,) * len(measured)
+            yield Line(
+                f"difference_{plot}/simulated_minus_measured",
+                labels,
+                unit,
+                c.t,
+                gap,
+                few,
+                widths,
+                step=MEDIUM,
+            )
 
 
 def _innovations(comparison: Comparison) -> Iterator[Line]:
@@ -157,11 +164,21 @@ def _innovations(comparison: Comparison) -> Iterator[Line]:
     start, health = comparison.start, comparison.motion.health
     scale = np.where(health.innovation_std > 0, health.innovation_std, np.nan)
     for kind, colour in zip(dict.fromkeys(health.kind), cycle((*OF_WHEELS, VERMILION, GREY))):
-        own = np.array([k == kind for k in health.kind])
-        ratio = (health.innovation / scale)[own]
+        of_kind = np.array([k == kind for k in health.kind])
+        ratio = (health.innovation / scale)[of_kind]
         entity, names = f"innovation/{kind}", (kind.replace("_", " "),)
-        t = health.t[own] - start
+        t = health.t[of_kind] - start
         yield Line(entity, names, "σ", t, ratio, (colour,), (1.3,), step=COARSE, dots=True)
+
+
+def fitted_plot(channel: str) -> str:
+    """Return the plot of a sensor as the search fitted it."""
+    return f"fitted_{entity_of(sensor(channel))}"
+
+
+def entity_of(name: str) -> str:
+    """Return a name of the report as an entity."""
+    return str(rr.escape_entity_path_part(re.sub(r"\W+", "_", name)))
 
 
 def residuals_of(finding: Finding, comparison: Comparison) -> list[Residual]:
@@ -179,12 +196,12 @@ def _found(finding: Finding, comparison: Comparison) -> Iterator[Line]:
     for r in residuals_of(finding, comparison):
         t = r.t + r.t_start - comparison.start
         both = np.column_stack([r.before, r.after][:many])
-        names = effect if many > 1 else ("simulated",)
+        names, plot = effect if many > 1 else ("simulated",), fitted_plot(r.channel)
         if r.unit == "rad":
             both = r.measured[:, None] - both
         else:
-            yield Line(f"found_{r.channel}/measured", ("measured",), r.unit, t, r.measured, (MEASURED,))
-        yield _simulated(f"found_{r.channel}", names, r.unit, t, both, later[:many])
+            yield Line(f"{plot}/measured", ("measured",), r.unit, t, r.measured, (MEASURED,))
+        yield _simulated(plot, names, r.unit, t, both, later[:many])
 
 
 def overlaid(row: str, name: str, comparison: Comparison, colour: Rgb) -> list[Line]:
@@ -222,10 +239,13 @@ def write_lines(writer: Writer, lines: Iterable[Line]) -> None:
 
 
 PHASES = {
-    "rest": GREY, "accelerate": GREEN, "steady": BLUE, "brake": PURPLE
+    "rest": ("rest", GREY), "accelerate": ("accel.", GREEN), "steady": ("steady", BLUE),
+    "brake": ("brake", PURPLE),
 }  # fmt: skip
+"""Phase to its label, which short bars have room for, and its colour."""
 DIFFERS = "simulation_differs"
 """First part of the lanes that show where simulation and measurement disagree."""
+STANDSTILL = "standstill"
 CALM = "none"
 OUTLIER = 4.0
 """Innovation, in its predicted std, from which a measurement update is worth a line."""
@@ -233,12 +253,17 @@ MOST_OUTLIERS = 20
 
 
 class Interval(NamedTuple):
-    """A bar: start and end since command start [s], its channel, which is a lane, and what it says."""
+    """A bar: start and end since command start [s], its channel, which is a lane, and share of its rms."""
 
     start: float
     end: float
     channel: str
-    label: str
+    share: float
+
+    @property
+    def label(self) -> str:
+        """The share [%] without its sign, so that a short bar has room for it."""
+        return significant(100 * self.share, 2)
 
 
 class Event(NamedTuple):
@@ -253,22 +278,26 @@ def intervals_of(comparison: Comparison, finding: Finding | None) -> list[Interv
     """Return where a search found the simulation to differ, on the comparison's clock, within the log.
 
     A disagreement that was found is shared by the repetitions of a command: it holds for each of its trials.
+    Those of a sensor that touch become one, with the largest share.
     """
-    own = residuals_of(finding, comparison) if finding is not None else []
-    if finding is None or not own:
+    residuals = residuals_of(finding, comparison) if finding is not None else []
+    if finding is None or not residuals:
         return []
     start = comparison.start
-    late = own[0].t_start - start
+    late = residuals[0].t_start - start
     low, high = float(comparison.motion.t[0] - start), float(comparison.motion.t[-1] - start)
-    found = [
-        Interval(
-            max(d.start + late, low), min(d.end + late, high),
-            sensor(d.channel), f"{significant(100 * d.share, 2)} %",
-        )
-        for d in finding.where
-        if d.variant == own[0].variant
-    ]  # fmt: skip
-    return [one for one in found if one.start < one.end]
+    merged: list[Interval] = []
+    for d in sorted(finding.where, key=lambda d: (d.channel, d.start)):
+        begin, end = max(d.start + late, low), min(d.end + late, high)
+        if d.variant != residuals[0].variant or begin >= end:
+            continue
+        bar, last = Interval(begin, end, sensor(d.channel), d.share), merged[-1] if merged else None
+        if last is not None and last.channel == bar.channel and begin <= last.end + MEDIUM:
+            share = max(bar.share, last.share)
+            merged[-1] = Interval(last.start, max(end, last.end), bar.channel, share)
+        else:
+            merged.append(bar)
+    return merged
 
 
 def write_events(
@@ -279,38 +308,40 @@ def write_events(
     start = comparison.start
     t = motion.t - start
     first = [0] + [i for i in range(1, len(t)) if motion.phase[i] != motion.phase[i - 1]]
-    _lane(writer, "phase", {float(t[i]): motion.phase[i] for i in first}, dict(PHASES))
-    rests = [Interval(a - start, b - start, "", "at rest") for a, b in motion.health.rests]
-    _bars(writer, "robot_at_rest", float(t[0]), rests, GREY)
+    _lane(writer, "phase", {float(t[i]): motion.phase[i] for i in first}, PHASES)
+    rests = [(a - start, b - start, "at rest") for a, b in motion.health.rests]
+    _bars(writer, STANDSTILL, float(t[0]), rests, GREY)
     for channel in sorted({i.channel for i in intervals}):
-        own = [i for i in intervals if i.channel == channel]
-        lane = re.sub(r"\W+", "_", channel)
-        _bars(writer, f"{DIFFERS}/{rr.escape_entity_path_part(lane)}", float(t[0]), own, VERMILION)
+        bars = [(i.start, i.end, i.label) for i in intervals if i.channel == channel]
+        _bars(writer, f"{DIFFERS}/{entity_of(channel)}", float(t[0]), bars, VERMILION)
     events = [*_events(comparison), *_updates(comparison, start), *_told(comparison, finding)]
-    for one in intervals:
-        what = f"simulated {one.channel} differs from the measured one by {one.label} of its rms"
-        events.append(Event(one.start, f"{what}, {one.start:.2f} s to {one.end:.2f} s"))
+    for bar in intervals:
+        sentence = f"simulated {bar.channel} differs from the measured one by up to {bar.label} % of its rms"
+        events.append(Event(bar.start, f"{sentence}, {bar.start:.2f} s to {bar.end:.2f} s"))
     events.sort(key=lambda e: e.t)
     text = [drawable(f"{e.t:6.2f} s  {e.text}") for e in events]
     stamps = np.clip([e.t for e in events], t[0], t[-1])
     writer.rows("events", stamps, rr.TextLog.columns(text=text, level=[e.level for e in events]))
 
 
-def _lane(writer: Writer, name: str, states: dict[float, str], colours: dict[str, Rgb]) -> None:
-    """Write one lane: times since command start [s] to the state from then on."""
-    visible = [state != CALM for state in colours]
-    style = rr.StateConfiguration(values=list(colours), colors=list(colours.values()), visible=visible)
+def _lane(writer: Writer, name: str, states: dict[float, str], looks: dict[str, tuple[str, Rgb]]) -> None:
+    """Write one lane: times since command start [s] to the state from then on, and each state's looks."""
+    labels, colours = zip(*looks.values(), strict=True)
+    style = rr.StateConfiguration(
+        values=list(looks), labels=labels, colors=colours, visible=[state != CALM for state in looks]
+    )
     writer.static(name, style)
     writer.rows(name, np.array(list(states)), rr.StateChange.columns(state=list(states.values())))
 
 
-def _bars(writer: Writer, name: str, low: float, intervals: Sequence[Interval], colour: Rgb) -> None:
-    """Write one lane of bars from time `low` on; where bars of a lane overlap, the later one shows."""
-    states: dict[float, str] = {low: CALM}
-    for one in sorted(intervals, key=lambda i: i.start):
-        before = {t: state for t, state in states.items() if t <= one.start}
-        states = before | {max(one.start, low): one.label, one.end: CALM}
-    _lane(writer, name, states, {CALM: GREY} | dict.fromkeys(set(states.values()) - {CALM}, colour))
+def _bars(
+    writer: Writer, name: str, low: float, bars: Sequence[tuple[float, float, str]], colour: Rgb
+) -> None:
+    """Write one lane of bars (start, end and label), which do not overlap, from time `low` on."""
+    states = {low: CALM}
+    for start, end, label in sorted(bars):
+        states |= {max(start, low): label, end: CALM}
+    _lane(writer, name, states, {CALM: ("", GREY)} | {label: (label, colour) for _, _, label in bars})
 
 
 def _events(comparison: Comparison) -> Iterator[Event]:
@@ -354,13 +385,13 @@ def _updates(comparison: Comparison, start: float) -> Iterator[Event]:
     """Yield where runs of measurement updates begin, and the updates that fit badly."""
     health = comparison.motion.health
     for kind in dict.fromkeys(health.kind):
-        own = np.array([k == kind for k in health.kind])
-        t = health.t[own] - start
+        of_kind = np.array([k == kind for k in health.kind])
+        t = health.t[of_kind] - start
         pause = 5 * float(np.median(np.diff(t))) if len(t) > 2 else np.inf
         for run in np.split(t, np.flatnonzero(np.diff(t) > max(pause, 0.25)) + 1):
             mean = f"mean normalized innovation squared of all: {health.nis.get(kind, np.nan):.2f}"
-            what = f"{kind.replace('_', '-')} updates: {len(run)}, until {run[-1]:.2f} s"
-            yield Event(float(run[0]), f"{what} ({mean})")
+            text = f"{kind.replace('_', '-')} updates: {len(run)}, until {run[-1]:.2f} s"
+            yield Event(float(run[0]), f"{text} ({mean})")
     ratio = np.abs(health.innovation) / np.where(health.innovation_std > 0, health.innovation_std, np.inf)
     for i in [i for i in np.argsort(-ratio) if ratio[i] > OUTLIER][:MOST_OUTLIERS]:
         text = f"{health.kind[i].replace('_', '-')} update {ratio[i]:.1f} times its std off"

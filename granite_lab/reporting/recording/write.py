@@ -24,8 +24,10 @@ from granite_lab.reporting.recording.lines import (
     CHANNELS,
     DIFFERS,
     OF_TRIALS,
+    STANDSTILL,
     Interval,
     Line,
+    fitted_plot,
     intervals_of,
     lines_of,
     overlaid,
@@ -42,23 +44,25 @@ TITLES = {
     "slip": "Slip of the axles",
     "torque": "Drive torque per wheel",
     "pitch": "Pitch, positive nose down, equal before the start",
-    "wheel_velocity": "Circumferential wheel velocity",
-    "wheel_slip": "Slip of each wheel, measured",
-    "current": "Motor current, measured",
-    "specific_force": "IMU specific force, forward, equal before the start",
-    "pitch_rate": "IMU pitch rate, equal before the start",
+    "wheel_speed": "Wheel speed",
+    "slip_of_each_wheel": "Slip of each wheel, measured",
+    "motor_current": "Motor current, measured",
+    "forward_acceleration": "Forward acceleration, equal before the start",
+    "pitch_rate": "Pitch rate, equal before the start",
     "innovation": "Innovations of the filter over their predicted std",
 }
-FOUND = {k: capital(name) for k, name in SENSORS.items()}
-TITLES |= {f"residual_{k}": f"{TITLES[k].split(',')[0]}: simulated − measured" for k in CHANNELS}
-TITLES |= {f"found_{k}": v + (": measured − simulated" if "wheel" in k else "") for k, v in FOUND.items()}
+TITLES |= {f"difference_{k}": f"{TITLES[k].split(',')[0]}: simulated − measured" for k in CHANNELS}
+TITLES |= {
+    fitted_plot(k): capital(name) + (": measured − simulated" if "wheel" in k else "")
+    for k, name in SENSORS.items()
+}
 """Plot to its title, without unit."""
 TABS = {
     "Motion": ["velocity", "slip", "torque", "pitch"],
-    "Wheels": ["wheel_velocity", "wheel_slip", "current"],
-    "Sensors": ["specific_force", "pitch_rate", "innovation"],
-    "Residuals": [f"residual_{k}" for k in CHANNELS],
-    "Missing effect": [f"found_{k}" for k in FOUND],
+    "Wheels": ["wheel_speed", "slip_of_each_wheel", "motor_current"],
+    "Sensors": ["forward_acceleration", "pitch_rate", "innovation"],
+    "Differences": [f"difference_{k}" for k in CHANNELS],
+    "Missing effect": [fitted_plot(k) for k in SENSORS],
 }
 OVERLAY = "all_trials"
 """Entity below which the plots of all trials stand."""
@@ -76,8 +80,8 @@ def _series(origin: str, title: str, lines: Sequence[Line], *, legend: bool = Tr
     """
     axis = None
     if "slip" in lines[0].entity:
-        known = np.concatenate([line.value.ravel() for line in lines])
-        low, high = np.nanpercentile(np.append(known, 0.0), [4, 96])
+        values = np.concatenate([line.value.ravel() for line in lines])
+        low, high = np.nanpercentile(np.append(values, 0.0), [4, 96])
         axis = rrb.ScalarAxis(range=(10 * np.floor(low / 10 - 0.2), 10 * np.ceil(high / 10 + 0.2)))
     return rrb.TimeSeriesView(
         origin=origin, name=f"{title} [{lines[0].unit}]", axis_x=TIME_AXIS, axis_y=axis,
@@ -116,8 +120,9 @@ def trial_layout(root: str, lines: Sequence[Line], *, lanes: int, name: str) -> 
         plots.setdefault(line.entity.partition("/")[0], []).append(line)
     bars = rrb.StateTimelineView(
         origin=root or "/",
-        contents=[f"{root}/phase", f"{root}/robot_at_rest", f"{root}/{DIFFERS}/**"],
-        name="Phases" + (", and where the simulation differs [% of the channel's rms]" if lanes else ""),
+        contents=[f"{root}/phase", f"{root}/{STANDSTILL}", f"{root}/{DIFFERS}/**"],
+        name="Phases"
+        + (", and where the simulation differs, by up to [% of the sensor's rms]" if lanes else ""),
         time_view=TIME_AXIS,
     )
     key = rrb.TextDocumentView(origin=f"{root}/key", name="Key")
@@ -139,10 +144,10 @@ def overlay(rows: Mapping[str, Sequence[Line]], many: int) -> Any:
     views = []
     for i, (speed, lines) in enumerate(rows.items()):
         pair = []
-        for plot, what in (("velocity", "velocity"), ("slip", "slip, mean of the wheels")):
+        for plot, label in (("velocity", "velocity"), ("slip", "slip, mean of the wheels")):
             root = f"{OVERLAY}/{i}/{plot}"
-            if own := [line for line in lines if line.entity.startswith(f"{root}/")]:
-                pair.append(_series(f"/{root}", f"{speed}: {what}", own, legend=many <= MOST_NAMED))
+            if of_plot := [line for line in lines if line.entity.startswith(f"{root}/")]:
+                pair.append(_series(f"/{root}", f"{speed}: {label}", of_plot, legend=many <= MOST_NAMED))
         if pair:
             views.append(rrb.Horizontal(*pair, name=speed))
     key = rrb.TextDocumentView(origin="/key", name="Key")
@@ -182,9 +187,9 @@ def record_study(result: StudyResult, path: Path, *, finding: Finding | None = N
     velocities and slips of all trials over each other. Arguments and errors as in `record_trial`.
     """
     names = distinct([drawable(r.trial.name) for r in result.trials])
-    known = zip(names, result.trials, strict=True)
-    contents = {name: _Content(r.trial, r.comparison, finding) for name, r in known}
-    speeds = by_speed(own.comparison.motion.variant.velocity for own in contents.values())
+    pairs = zip(names, result.trials, strict=True)
+    contents = {name: _Content(r.trial, r.comparison, finding) for name, r in pairs}
+    speeds = by_speed(content.comparison.motion.variant.velocity for content in contents.values())
     tabs, rows = [], {}
     for i, (speed, positions) in enumerate(speeds.items()):
         of_speed = [names[position] for position in positions]
@@ -199,8 +204,8 @@ def record_study(result: StudyResult, path: Path, *, finding: Finding | None = N
     with recording(path, result.name, blueprint(rrb.Tabs(first, *tabs, active_tab=0))) as stream:
         Writer(stream).static("key", _page("recording_key.md", virtual=result.virtual, study=True))
         write_lines(Writer(stream), chain(*rows.values()))
-        for name, own in contents.items():
-            own.write(Writer(stream, root_of(name)))
+        for name, content in contents.items():
+            content.write(Writer(stream, root_of(name)))
     return path
 
 
