@@ -122,8 +122,9 @@ def notes(
         found.append(differing(judgement))
     if not (fit := judgement.model.fit).converged:
         found.append(
-            "The fit did not converge: the derivatives promise a likelier point that was not found, up to "
-            f"{np.sqrt(fit.promised):.1f} std away, as where the model has kinks."
+            "The fit did not converge: by its derivatives a likelier point lies "
+            f"{np.sqrt(fit.promised):.1f} std away, but no step reached it. The shear stress of the model has "
+            "kinks."
         )
     for n in judgement.named:
         if n.closes.value < LEAST_SHARE:
