@@ -123,8 +123,7 @@ def notes(
     if not (fit := judgement.model.fit).converged:
         found.append(
             "The fit did not converge: by its derivatives a likelier point lies "
-            f"{np.sqrt(fit.promised):.1f} std away, but no step reached it. The shear stress of the model has "
-            "kinks."
+            f"{np.sqrt(fit.promised):.1f} std away, but no step reached it. The shear stress has kinks."
         )
     for n in judgement.named:
         if n.closes.value < LEAST_SHARE:
