@@ -98,5 +98,3 @@ def test_what_is_unexplained_counts_against_an_effect_that_is_only_described() -
     assert effect.as_likely(0.6).probability == pytest.approx(0.3)
     assert effect.as_likely(-0.1).probability == pytest.approx(0.9)
     assert replace(effect, closes=Estimate(-0.1)).as_likely(0.5).probability == 0.0
-    law = replace(effect, id="empirical.force_motion")
-    assert law.as_likely(0.6) is law
