@@ -117,17 +117,14 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
         body, p.chassis, [(a.position, a.forces.longitudinal, a.forces.normal) for a in axles]
     )
     if kind != "trapezoid":
-        force, height = pulled(t, piece)
-        load = bd.towed(load, p.chassis, force * smoothstep(v / V_FLOOR), height)  # slack at rest
+        load = _towed(load, v, t, piece, p)
     for e, own in hooks:
         load = e.body_load(load, body, (front, rear), p, own)
     acceleration = bd.accelerations(p.chassis, load)
 
     drives = _unasked(axles, p, hooks) if kind == "wheels" else _drives(axles, s_d, v_d, p, hooks)
     front, rear = (drive.axle for drive in drives)
-    speed = body.x_rate, body.z_rate, body.pitch_rate
-    change = acceleration.x, acceleration.z, acceleration.pitch
-    rates: dict[str, Any] = dict(zip(BODY_STATES, (*speed, *change), strict=True))
+    rates = _body_rates(body, acceleration)
     outputs = _shown(reference, v, body) | {"v_desired_mps": v_d, "s_desired_m": s_d, "k92": k92}
     for drive in drives:
         rates |= _axle_rates(drive, p, hooks)
@@ -145,6 +142,19 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
 def _commanded(t: Any, variant: Variant, piece: dict[str, Any]) -> tuple[Any, Any]:
     """Return v_d [m/s] and s_d [m] at time t of a piece of a course, or else of the trapezoid."""
     return desired(t, piece) if piece else (desired_velocity(t, variant), desired_distance(t, variant))
+
+
+def _towed(load: bd.BodyLoad, v: Any, t: Any, piece: dict[str, Any], p: ModelParameters) -> bd.BodyLoad:
+    """Add what the robot tows; the rope is slack at rest."""
+    force, height = pulled(t, piece)
+    return bd.towed(load, p.chassis, force * smoothstep(v / V_FLOOR), height)
+
+
+def _body_rates(body: bd.BodyState, acceleration: bd.BodyAcceleration) -> dict[str, Any]:
+    """Return the derivatives of the body's states."""
+    speed = body.x_rate, body.z_rate, body.pitch_rate
+    change = acceleration.x, acceleration.z, acceleration.pitch
+    return dict(zip(BODY_STATES, (*speed, *change), strict=True))
 
 
 def _shown(reference: bd.PointMotion, v: Any, body: bd.BodyState) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from granite_lab.errors import InputError
+from granite_lab.fitting import tow
 from granite_lab.inference.conditions import KEYS
 from granite_lab.logs import read_trial, write_canonical
 from granite_lab.logs.canonical import CONDITIONS
@@ -166,7 +167,7 @@ def test_what_a_laboratory_knows_is_read_and_written(tmp_path: Path) -> None:
 
 
 def test_the_conditions_that_later_stages_read_are_known() -> None:
-    assert set(CONDITIONS) == set(KEYS)
+    assert set(CONDITIONS) == {*KEYS, tow.KEY}
 
 
 @pytest.mark.parametrize("name", ["t_ns", "time_ns", "timestamp_ns", "stamp_ns"])
