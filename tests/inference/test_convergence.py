@@ -64,7 +64,7 @@ def case() -> Iterator[Case]:
 
 
 def test_starts_that_converge_end_at_one_optimum(case: Case) -> None:
-    """One prior std off in drawn directions, and a millionth; one of six may be held by a kink, and says so."""
+    """One prior std off in drawn directions, and a millionth. A kink may hold one of six, which says so."""
     rng, start = np.random.default_rng(1), case.start(CHOSEN)
     starts = [start, *(case.off(start, rng, 1.0, everything=False) for _ in range(4))]
     starts.append(case.off(start, rng, 1e-6, everything=True))
