@@ -175,11 +175,11 @@ def test_hide_replaces_neither_a_robot_nor_logs_by_their_truth(tmp_path: Path) -
     seed = next(k for k in range(20) if len(lab_of("wild", k, robot, soil).files()) == 2)
     for name in ("robot.toml", "soil.toml"):
         (tmp_path / name).write_text("mine", encoding="utf-8")
-    with pytest.raises(UsageError, match=r"robot\.toml: is there already"):
+    with pytest.raises(UsageError, match=r"robot\.toml: exists already"):
         gl.hide("none", tmp_path, lab="wild", seed=seed)
     assert {path.read_text(encoding="utf-8") for path in tmp_path.iterdir()} == {"mine"}
     truth = tmp_path / "truth"
     truth.mkdir()
     (truth / "hidden_v0.2_r1.csv").write_text("mine", encoding="utf-8")
-    with pytest.raises(UsageError, match=r"hidden_v0\.2_r1\.csv: is there already"):
+    with pytest.raises(UsageError, match=r"hidden_v0\.2_r1\.csv: exists already"):
         gl.hide("none", tmp_path / "set", truth=truth)

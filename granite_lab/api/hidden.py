@@ -137,7 +137,7 @@ def hide(
             f"{truth}: would hold logs and their truth under the same names", "choose two folders"
         )
     if truth is not None and (there := sorted(Path(truth).glob(f"{label}_[vs]*_r*.csv"))):
-        raise UsageError(f"{there[0]}: is there already", "choose another folder for the truth")
+        raise UsageError(f"{there[0]}: exists already", "choose another folder for the truth")
     wish = Wish(
         effect, seed, strength, noise, sand_off, lab, dict(sizes or {}), repetitions=repetitions, label=label,
         causes=causes, soil_law=soil_law, command=command, logged=log_command, controller=controller,
@@ -145,7 +145,7 @@ def hide(
     the_robot, the_soil = load_robot(robot or "granite"), load_soil(soil or "dry_sand")
     own = lab_of(lab, seed, the_robot, the_soil).files()
     if there := [folder / name for name in own if (folder / name).exists()]:
-        raise UsageError(f"{there[0]}: is there already", "choose another folder")
+        raise UsageError(f"{there[0]}: exists already", "choose another folder")
     made, answer = make_set(wish, the_robot, the_soil, jobs=jobs, done=done)
     for name, text in own.items():
         write_text(folder / name, text)

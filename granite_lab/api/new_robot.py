@@ -57,7 +57,7 @@ def robot(new: str | Path, *, changes: Changes = None, like: File = None) -> Rob
     if path.suffix != ".toml":
         raise UsageError(f"{path}: the file of a robot ends in .toml", f"write {path.with_suffix('.toml')}")
     if path.exists():
-        raise UsageError(f"{path}: is there already", "choose another name; edit the file that is there")
+        raise UsageError(f"{path}: exists already", "choose another name; edit the file that is there")
     given = dict(checked(changes or {}))
     if foreign := [key for key in given if not key.startswith("robot.")]:
         raise UsageError(f"{OPTION} {foreign[0]}: is no number of a robot", "a soil has a file of its own")

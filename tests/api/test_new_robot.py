@@ -91,7 +91,7 @@ def test_what_is_no_robot_is_refused(name: str, changes: dict[str, float], said:
 
 def test_a_file_that_is_there_stays(tmp_path: Path) -> None:
     gl.robot(tmp_path / "a.toml", changes=RADIUS)
-    with pytest.raises(UsageError, match="is there already"):
+    with pytest.raises(UsageError, match="exists already"):
         gl.robot(tmp_path / "a.toml", changes={"robot.wheels.radius_m": 0.2})
     assert load_robot(str(tmp_path / "a.toml")).wheels.radius == 0.075
 
