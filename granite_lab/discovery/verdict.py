@@ -12,7 +12,7 @@ from granite_lab.discovery.heldout import Predicted, closed, gaps, predict
 from granite_lab.discovery.resampling import Competition, by_evidence, compete, nothing_missing
 from granite_lab.discovery.search import Model, Search, good, matters
 from granite_lab.estimate import Estimate
-from granite_lab.inference.constants import CREDIBLE, FORMULA_ERROR, LEAST_SHARE, LEFT
+from granite_lab.inference.constants import CREDIBLE, LEAST_SHARE, LEFT
 from granite_lab.inference.fit import Fit, under
 from granite_lab.inference.gap import moved, scatter
 from granite_lab.inference.normal import Scales
@@ -77,14 +77,6 @@ class Named:
         formula = scales.formula_of(channel)
         seen = formula < FORMULAS[1] and made >= max(LEAST_SHARE, 2 * formula)
         return bool(closes >= LEFT or seen)
-
-    def matters_beside(self, remainder: float, scales: Scales) -> bool:
-        """Tell whether it may be named though it closes little beside large effects.
-
-        It closes more than a formula beside it with its typical error would leave, and is sure beside what
-        the whole set leaves, see `is_sure_beside`.
-        """
-        return self.closes.value >= FORMULA_ERROR[0] ** 2 and self.is_sure_beside(max(remainder, 0.0), scales)
 
     def is_shown(self) -> bool:
         """Tell whether trials left out show it."""
@@ -176,9 +168,9 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     * ``none`` where the model alone leaves no discrepancy beyond the tolerance, the trials differing as the
       likeliest model says, and that model changes no channel by more than the tolerance.
     * Effects of the likeliest set are named that trials left out show, and that close at least `LEFT` of the
-      gap or show in a channel, see `Named.matters`, by more than the tolerance; or that close less, see
-      `Named.matters_beside`. Alone, or with at most two others that cannot be told from them, they must have
-      a probability of `CREDIBLE`. Where more is missing, see `Named.is_sure_beside`, too.
+      gap or show in a channel, see `Named.matters`, by more than the tolerance. Alone,
+      or with at most two others that cannot be told from them, they must have a probability of `CREDIBLE`.
+      Where more is missing, see `Named.is_sure_beside`, too.
     * ``named`` where these are all that matters, and together leave less than `LEFT` of the gap, as an rms;
       or not more by two standard errors, if errors of their formulas within `FORMULA_ERROR` and the tolerance
       explain what they leave.
@@ -206,7 +198,7 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
         lambda k: _named(problem, search, best.effects[k], whole, competition, held_out), len(best.effects)
     )
     scales, remainder = best.fit.scales, 1 - whole.closed.value
-    relevant = [n for n in parts if n.matters(remainder, scales) or n.matters_beside(remainder, scales)]
+    relevant = [n for n in parts if n.matters(remainder, scales)]
     beyond = remainder - 2 * whole.closed.std > LEFT**2  # not so where the standard error is not known
     explained = not beyond and good(problem, best.fit, tolerance)
     enough = remainder < LEFT**2 or explained

@@ -253,25 +253,6 @@ def test_an_effect_matters_by_the_gap_that_it_closes_or_by_a_channel(
     assert effect.matters(remainder, Scales(0.01, 1.0, formulas={"accel_x": formula})) is named
 
 
-@pytest.mark.parametrize(
-    ("closes", "speeds", "remainder", "probability", "named"),
-    [
-        (0.02, 0.02, 0.004, 0.95, True),
-        (0.008, 0.02, 0.0, 0.95, False),  # a formula beside it that is off by a tenth leaves as much
-        (0.02, 0.02, 0.01, 0.95, False),  # it may stand in for what the set leaves
-        (0.02, 0.005, 0.004, 0.95, False),  # speeds left out do not show it
-        (0.02, 0.02, 0.004, 0.85, False),
-    ],
-)
-def test_a_small_effect_is_named_beside_large_ones_where_it_is_sure(
-    closes: float, speeds: float, remainder: float, probability: float, named: bool
-) -> None:
-    shares = Estimate(closes, 0.003), Estimate(speeds, 0.003)
-    effect = Named("push", (), probability, *shares, changes={"accel_x": 0.05})
-    assert not effect.matters(remainder, Scales(0.01, 0.1))
-    assert effect.matters_beside(remainder, Scales(0.01, 0.1)) is named
-
-
 def test_a_second_effect_is_found_where_the_first_leaves_less_than_the_tolerance() -> None:
     """Numbers that change from trial to trial leave no discrepancy that repetitions share."""
     answer = ask(push=0.3, shake=0.15, discrepancy=0.0)
