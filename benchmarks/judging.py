@@ -1,19 +1,34 @@
-"""One set of trials, searched and judged: what `make blind` and `make outside` have in common."""
+"""Sets of trials, searched and judged side by side: what the benchmarks of `discover` have in common."""
 
 from __future__ import annotations
 
 import math
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import granite_lab
 from granite_lab.errors import LabError
 from granite_lab.hidden.scoring import Score, score
 
 Line = dict[str, Any]
+T = TypeVar("T")
+
+
+def side_by_side(judge: Callable[[T], Line], sets: Sequence[T], minutes: float, jobs: int) -> Iterator[Line]:
+    """Yield the lines of sets as they are judged, each in a process; none is begun after so many minutes."""
+    end, waiting, running = time.monotonic() + 60 * minutes, list(sets), set[Future[Line]]()
+    with ProcessPoolExecutor(jobs) as pool:
+        while True:
+            while waiting and len(running) < jobs and time.monotonic() < end:
+                running.add(pool.submit(judge, waiting.pop(0)))
+            if not running:
+                return
+            ended, running = wait(running, return_when=FIRST_COMPLETED)
+            yield from (future.result() for future in ended)
 
 
 def searched(logs: list[Path], jobs: int = 1) -> Line:

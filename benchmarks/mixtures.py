@@ -15,8 +15,8 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from benchmarks.blind import read, write
 from benchmarks.blind_code import ROOT, code_hash, commit
 from benchmarks.blind_page import current, every_stated
 from benchmarks.intervals import wilson
-from benchmarks.judging import Line, short, stated
+from benchmarks.judging import Line, short, side_by_side, stated
 from benchmarks.reliability import section, write_diagram
 from granite_lab.errors import EstimateError, LabError
 from granite_lab.files import write_text
@@ -136,19 +136,6 @@ def percent(share: float | None) -> str:
     return "–" if share is None else f"{100 * share:.0f}"
 
 
-def judgements(seeds: Sequence[int], lab: str, minutes: float, jobs: int) -> Iterator[Line]:
-    """Yield the lines of sets as they are judged; none is begun after so many minutes."""
-    end, waiting, running = time.monotonic() + 60 * minutes, list(seeds), set[Future[Line]]()
-    with ProcessPoolExecutor(jobs) as pool:
-        while True:
-            while waiting and len(running) < jobs and time.monotonic() < end:
-                running.add(pool.submit(one, waiting.pop(0), lab))
-            if not running:
-                return
-            ended, running = wait(running, return_when=FIRST_COMPLETED)
-            yield from (future.result() for future in ended)
-
-
 def main() -> None:
     """Continue the benchmark and write its page."""
     parser = argparse.ArgumentParser(
@@ -175,7 +162,7 @@ def main() -> None:
     done = {x["key"] for x in lines}
     seeds = range(options.first, options.first + options.count)
     waiting = [s for s in seeds if f"{s}/{options.lab}" not in done]
-    for line in judgements(waiting, options.lab, options.minutes, options.jobs):
+    for line in side_by_side(partial(one, lab=options.lab), waiting, options.minutes, options.jobs):
         lines.append(line | version)
         write(options.results, lines)
         print(f"{line['key']}: {line['status']}", file=sys.stderr, flush=True)

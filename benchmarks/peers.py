@@ -17,8 +17,7 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +28,7 @@ import numpy as np
 import granite_lab
 from benchmarks.blind import read, write
 from benchmarks.blind_code import ROOT, code_hash, commit
-from benchmarks.judging import Line, short
+from benchmarks.judging import Line, short, side_by_side
 from benchmarks.mixtures import task
 from benchmarks.peers_learn import INPUTS, PEERS, Places, Table, measured, residuals_without, simulated
 from benchmarks.peers_page import page
@@ -165,19 +164,6 @@ def truth(answer: Mapping[str, Any]) -> str:
     return "+".join([*answer["library"], *law]) or "none"
 
 
-def compare(names: Sequence[str], minutes: float, jobs: int) -> Iterator[Line]:
-    """Yield the lines of sets as they are compared; none is begun after so many minutes."""
-    end, waiting, running = time.monotonic() + 60 * minutes, list(names), set[Future[Line]]()
-    with ProcessPoolExecutor(jobs) as pool:
-        while True:
-            while waiting and len(running) < jobs and time.monotonic() < end:
-                running.add(pool.submit(one, waiting.pop(0)))
-            if not running:
-                return
-            ended, running = wait(running, return_when=FIRST_COMPLETED)
-            yield from (future.result() for future in ended)
-
-
 def main() -> None:
     """Continue the comparison and write its page."""
     parser = argparse.ArgumentParser(
@@ -199,7 +185,7 @@ def main() -> None:
     done, only = {x["key"] for x in lines}, set(filter(None, options.only.split(",")))
     names = [n for n in sets(options.outside, options.mixtures, options.blind) if Path(n).name not in done]
     names = [n for n in names if not only or Path(n).name in only]
-    for line in compare(names, options.minutes, options.jobs):
+    for line in side_by_side(one, names, options.minutes, options.jobs):
         lines.append(line | version)
         write(options.results, lines)
         print(f"{line['key']}: {line['status']}", file=sys.stderr, flush=True)

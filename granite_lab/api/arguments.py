@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import cast, get_args
 
 from granite_lab.errors import UsageError
 from granite_lab.estimate import Estimate
@@ -39,10 +39,6 @@ Rests = Sequence[tuple[float, float]]
 """Intervals of standstill (start, end) [s, the log's time]."""
 
 
-STANDSTILLS = ("rests", "body_rests")
-"""Arguments that name intervals of standstill."""
-
-
 def text(given: File) -> str | None:
     """Return a name or a path as text."""
     return None if given is None else str(given)
@@ -53,39 +49,39 @@ def path(given: File) -> Path | None:
     return None if given is None else Path(given)
 
 
-def options_of(said: Mapping[str, Any]) -> Options:
+def options_of(
+    *,
+    robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
+    window: Window = None, changes: Changes = None, rows: str | None = None, exclude: Exclude = None,
+    rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
+    use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
+    drive: str = "auto", model: File = None, effects: File = None,
+    tolerance: float = TOLERANCE, latency: float = LATENCY_LIMIT,
+) -> Options:  # fmt: skip
     """Return what a verb was told of logs and trials as a record.
-
-    Args:
-        said: arguments by their names, such as the `locals()` of a verb that has just begun; those that say
-            nothing of logs are passed over.
 
     Raises:
         UsageError: nothing drives like that, or a std is not above zero.
         InputError: as `parameters.changes.checked`.
     """
-    drive, known_drives = said.get("drive", "auto"), get_args(DriveBy)
-    if drive not in known_drives:
+    if drive not in (known_drives := get_args(DriveBy)):
         raise UsageError(f"--drive {drive}: not known", f"one of: {', '.join(known_drives)}")
-    stds: dict[str, Any] = {name: said.get(name) for name in ("ref_v_std", "ref_x_std")}
-    for name, std in stds.items():
-        refuse_outside(name.replace("_", "-"), std, 1e-6)
-    tape = said.get("distance_measured") or Estimate(math.nan)
-    rests: dict[str, Any] = {
-        name: tuple((float(a), float(b)) for a, b in said.get(name) or ()) for name in STANDSTILLS
-    }
+    for name, std in (("ref-v-std", ref_v_std), ("ref-x-std", ref_x_std)):
+        refuse_outside(name, std, 1e-6)
+    tape = distance_measured or Estimate(math.nan)
     info = TrialInfo(
-        **rests, **stds,
+        rests=tuple((float(a), float(b)) for a, b in rests),
+        body_rests=tuple((float(a), float(b)) for a, b in body_rests),
         distance_measured=tape.value if math.isfinite(tape.value) else None,
         distance_measured_std=tape.std if math.isfinite(tape.std) else None,
-        use_reference=bool(said.get("use_reference")), changes=checked(said.get("changes") or {}),
+        use_reference=use_reference, ref_v_std=ref_v_std, ref_x_std=ref_x_std,
+        changes=checked(changes or {}),
     )  # fmt: skip
     return Options(
-        text(said.get("robot")), text(said.get("soil")), text(said.get("column_map")), rows=said.get("rows"),
-        model=path(said.get("model")), effects=path(said.get("effects")), drive=drive,
-        info=None if info == TrialInfo() else info, topics=tuple((said.get("topics") or {}).items()),
-        window=said.get("window"), exclude=tuple((said.get("exclude") or {}).items()),
-        tolerance=said.get("tolerance", TOLERANCE), latency=said.get("latency", LATENCY_LIMIT),
+        text(robot), text(soil), text(column_map), rows=rows, model=path(model), effects=path(effects),
+        info=None if info == TrialInfo() else info, topics=tuple((topics or {}).items()), window=window,
+        exclude=tuple((exclude or {}).items()), tolerance=tolerance, latency=latency,
+        drive=cast(DriveBy, drive),
     )  # fmt: skip
 
 

@@ -184,7 +184,8 @@ def remember(folder: Path, tables: Mapping[Path, Path], said: Mapping[str, Any])
         LabError: the list cannot be written.
     """
     path = folder / LIST
-    options = options_of({name: said.get(name) for name in ABOUT + KNOWN}).given()
+    stated = {name: said[name] for name in ABOUT + KNOWN if said.get(name) is not None}
+    options = options_of(**stated).given()
     alone = tuple(name for name in ALONE if said.get(name))
     known = {one.table: one for one in (_read(path) if path.exists() else ())}
     known |= {table: Listed(log, table, options, alone) for log, table in tables.items()}

@@ -165,9 +165,9 @@ def _of_log(
     """Return the wheels of a log as what drives a run, and robot and soil: as given, else as the log says."""
     from granite_lab.chain import simulable  # noqa: PLC0415, heavy
 
-    given: dict[str, File | Robot | Soil] = {"robot": robot, "soil": soil}
-    named = {kind: name for kind, name in given.items() if not isinstance(name, (Robot, Soil))}
-    trial, found, motion = simulable(log, options_of(named | {"drive": "wheels", "changes": changes}))
+    of_robot, of_soil = (None if isinstance(x, (Robot, Soil)) else x for x in (robot, soil))
+    options = options_of(robot=of_robot, soil=of_soil, drive="wheels", changes=changes)
+    trial, found, motion = simulable(log, options)
     return motion.variant, robot or found, soil or trial.info.soil
 
 

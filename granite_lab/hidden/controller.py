@@ -43,6 +43,26 @@ class Controller(Truth):
         return np.asarray(np.minimum(np.maximum(voltage, least), self.drive.voltage_max))
 
 
+class Integrating(Controller):
+    """A proportional and integral gain on the speed, the integral held back while a limit acts."""
+
+    def setup(self) -> None:
+        """Claim the integrals, in the unit of `wanted`."""
+        super().setup()
+        self.summed = self.claim(2)
+
+    def wanted(self, t: float, y: Array) -> tuple[Array, Array]:
+        """Return what the gains ask for, before and after the limits."""
+        raise NotImplementedError
+
+    def rates(self, t: float, y: Array, wheel: Contact) -> Array:
+        """Add the rates of the integrals."""
+        dy = super().rates(t, y, wheel)
+        wanted, given = self.wanted(t, y)
+        dy[self.summed] = self.gains["i"] * (self.error(t, y) + (given - wanted) / self.gains["p"])
+        return dy
+
+
 def _per_wheel(robot: Robot) -> tuple[float, float, float]:
     """Return inertia on one motor [kg m^2], torque of a wheel per current [N m/A], EMF per rate [V s/rad]."""
     ch, d, r = robot.chassis, robot.drive, robot.wheels.radius
@@ -98,7 +118,7 @@ class FeedForward(Controller):
         return self.bounded(ahead + self.gains["p"] * self.error(t, y), self.drive.voltage_min)
 
 
-class Limited(Controller):
+class Limited(Integrating):
     """Proportional and integral on the speed; voltage and current are limited."""
 
     id = "limited"
@@ -116,11 +136,6 @@ class Limited(Controller):
         lag = inertia * robot.drive.resistance / (torque * emf)  # of the speed behind the voltage [s]
         return {"p": emf * w * lag, "i": emf * w, "current": _limit(rng, robot)}
 
-    def setup(self) -> None:
-        """Claim the integrals [V]."""
-        super().setup()
-        self.summed = self.claim(2)
-
     def wanted(self, t: float, y: Array) -> tuple[Array, Array]:
         """Return the voltages before and after their limits [V]."""
         wanted = self.gains["p"] * self.error(t, y) + y[self.summed]
@@ -132,15 +147,8 @@ class Limited(Controller):
         """Return the motor voltages [V]."""
         return self.wanted(t, y)[1]
 
-    def rates(self, t: float, y: Array, wheel: Contact) -> Array:
-        """Add the rates of the integrals."""
-        dy = super().rates(t, y, wheel)
-        wanted, given = self.wanted(t, y)
-        dy[self.summed] = self.gains["i"] * (self.error(t, y) + (given - wanted) / self.gains["p"])
-        return dy
 
-
-class Cascade(Controller):
+class Cascade(Integrating):
     """A speed loop that asks a current loop for a limited current."""
 
     id = "cascade"
@@ -157,29 +165,17 @@ class Cascade(Controller):
         p = w * inertia / torque
         return {"p": p, "i": p * w / 4, "current": _limit(rng, robot)}
 
-    def setup(self) -> None:
-        """Claim the integrals [A]."""
-        super().setup()
-        self.summed = self.claim(2)
-
-    def asked(self, t: float, y: Array) -> tuple[Array, Array]:
+    def wanted(self, t: float, y: Array) -> tuple[Array, Array]:
         """Return the currents that the speed loop asks for, before and after their limit [A]."""
         wanted, most = self.gains["p"] * self.error(t, y) + y[self.summed], self.gains["current"]
         return np.asarray(wanted), np.minimum(np.maximum(wanted, -most), most)
 
     def voltage(self, t: float, y: Array) -> Array:
         """Return the motor voltages [V]."""
-        d, (_, asked) = self.drive, self.asked(t, y)
+        d, (_, asked) = self.drive, self.wanted(t, y)
         wanted = self.emf * self.shaft(y)[1] + d.resistance * asked
         wanted = wanted + d.inductance / CURRENT_LOOP * (asked - y[CURRENT])
         return self.bounded(wanted, -d.voltage_max)
-
-    def rates(self, t: float, y: Array, wheel: Contact) -> Array:
-        """Add the rates of the integrals."""
-        dy = super().rates(t, y, wheel)
-        wanted, given = self.asked(t, y)
-        dy[self.summed] = self.gains["i"] * (self.error(t, y) + (given - wanted) / self.gains["p"])
-        return dy
 
 
 CONTROLLERS: Mapping[str, type[Controller]] = {
