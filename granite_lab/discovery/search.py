@@ -283,11 +283,12 @@ class _Steps:
         """Bring the sets that may have a say to their optimum; the others keep what they reach at least.
 
         A set has a say whose odds against the likeliest are not below `UNLIKELY`; of those the first `TRIED`.
+        One that only adds to the likeliest what does not matter says nothing against its effects.
         """
         ranked = sorted(self.models.values(), key=lambda m: -m.log_posterior)
         best = next(m for m in ranked if m.effects not in self.small)
         least = best.log_posterior + np.log(UNLIKELY)
-        others = [m for m in ranked if m is not best and m.log_posterior >= least]
+        others = [m for m in ranked if m.log_posterior >= least and not set(m.effects) >= set(best.effects)]
         wanted = [m for m in (best, *others[: TRIED - 1]) if not m.fit.converged]
         self.tell(f"fitting {', '.join(_words(m.effects) for m in wanted)}", self.named)
         starts = [(m.fit.point, m.fit.scales) for m in wanted]
