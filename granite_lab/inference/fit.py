@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import lsq_linear
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED, SAND
@@ -351,26 +353,21 @@ def simulated(problem: Problem, point: Point) -> tuple[Array, ...] | None:
 
 
 def _aim(problem: Problem, point: Point, M: Array, std: Array, pull: Array, damping: float) -> Point:
-    """Return where the damped step leads; numbers that it would take beyond their bounds stay at these.
+    """Return where the damped step leads: the least of the linear problem within the bounds.
 
-    The others are solved for anew, given those: a step that is only cut off may lead uphill.
+    A step that is only cut off at the bounds may lead uphill.
     """
     p = std.size
     N = M[:p, :p] + np.diag(std**-2.0)
     scale = 1 / np.sqrt(np.diag(N))
-    N = N * np.outer(scale, scale) + damping * np.eye(p)
-    g = scale * (M[:p, -1] + pull / std**2)
-    free, step = np.ones(p, dtype=bool), np.zeros(p)
-    while True:
-        held = g[free] - N[np.ix_(free, ~free)] @ step[~free]
-        step[free] = np.linalg.solve(N[np.ix_(free, free)], held)
-        aim = problem.moved(point, scale * step)
-        reached = (aim.vector - point.vector) / scale
-        beyond = free & ~np.isclose(reached, step, rtol=1e-9, atol=1e-12)
-        if not beyond.any():
-            return aim
-        free &= ~beyond
-        step = np.where(free, step, reached)
+    factor = cholesky(N * np.outer(scale, scale) + damping * np.eye(p), lower=True)
+    white = solve_triangular(factor, scale * (M[:p, -1] + pull / std**2), lower=True)
+    step = scale * solve_triangular(factor, white, lower=True, trans="T")
+    low, high = (side - point.vector for side in problem.bounds(point))
+    if np.any((step < low) | (step > high)):
+        within = lsq_linear(factor.T, white, (low / scale, high / scale), method="bvls")
+        step = scale * within.x
+    return problem.moved(point, step)
 
 
 def _linear(M: Array, std: Array, mean: Array, point: Point, aim: Point) -> float:
