@@ -51,7 +51,7 @@ NEAR = 1.0
 """Promised drop below which a step of Gauss and Newton is taken although the objective does not fall: within
 a std it tells of kinks of the model and of derivatives at the centre of a command, not of the optimum."""
 
-AS_GOOD, AS_GOOD_ROUGH = 0.5, 1.0
+AS_GOOD, AS_GOOD_ROUGH = 0.1, 1.0
 """How far a fit may move, in std of the numbers, with derivatives that count as those of the point; a rough
 one."""
 
@@ -165,8 +165,8 @@ def fit(
     if rounds:
         scales = _learnt(problem, state, scales, 1)
         state, scales, converged = _descended(problem, state, scales, rounds, least, away)
-        if converged and fine:
-            state, scales = _unlimited(problem, state, scales, rounds)
+        if fine and (other := _unlimited(problem, state, scales, rounds)) is not None:
+            (state, scales), converged = other, True
     post = posterior_at(problem, state.point, state.normal, scales)
     evidence = post.evidence + log_prior(problem, scales, bool(state.point.effects))
     if rounds:  # nothing is credited beyond a bound, nor what the derivatives promise and was not found
@@ -259,15 +259,17 @@ def _descended(
     return state, scales, bool(fine and away < good and promised < NO_FURTHER)
 
 
-def _unlimited(problem: Problem, state: _State, scales: Scales, rounds: int) -> tuple[_State, Scales]:
-    """Return the optimum at which the strength of the sand limits nothing, if there is one that is likelier.
+def _unlimited(
+    problem: Problem, state: _State, scales: Scales, rounds: int
+) -> tuple[_State, Scales] | None:
+    """Return the optimum at which the strength of the sand limits nothing, None where none is likelier.
 
     Where the friction on the tyre rules in (10), cohesion and angle of friction say nothing. A fit that comes
     from where they rule ends at the edge of that region, in a second optimum.
     """
     shared = np.where([name in STRENGTH for name in SHARED], 0.0, state.point.shared)
     if np.array_equal(shared, state.point.shared):
-        return state, scales
+        return None
     raked = np.array([name in STRENGTH for name in SAND[:RAKED]])
     trials = [np.concatenate([np.where(raked, 0.0, x[:RAKED]), x[RAKED:]]) for x in state.point.trials]
     here, _, _ = _promise(problem, state, scales, 0.0)
@@ -276,10 +278,10 @@ def _unlimited(problem: Problem, state: _State, scales: Scales, rounds: int) -> 
     )
     there = _renewed(problem, there, central=True) if there is not None and rise > -NEAR else None
     if there is None:
-        return state, scales
+        return None
     other, theirs, converged = _descended(problem, there, scales, rounds, LEAST)
     better = converged and _evidence(problem, other, theirs) > _evidence(problem, state, scales)
-    return (other, theirs) if better else (state, scales)
+    return (other, theirs) if better else None
 
 
 def _evidence(problem: Problem, state: _State, scales: Scales) -> float:
