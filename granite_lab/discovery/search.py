@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from granite_lab.discovery.candidates import Score, Screen, rescreened, rivals, scores, screen
+from granite_lab.discovery.carrying import carried, filed, worse
 from granite_lab.discovery.heldout import predict, predicts_better
 from granite_lab.discovery.sets import attempts, fit_sets, set_of
 from granite_lab.errors import EstimateError
@@ -58,8 +59,8 @@ class Look:
         origin: the fit about which it is linear.
         screened: the columns; None where a later screen took their place.
         scores: what each candidate would bring, the best first.
-        tolerated: the discrepancy was taken to be of the tolerated size, so that it hides no effect, in place
-            of what it was learnt to be.
+        tolerated: the discrepancy was taken to be of the tolerated size, and trials to differ as the files
+            say, so that neither hides an effect, in place of what was learnt.
     """
 
     origin: Fit
@@ -75,7 +76,8 @@ class Search:
     Attributes:
         models: fitted sets, the likeliest first.
         looks: sets beside which candidates were screened, to the screens.
-        small: sets whose last effect does not stay: it changes little, or does not predict what is left out.
+        small: sets whose last effect does not stay: it changes little, or does not predict what is left out;
+            and likelier sets than the best whose simulations predict that worse than the files do.
     """
 
     models: tuple[Model, ...]
@@ -132,6 +134,7 @@ def search(
         path.append((current, best, tried))
         current = best
     steps.exchange(current, path)
+    steps.guard()
     steps.finish()
     models = sorted(steps.models.values(), key=lambda m: -m.log_posterior)
     return Search(tuple(models), steps.looks, frozenset(steps.small))
@@ -145,7 +148,7 @@ class _Steps:
         problem, candidates, tolerance, tell: as `search` has them.
         models: fitted sets.
         looks: sets to the screens beside them.
-        small: sets whose last effect does not stay, see `stays`.
+        small: sets that are not the best, see `stays` and `guard`.
         named: effects beside which is searched; `MOST` where they are exchanged.
     """
 
@@ -188,10 +191,11 @@ class _Steps:
             others = [c for c in self.candidates if c not in model.effects]
             sizes = FEW if model.effects else ALL
             origins = [model.fit] if model.effects else _origins(self.problem, model.fit)
-            blind = model.fit.scales.largest > self.tolerance or model.fit.scales.loud
+            scales = model.fit.scales
+            wide = scales.largest > self.tolerance or scales.loud or strained(self.problem, model.fit)
             screens = self.problem.bench.side_by_side(
                 lambda k: _screened(
-                    self.problem, origins[k], others, sizes, self.tolerance if blind else None
+                    self.problem, origins[k], others, sizes, self.tolerance if wide else None
                 ),
                 len(origins),
             )
@@ -282,6 +286,20 @@ class _Steps:
             if rest and rival and better and not self.stays(rest, rival):
                 self.small.add(key)
 
+    def guard(self) -> None:
+        """Set aside what may not be saved: sets that predict what is left out worse than the files do.
+
+        Sand that has moved to make up for a wrong effect shows there. None is set aside where every set does.
+        """
+        ranked = sorted(self.models.values(), key=lambda m: -m.log_posterior)
+        known = filed(self.problem, self.models[()].fit)
+        bad: list[tuple[str, ...]] = []
+        for m in (m for m in ranked if m.effects and m.effects not in self.small):
+            if not worse(carried(self.problem, m.fit, self.tolerance), known, self.tolerance):
+                self.small.update(bad)
+                return
+            bad.append(m.effects)
+
     def finish(self) -> None:
         """Bring the sets that may have a say to their optimum; the others keep what they reach at least.
 
@@ -360,11 +378,16 @@ def _origins(problem: Problem, result: Fit) -> list[Fit]:
 def _screened(
     problem: Problem, origin: Fit, candidates: Sequence[str], sizes: int, tolerance: float | None
 ) -> list[Look]:
-    """Return the screens about a fit: with the scales as learnt, and with a tolerated discrepancy."""
+    """Return the screens about a fit: with the scales as learnt, and with a tolerated discrepancy.
+
+    In the latter trials differ as the files say: what all have in common may have widened what was learnt.
+    """
     screened = screen(problem, origin, candidates, most=sizes)
     looks = [Look(origin, screened, tuple(scores(problem, screened)))]
     if tolerance is not None:
-        held = taken(problem, origin, tolerated(origin.scales, tolerance))
+        learnt = {s.name for t in problem.trials for s in t.slacks if s.learnt}
+        own = {name: std for name, std in origin.scales.priors.items() if name not in learnt}
+        held = taken(problem, origin, replace(tolerated(origin.scales, tolerance), priors=own))
         other = rescreened(problem, screened, held)
         looks.append(Look(held, other, tuple(scores(problem, other)), True))
     return looks

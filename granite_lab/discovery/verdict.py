@@ -13,8 +13,8 @@ from granite_lab.discovery.resampling import Competition, by_evidence, compete, 
 from granite_lab.discovery.search import Model, Search, good, matters
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import CREDIBLE, LEAST_SHARE, LEFT
-from granite_lab.inference.fit import Fit, under
-from granite_lab.inference.gap import moved, scatter
+from granite_lab.inference.fit import Fit, taken, under
+from granite_lab.inference.gap import moved, scatter, shares, tolerated
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FORMULAS
@@ -41,8 +41,10 @@ class Named:
         probability: that it or one of its twins is in the model, see `discovery.resampling`.
         closes, speeds: share of the gap on trials and on speeds left out.
         strained: its numbers that ended at a bound, or two standard deviations outside what is expected.
-        channel: of which it makes the largest share of what the set changes, and that share.
         changes: channel to how far it moves the prediction, as a share of the channel's rms in motion.
+        made: channel to which share it makes of what the set changes there.
+        needed: channel to what the rest of the set leaves there without it, beyond errors of its formulas; a
+            share of the channel's rms in motion.
     """
 
     id: str
@@ -51,32 +53,37 @@ class Named:
     closes: Estimate
     speeds: Estimate = OPEN
     strained: tuple[str, ...] = ()
-    channel: tuple[str, float] = ("", float("nan"))
     changes: Mapping[str, float] = field(default_factory=dict)
+    made: Mapping[str, float] = field(default_factory=dict)
+    needed: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def channel(self) -> tuple[str, float]:
+        """The channel of which it makes the largest share of what the set changes, and that share."""
+        return max(self.made.items(), key=lambda item: item[1], default=("", float("nan")))
 
     def stands_out(self, scatter: Mapping[str, float], tolerance: float) -> bool:
         """Tell whether it changes some channel by more than repetitions differ there, and the tolerance."""
         return any(moved > max(scatter.get(c, 0.0), tolerance) for c, moved in self.changes.items())
 
-    def matters(self, remainder: float, scales: Scales) -> bool:
+    def matters(self, remainder: float, tolerance: float) -> bool:
         """Tell whether it closes enough to be named.
 
         Trials left out must show it, and it must do more than the errors of the formulas beside it may do.
-        Without it the gap must be larger by `LEFT`, as an rms of all channels, or a channel's change smaller
-        by `LEAST_SHARE` and two standard deviations of those errors, which are not known at their limit.
+        Without it the gap must be larger by `LEFT`, as an rms of all channels; or in a channel of whose
+        change it makes `LEAST_SHARE`, the others must leave more than the tolerance even if their formulas
+        are off by as much as they may be.
 
         Args:
             remainder: share of the gap that the whole set leaves.
-            scales: as learnt, the error of the formulas in each channel among them.
+            tolerance: as in `judge`.
         """
         if not np.isfinite(self.closes.value) or self.closes.value < 2 * self.closes.std:
             return False  # trials left out do not show it
         left = max(remainder, 0.0)
         closes = np.sqrt(max(left + self.closes.value, 0.0)) - np.sqrt(left)
-        channel, made = self.channel
-        formula = scales.formula_of(channel)
-        seen = formula < FORMULAS[1] and made >= max(LEAST_SHARE, 2 * formula)
-        return bool(closes >= LEFT or seen)
+        own = [c for c, share in self.made.items() if share >= LEAST_SHARE]
+        return bool(closes >= LEFT or any(self.needed.get(c, 0.0) > tolerance for c in own))
 
     def is_shown(self) -> bool:
         """Tell whether trials left out show it."""
@@ -198,7 +205,7 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
         lambda k: _named(problem, search, best.effects[k], whole, competition, held_out), len(best.effects)
     )
     scales, remainder = best.fit.scales, 1 - whole.closed.value
-    relevant = [n for n in parts if n.matters(remainder, scales)]
+    relevant = [n for n in parts if n.matters(remainder, tolerance)]
     beyond = remainder - 2 * whole.closed.std > LEFT**2  # not so where the standard error is not known
     explained = not beyond and good(problem, best.fit, tolerance)
     enough = remainder < LEFT**2 or explained
@@ -337,9 +344,11 @@ def _named(
         if likely:
             twins.append(rival)
             probability += share
-    channel = _channel(problem, search, changes, tolerance)
-    tight = strained_numbers(problem, best.fit, id_)
-    return Named(id_, tuple(twins), min(probability, 1.0), closes, speeds, tight, channel, changes)
+    return Named(
+        id_, tuple(twins), min(probability, 1.0), closes, speeds, strained_numbers(problem, best.fit, id_),
+        changes, _made(problem, search, changes, tolerance),
+        _needed(problem, search, without.fit, id_, changes, tolerance),
+    )  # fmt: skip
 
 
 def strained_numbers(problem: Problem, fit: Fit, id_: str) -> tuple[str, ...]:
@@ -358,12 +367,25 @@ def strained_numbers(problem: Problem, fit: Fit, id_: str) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _channel(
-    problem: Problem, search: Search, own: Mapping[str, float], tolerance: float
-) -> tuple[str, float]:
-    """Return the channel of which an effect makes the largest share of what the whole set changes."""
+def _made(problem: Problem, search: Search, own: Mapping[str, float], tolerance: float) -> dict[str, float]:
+    """Return channel to the share that an effect makes of what the whole set changes there."""
     alone = search.model(())
     assert alone is not None
     whole = moved(problem, alone.fit, search.best.fit)
-    made = {c: own[c] / max(whole[c], own[c]) for c in own if own[c] > tolerance}
-    return max(made.items(), key=lambda item: item[1], default=("", float("nan")))
+    return {c: own[c] / max(whole[c], own[c]) for c in own if own[c] > tolerance}
+
+
+def _needed(
+    problem: Problem, search: Search, without: Fit, id_: str, changes: Mapping[str, float], tolerance: float
+) -> Mapping[str, float]:
+    """Return channel to what is left without an effect where all else may be as wrong as it may be.
+
+    The formulas of the others are off by `FORMULA_ERROR` at most, the model by the tolerance, and trials
+    differ as the best set says. An error of a formula is alike in all trials of a command: it cannot stand
+    for an effect that differs from trial to trial.
+    """
+    if any(p.per_trial for p in problem.parameters_of(id_)):
+        return changes
+    alone = under(problem, without, search.best.fit.scales)
+    worst = replace(tolerated(alone.scales, tolerance), formula=FORMULAS[1])
+    return shares(problem, taken(problem, alone, worst))

@@ -293,3 +293,16 @@ def test_a_trial_in_stretches_gives_the_numbers_of_the_whole_trial(monkeypatch: 
     assert np.max(np.abs(found.point.vector - whole.point.vector) / std_of(whole)) < 0.5
     assert std_of(found) / std_of(whole) == pytest.approx(np.ones(whole.point.vector.size), rel=0.3)
     assert [d.value.shape for d in discrepancies(problem, found)] == shapes
+
+
+def test_a_scatter_that_is_as_filed_costs_nothing_and_any_other_does() -> None:
+    problem = problem_of(FOUR)
+    first = {s.name: s.std for t in problem.trials for s in t.slacks if s.learnt}
+
+    def cost(factor: float) -> float:
+        scales = Scales(0.01, 0.1, {name: factor * std for name, std in first.items()})
+        return log_prior(problem, Scales(0.01, 0.1), False) - log_prior(problem, scales, False)
+
+    assert cost(1.0) == 0
+    assert cost(10.0) == pytest.approx(PSEUDO_TRIALS * len(first) * (np.log(10) - 0.495))
+    assert cost(0.5) > 0
