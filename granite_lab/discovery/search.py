@@ -13,9 +13,10 @@ from granite_lab.discovery.heldout import predict, predicts_better
 from granite_lab.discovery.sets import attempts, fit_sets, set_of
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
-from granite_lab.inference.constants import EFFECT_ODDS, LEFT, SPREAD, TOLERANCE, WORTH
+from granite_lab.inference.constants import EFFECT_ODDS, FORMULA_ERROR, LEFT, SPREAD, TOLERANCE, WORTH
 from granite_lab.inference.fit import LEAST, ROUNDS, Fit, fit, taken, under
 from granite_lab.inference.gap import moved, shares, tolerated
+from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
 
@@ -236,10 +237,18 @@ class _Steps:
         return model
 
     def stays(self, model: Model, other: Model) -> bool:
-        """Tell whether the last effect of a set stays: it matters, and predicts what is left out."""
+        """Tell whether the last effect of a set stays: it matters, and predicts what is left out.
+
+        It must be needed, too, beside those before it: errors of their formulas would go on being mended.
+        """
         problem = self.problem
-        if max(moved(problem, model.fit, other.fit).values(), default=0.0) <= self.tolerance:
+        changes = moved(problem, model.fit, other.fit)
+        if max(changes.values(), default=0.0) <= self.tolerance:
             return False
+        for id_ in set(other.effects) - set(model.effects) if model.effects else ():
+            left = needed(problem, model.fit, other.fit.scales, id_, changes, self.tolerance)
+            if max(left.values(), default=0.0) <= self.tolerance:
+                return False
         alone = under(problem, model.fit, other.fit.scales)
         before, after = (predict(problem, f, self.tolerance) for f in (alone, other.fit))
         return predicts_better(problem, before, after)
@@ -354,6 +363,30 @@ def matters(problem: Problem, alone: Fit, best: Fit, tolerance: float) -> bool:
     """Tell whether the model alone leaves, or another model changes, more than the tolerance in a channel."""
     changed = max(moved(problem, alone, best).values(), default=0.0)
     return changed > tolerance or not good(problem, under(problem, alone, best.scales), tolerance)
+
+
+def needed(
+    problem: Problem, without: Fit, scales: Scales, id_: str, changes: Mapping[str, float], tolerance: float
+) -> Mapping[str, float]:
+    """Return channel to what is left without an effect where all else may be as wrong as it may be.
+
+    The formulas of the others are off by `FORMULA_ERROR` at most, the model by the tolerance, and trials
+    differ as a set with the effect says. An error of a formula is alike in all trials of a command: it cannot
+    stand for an effect that differs from trial to trial.
+
+    Args:
+        problem: the trials.
+        without: fit without the effect.
+        scales: of a set with it.
+        id_: the effect.
+        changes: channel to how far it moves the prediction, as a share of the channel's rms in motion.
+        tolerance: as in `search`.
+    """
+    if any(p.per_trial for p in problem.parameters_of(id_)):
+        return changes
+    alone = under(problem, without, scales)
+    worst = replace(tolerated(alone.scales, tolerance), formula=FORMULA_ERROR[1])
+    return shares(problem, taken(problem, alone, worst))
 
 
 def _origins(problem: Problem, result: Fit) -> list[Fit]:

@@ -10,11 +10,11 @@ import numpy as np
 from granite_lab.discovery.finding import Verdict
 from granite_lab.discovery.heldout import Predicted, closed, gaps, predict
 from granite_lab.discovery.resampling import Competition, by_evidence, compete, nothing_missing
-from granite_lab.discovery.search import Model, Search, good, matters
+from granite_lab.discovery.search import Model, Search, good, matters, needed
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import CREDIBLE, LEAST_SHARE, LEFT
-from granite_lab.inference.fit import Fit, taken, under
-from granite_lab.inference.gap import moved, scatter, shares, tolerated
+from granite_lab.inference.fit import Fit, under
+from granite_lab.inference.gap import moved, scatter
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FORMULAS
@@ -347,7 +347,7 @@ def _named(
     return Named(
         id_, tuple(twins), min(probability, 1.0), closes, speeds, strained_numbers(problem, best.fit, id_),
         changes, _made(problem, search, changes, tolerance),
-        _needed(problem, search, without.fit, id_, changes, tolerance),
+        needed(problem, without.fit, best.fit.scales, id_, changes, tolerance),
     )  # fmt: skip
 
 
@@ -373,19 +373,3 @@ def _made(problem: Problem, search: Search, own: Mapping[str, float], tolerance:
     assert alone is not None
     whole = moved(problem, alone.fit, search.best.fit)
     return {c: own[c] / max(whole[c], own[c]) for c in own if own[c] > tolerance}
-
-
-def _needed(
-    problem: Problem, search: Search, without: Fit, id_: str, changes: Mapping[str, float], tolerance: float
-) -> Mapping[str, float]:
-    """Return channel to what is left without an effect where all else may be as wrong as it may be.
-
-    The formulas of the others are off by `FORMULA_ERROR` at most, the model by the tolerance, and trials
-    differ as the best set says. An error of a formula is alike in all trials of a command: it cannot stand
-    for an effect that differs from trial to trial.
-    """
-    if any(p.per_trial for p in problem.parameters_of(id_)):
-        return changes
-    alone = under(problem, without, search.best.fit.scales)
-    worst = replace(tolerated(alone.scales, tolerance), formula=FORMULAS[1])
-    return shares(problem, taken(problem, alone, worst))

@@ -259,9 +259,7 @@ def _descended(
     return state, scales, bool(fine and away < good and promised < NO_FURTHER)
 
 
-def _unlimited(
-    problem: Problem, state: _State, scales: Scales, rounds: int
-) -> tuple[_State, Scales] | None:
+def _unlimited(problem: Problem, state: _State, scales: Scales, rounds: int) -> tuple[_State, Scales] | None:
     """Return the optimum at which the strength of the sand limits nothing, None where none is likelier.
 
     Where the friction on the tyre rules in (10), cohesion and angle of friction say nothing. A fit that comes
