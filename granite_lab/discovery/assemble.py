@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import ndtr
@@ -81,8 +82,9 @@ def assemble(
     verdict, clock = judgement.verdict, _clock(late, latency, effects)
     active = _active(problem, after.fit)
     if clock is not None:
-        if verdict == "unknown":  # what is missing may look like an offset
-            described = (*described, clock)
+        if verdict in ("unknown", "partly named"):  # what is missing may look like an offset
+            likely = clock.probability * float(np.clip(1 - np.nan_to_num(judgement.remainder), 0, 1))
+            described = (*described, replace(clock, probability=likely))
         else:
             found = (*found, clock)
         offset = effects[clock.id].parameters[0]

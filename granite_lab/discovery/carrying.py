@@ -74,7 +74,8 @@ def worse(after: Array | None, before: Array | None, tolerance: float) -> bool:
     """
     if after is None or before is None:
         return after is None and before is not None
-    after, before = np.maximum(after, tolerance**2), np.maximum(before, tolerance**2)
+    known = np.isfinite(after).any(axis=0) & np.isfinite(before).any(axis=0)
+    after, before = (np.maximum(x[:, known], tolerance**2) for x in (after, before))
     more = np.nansum((after - before) / np.nanmean(before, axis=0), axis=1)
     scatter = np.std(more, ddof=1) if more.size > 1 else 0.0
     return bool(more.sum() > np.sqrt(more.size) * scatter)
@@ -97,8 +98,9 @@ def _lacking(problem: Problem, point: Point, own: Sequence[int]) -> Array | None
         left = trial.measured - trial.predict(run, x[: trial.size], point.sensors)
         for c, values in zip(trial.channels, left, strict=True):
             size, moving = problem.size_of(command, c)
-            if size > 0:
-                row[names.index(c)] = np.nanmean((values[moving > 0] / size) ** 2)
+            squares = values[(moving > 0) & np.isfinite(values)] ** 2
+            if size > 0 and squares.size:
+                row[names.index(c)] = squares.mean() / size**2
         if "accel_x" in trial.channels:
             _, moving = problem.size_of(command, "accel_x")
             row[-1] = _of_velocity(trial, left[trial.channels.index("accel_x")], moving > 0)

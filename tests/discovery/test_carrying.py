@@ -56,6 +56,8 @@ def test_worse_is_more_than_a_standard_error_and_no_solution_is_the_worst() -> N
     assert not worse(known + off, known, TOLERANCE)
     assert worse(known + off + 0.02, known, TOLERANCE)
     assert not worse(known * 0 + 1e-4, known * 0, TOLERANCE)  # within the tolerance
+    lost = np.where([False, True, False], np.nan, known)  # a channel that was not logged
+    assert worse(lost + 0.1, lost, TOLERANCE)
     assert worse(None, known, TOLERANCE)
     assert not worse(None, None, TOLERANCE)
     assert not worse(known, None, TOLERANCE)
