@@ -13,7 +13,15 @@ from granite_lab.discovery.heldout import predict, predicts_better
 from granite_lab.discovery.sets import attempts, fit_sets, set_of
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
-from granite_lab.inference.constants import EFFECT_ODDS, FORMULA_ERROR, LEFT, SPREAD, TOLERANCE, WORTH
+from granite_lab.inference.constants import (
+    EFFECT_ODDS,
+    FORMULA_ERROR,
+    LEAST_SHARE,
+    LEFT,
+    SPREAD,
+    TOLERANCE,
+    WORTH,
+)
 from granite_lab.inference.fit import LEAST, ROUNDS, Fit, fit, taken, under
 from granite_lab.inference.gap import moved, shares, tolerated
 from granite_lab.inference.normal import Scales
@@ -239,15 +247,16 @@ class _Steps:
     def stays(self, model: Model, other: Model) -> bool:
         """Tell whether the last effect of a set stays: it matters, and predicts what is left out.
 
-        It must be needed, too, beside those before it: errors of their formulas would go on being mended.
+        Beside others it must be needed, too, or show beyond the errors of their formulas as learnt.
         """
-        problem = self.problem
+        problem, scales = self.problem, other.fit.scales
         changes = moved(problem, model.fit, other.fit)
         if max(changes.values(), default=0.0) <= self.tolerance:
             return False
         for id_ in set(other.effects) - set(model.effects) if model.effects else ():
-            left = needed(problem, model.fit, other.fit.scales, id_, changes, self.tolerance)
-            if max(left.values(), default=0.0) <= self.tolerance:
+            left = needed(problem, model.fit, scales, id_, changes, self.tolerance)
+            share = made(changes, moved(problem, self.models[()].fit, other.fit), self.tolerance)
+            if max(left.values(), default=0.0) <= self.tolerance and not shows(share, scales):
                 return False
         alone = under(problem, model.fit, other.fit.scales)
         before, after = (predict(problem, f, self.tolerance) for f in (alone, other.fit))
@@ -387,6 +396,28 @@ def needed(
     alone = under(problem, without, scales)
     worst = replace(tolerated(alone.scales, tolerance), formula=FORMULA_ERROR[1])
     return shares(problem, taken(problem, alone, worst))
+
+
+def made(changes: Mapping[str, float], whole: Mapping[str, float], tolerance: float) -> dict[str, float]:
+    """Return channel to the share that an effect makes of what its set changes there, beyond the tolerance.
+
+    Args:
+        changes, whole: channel to how far the effect, and the set, moves the prediction.
+        tolerance: as in `search`.
+    """
+    return {c: own / max(whole[c], own) for c, own in changes.items() if own > tolerance}
+
+
+def shows(made: Mapping[str, float], scales: Scales) -> bool:
+    """Tell whether an effect makes so much of a channel's change that errors of formulas do not.
+
+    That is `LEAST_SHARE`, and two standard deviations of those errors, which are not known at their limit.
+    """
+    formulas = {c: scales.formula_of(c) for c in made}
+    return any(
+        formulas[c] < FORMULA_ERROR[1] and share >= max(LEAST_SHARE, 2 * formulas[c])
+        for c, share in made.items()
+    )
 
 
 def _origins(problem: Problem, result: Fit) -> list[Fit]:

@@ -10,9 +10,9 @@ import numpy as np
 from granite_lab.discovery.finding import Verdict
 from granite_lab.discovery.heldout import Predicted, closed, gaps, predict
 from granite_lab.discovery.resampling import Competition, by_evidence, compete, nothing_missing
-from granite_lab.discovery.search import Model, Search, good, matters, needed
+from granite_lab.discovery.search import Model, Search, good, made, matters, needed, shows
 from granite_lab.estimate import Estimate
-from granite_lab.inference.constants import CREDIBLE, LEAST_SHARE, LEFT
+from granite_lab.inference.constants import CERTAIN, CREDIBLE, LEAST_SHARE, LEFT
 from granite_lab.inference.fit import Fit, under
 from granite_lab.inference.gap import moved, scatter
 from granite_lab.inference.normal import Scales
@@ -66,24 +66,28 @@ class Named:
         """Tell whether it changes some channel by more than repetitions differ there, and the tolerance."""
         return any(moved > max(scatter.get(c, 0.0), tolerance) for c, moved in self.changes.items())
 
-    def matters(self, remainder: float, tolerance: float) -> bool:
+    def matters(self, remainder: float, tolerance: float, scales: Scales) -> bool:
         """Tell whether it closes enough to be named.
 
         Trials left out must show it, and it must do more than the errors of the formulas beside it may do.
         Without it the gap must be larger by `LEFT`, as an rms of all channels; or in a channel of whose
         change it makes `LEAST_SHARE`, the others must leave more than the tolerance even if their formulas
-        are off by as much as they may be.
+        are off by as much as they may be. An effect that shows beyond the errors as learnt, see `shows`, and
+        not beyond their limit must be certain by two standard deviations.
 
         Args:
             remainder: share of the gap that the whole set leaves.
             tolerance: as in `judge`.
+            scales: as learnt, the error of the formulas in each channel among them.
         """
         if not np.isfinite(self.closes.value) or self.closes.value < 2 * self.closes.std:
             return False  # trials left out do not show it
         left = max(remainder, 0.0)
         closes = np.sqrt(max(left + self.closes.value, 0.0)) - np.sqrt(left)
         own = [c for c, share in self.made.items() if share >= LEAST_SHARE]
-        return bool(closes >= LEFT or any(self.needed.get(c, 0.0) > tolerance for c in own))
+        if closes >= LEFT or any(self.needed.get(c, 0.0) > tolerance for c in own):
+            return True
+        return self.probability >= CERTAIN and shows(self.made, scales)
 
     def is_shown(self) -> bool:
         """Tell whether trials left out show it."""
@@ -205,7 +209,7 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
         lambda k: _named(problem, search, best.effects[k], whole, competition, held_out), len(best.effects)
     )
     scales, remainder = best.fit.scales, 1 - whole.closed.value
-    relevant = [n for n in parts if n.matters(remainder, tolerance)]
+    relevant = [n for n in parts if n.matters(remainder, tolerance, scales)]
     beyond = remainder - 2 * whole.closed.std > LEFT**2  # not so where the standard error is not known
     explained = not beyond and good(problem, best.fit, tolerance)
     enough = remainder < LEFT**2 or explained
@@ -344,9 +348,12 @@ def _named(
         if likely:
             twins.append(rival)
             probability += share
+    alone = search.model(())
+    assert alone is not None
+    every = moved(problem, alone.fit, best.fit)
     return Named(
         id_, tuple(twins), min(probability, 1.0), closes, speeds, strained_numbers(problem, best.fit, id_),
-        changes, _made(problem, search, changes, tolerance),
+        changes, made(changes, every, tolerance),
         needed(problem, without.fit, best.fit.scales, id_, changes, tolerance),
     )  # fmt: skip
 
@@ -365,11 +372,3 @@ def strained_numbers(problem: Problem, fit: Fit, id_: str) -> tuple[str, ...]:
         if e == id_ and not p.shape and (bound or abs(value - p.neutral) > 2 * width_of(p)):
             found.append(p.name)
     return tuple(found)
-
-
-def _made(problem: Problem, search: Search, own: Mapping[str, float], tolerance: float) -> dict[str, float]:
-    """Return channel to the share that an effect makes of what the whole set changes there."""
-    alone = search.model(())
-    assert alone is not None
-    whole = moved(problem, alone.fit, search.best.fit)
-    return {c: own[c] / max(whole[c], own[c]) for c in own if own[c] > tolerance}

@@ -234,23 +234,27 @@ def test_trials_that_cannot_be_left_out_say_nothing_of_such() -> None:
 
 
 @pytest.mark.parametrize(
-    ("closes", "made", "remainder", "needed", "named"),
+    ("closes", "made", "remainder", "needed", "probability", "named"),
     [
-        (0.5, 0.0, 0.0, 0.0, True),
-        (0.10, 0.0, 0.0, 0.0, True),  # three tenths of the rms
-        (0.08, 0.0, 0.0, 0.0, False),
-        (0.10, 0.0, 0.1, 0.0, False),  # beside what the set leaves in any case
-        (0.02, 0.15, 0.0, 1.5 * TOLERANCE, True),
-        (0.02, 0.15, 0.0, 0.5 * TOLERANCE, False),  # errors of the formulas beside it may do as much
-        (0.02, 0.05, 0.0, 1.5 * TOLERANCE, False),  # other effects change that channel
-        (np.nan, 0.5, 0.0, 0.5, False),  # trials left out show no gap
+        (0.5, 0.0, 0.0, 0.0, 0.9, True),
+        (0.10, 0.0, 0.0, 0.0, 0.9, True),  # three tenths of the rms
+        (0.08, 0.0, 0.0, 0.0, 0.9, False),
+        (0.10, 0.0, 0.1, 0.0, 0.9, False),  # beside what the set leaves in any case
+        (0.02, 0.15, 0.0, 1.5 * TOLERANCE, 0.9, True),
+        (0.02, 0.15, 0.0, 0.5 * TOLERANCE, 0.9, False),  # errors of the formulas beside it may do as much
+        (0.02, 0.25, 0.0, 0.5 * TOLERANCE, 0.9, False),  # it shows beyond them as learnt, and is not certain
+        (0.02, 0.25, 0.0, 0.5 * TOLERANCE, 0.98, True),
+        (0.02, 0.15, 0.0, 0.5 * TOLERANCE, 0.98, False),  # less than two std of the formulas as learnt
+        (0.02, 0.05, 0.0, 1.5 * TOLERANCE, 0.9, False),  # other effects change that channel
+        (np.nan, 0.5, 0.0, 0.5, 0.98, False),  # trials left out show no gap
     ],
 )
 def test_an_effect_matters_by_the_gap_that_it_closes_or_by_a_channel(
-    closes: float, made: float, remainder: float, needed: float, named: bool
+    closes: float, made: float, remainder: float, needed: float, probability: float, named: bool
 ) -> None:
-    effect = Named("push", (), 1.0, Estimate(closes), made={"accel_x": made}, needed={"accel_x": needed})
-    assert effect.matters(remainder, TOLERANCE) is named
+    gap, channel = Estimate(closes), {"accel_x": made}
+    effect = Named("push", (), probability, gap, made=channel, needed={"accel_x": needed})
+    assert effect.matters(remainder, TOLERANCE, Scales(TOLERANCE, 0.1)) is named
 
 
 def test_what_an_error_of_the_formulas_beside_it_can_do_does_not_need_an_effect() -> None:
