@@ -185,8 +185,8 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     * ``named`` where these are all that matters, and together leave less than `LEFT` of the gap, as an rms;
       or not more by two standard errors, if errors of their formulas within `FORMULA_ERROR` and the tolerance
       explain what they leave.
-    * ``partly named`` where some are named and more is missing, ``unknown`` where none is. What else trials
-      left out show is a description.
+    * ``partly named`` where some are named and more is missing or not sure, ``unknown`` where none is named.
+      What else trials left out show is a description.
 
     Args:
         problem, search, tolerance: as in `judge`.
@@ -214,11 +214,9 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     explained = not beyond and good(problem, best.fit, tolerance)
     enough = remainder < LEFT**2 or explained
     stand_out = [n for n in relevant if not differ or n.stands_out(differ, tolerance)]
-    named = [n for n in stand_out if n.is_sure()]
-    verdict: Verdict = "named"
-    if not (enough and named and len(named) == len(relevant)):
-        named = [n for n in named if n.is_sure_beside(remainder, scales)]
-        verdict = "partly named" if named else "unknown"
+    named = [n for n in stand_out if n.is_sure() and (enough or n.is_sure_beside(remainder, scales))]
+    every = enough and len(named) == len(relevant)
+    verdict: Verdict = "unknown" if not named else "named" if every else "partly named"
     rest = [n for n in parts if n not in named]
     shown = [n for n in rest if verdict != "named" and n.is_shown()]
     small = (*beside, *(n for n in rest if n not in shown))

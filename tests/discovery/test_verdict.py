@@ -11,9 +11,9 @@ from granite_lab.discovery.candidates import rescreened, rivals, scores, screen
 from granite_lab.discovery.finding import FoundEffect
 from granite_lab.discovery.heldout import closed, predict
 from granite_lab.discovery.power import _by_noise_own, _shares
-from granite_lab.discovery.search import MOST, Search, search, strained
+from granite_lab.discovery.search import MOST, Search, needed, search, strained
 from granite_lab.discovery.sets import fit_sets
-from granite_lab.discovery.verdict import OPEN, Judgement, Named, _needed, by_posterior, judge
+from granite_lab.discovery.verdict import OPEN, Judgement, Named, by_posterior, judge
 from granite_lab.discovery.words import provisional, sentence
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import REST_SHARE, WORTH
@@ -261,13 +261,13 @@ def test_what_an_error_of_the_formulas_beside_it_can_do_does_not_need_an_effect(
     answer = ask(push=0.3, shake=0.15, discrepancy=0.0)
     best, without = answer.search.best, answer.search.model(("push",))
     assert without is not None
-    changes = {"accel_x": 0.5}
-    assert _needed(answer.problem, answer.search, without.fit, "shake", changes, TOLERANCE) == changes
+    changes, scales = {"accel_x": 0.5}, best.fit.scales
+    assert needed(answer.problem, without.fit, scales, "shake", changes, TOLERANCE) == changes
     alone = answer.search.model(())
     assert alone is not None
-    lost = _needed(answer.problem, answer.search, alone.fit, "push", changes, TOLERANCE)
+    lost = needed(answer.problem, alone.fit, scales, "push", changes, TOLERANCE)
     assert max(lost.values()) > TOLERANCE
-    same = _needed(answer.problem, answer.search, best.fit, "push", changes, TOLERANCE)
+    same = needed(answer.problem, best.fit, scales, "push", changes, TOLERANCE)
     assert max(same.values()) < TOLERANCE
 
 
