@@ -79,7 +79,8 @@ def options_of(
     )  # fmt: skip
     return Options(
         text(robot), text(soil), text(column_map), rows=rows, model=path(model), effects=path(effects),
-        info=None if info == TrialInfo() else info, topics=tuple((topics or {}).items()), window=window,
+        info=None if info == TrialInfo() else info, topics=tuple((topics or {}).items()),
+        window=window and (window[0], window[1]),
         exclude=tuple((exclude or {}).items()), tolerance=tolerance, latency=latency,
         drive=cast(DriveBy, drive),
     )  # fmt: skip

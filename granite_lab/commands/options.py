@@ -134,9 +134,9 @@ def at_hand(options: Mapping[str, Any]) -> dict[str, Any]:
     keywords = said_of(options)
     if keywords["logs"]:
         return keywords
-    found = logs_at_hand()
-    print(printable(found.line), file=sys.stderr)
-    return {**found.said, **keywords, "logs": list(found.logs)}
+    taken = logs_at_hand()
+    print(printable(taken.line), file=sys.stderr)
+    return {**taken.keywords, **keywords, "logs": list(taken.logs)}
 
 
 def count_of(logs: Sequence[Path]) -> int | None:
