@@ -275,41 +275,6 @@ def _recording_in(folder: Path, trial: str | None) -> Path:
 
 
 def check(
-    log: str | Path,
-    *,
-    robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
-    window: Window = None, changes: Changes = None,
-    rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
-    use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
-) -> Checked:  # fmt: skip
-    """Check a log after a run in the field: readable, sensors, standstills, speed, slip, estimate.
-
-    A log that cannot be used is reported as a failed check.
-
-    Args:
-        log: path of the log.
-        robot, soil, column_map, topics, window, changes: what is said of the log, as in `ingest`.
-        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
-            trial, as in `ingest`.
-
-    Returns:
-        the checks; the table has a row for each.
-
-    Raises:
-        UsageError: unknown robot or column map, or a folder of several logs.
-    """
-    options = options_of(
-        robot=robot, soil=soil, column_map=column_map, topics=topics, window=window, changes=changes,
-        rests=rests, body_rests=body_rests, distance_measured=distance_measured,
-        use_reference=use_reference, ref_v_std=ref_v_std, ref_x_std=ref_x_std,
-    )  # fmt: skip
-    chosen = choose(log, options, everything=True)
-    if len(chosen.files) > 1:
-        raise UsageError(f"{log}: {len(chosen.files)} logs", "check_logs checks several")
-    return check_run(chosen.files[0], chosen.options)
-
-
-def check_logs(
     logs: Logs,
     *,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
@@ -332,7 +297,7 @@ def check_logs(
         done: called with each path once it is finished.
 
     Returns:
-        one record a log, as of `check`; the table has a row for each check.
+        one record a log; the table has a row for each check.
 
     Raises:
         UsageError: unknown robot or column map, or no log.

@@ -65,7 +65,7 @@ def check(
     """
     given = at_hand(locals())
     with progress("checking", quiet=quiet, total=count_of(given["logs"])) as watch:
-        checked = gl.check_logs(**given, jobs=jobs, done=watch.done)
+        checked = gl.check(**given, jobs=jobs, done=watch.done)
     printer = Printer(as_json)
     if len(checked) == 1:
         _show_checks(printer, checked[0])
