@@ -141,10 +141,10 @@ def ingest(
         raise UsageError("--variant and files of sensors go with one trial", "ingest the trials one by one")
     options = replace(chosen.options, **files)
     if variant:
-        said = TrialInfo(robot=options.robot, v_desired=variant)
-        options = replace(options, info=over(said, options.info or TrialInfo()))
+        stated = TrialInfo(robot=options.robot, v_desired=variant)
+        options = replace(options, info=over(stated, options.info or TrialInfo()))
     outcomes = each_trial(corrected, chosen.files, options, execution=execution, done=done)
-    alone = [path for path, one in zip(chosen.files, outcomes, strict=True) if _refers(one)]
+    alone = [path for path, outcome in zip(chosen.files, outcomes, strict=True) if _refers(outcome)]
     blind = dict(zip(alone, each_trial(blindly, alone, options, execution=execution), strict=True))
     pairs = zip(chosen.files, outcomes, strict=True)
     records = [_ingested(path, outcome, against_reference, blind.get(path)) for path, outcome in pairs]
@@ -168,15 +168,15 @@ def _ingested(
     """
     if isinstance(outcome, LabError):
         return outcome
-    found = Ingested(*outcome, log=log)
+    ingested = Ingested(*outcome, log=log)
     if isinstance(blind, LabError):
-        said = f"without the reference there is no estimate to compare: {blind.message}"
-        motion = replace(found.motion, warnings=(*found.motion.warnings, said))
-        return replace(found, motion=motion)
+        warning = f"without the reference there is no estimate to compare: {blind.message}"
+        motion = replace(ingested.motion, warnings=(*ingested.motion.warnings, warning))
+        return replace(ingested, motion=motion)
     if blind is None and not judge:
-        return found
+        return ingested
     try:
-        return replace(found, judgement=estimation.judge(blind or found.motion, found.trial, 0.0))
+        return replace(ingested, judgement=estimation.judge(blind or ingested.motion, ingested.trial, 0.0))
     except EstimateError as error:
         return error
 
@@ -262,16 +262,16 @@ def view(
 
 def _recording_in(folder: Path, trial: str | None) -> Path:
     """Return the recording of a trial in a report folder, or that of the whole study."""
-    found = {path.stem: path for path in sorted(folder.rglob("*.rrd"), reverse=True)}
-    if not found:
+    recordings = {path.stem: path for path in sorted(folder.rglob("*.rrd"), reverse=True)}
+    if not recordings:
         hint = "make one with 'granite-lab study TRIALS --out DIR'"
         raise InputError(f"{folder}: no recording in it", hint)
-    if trial is not None and trial.casefold() == WHOLE and f"{trial} (2)" in found:
+    if trial is not None and trial.casefold() == WHOLE and f"{trial} (2)" in recordings:
         trial = f"{trial} (2)"  # the log has the name of the whole study's recording
-    if trial is not None and trial not in found:
-        hint = f"there are: {', '.join(sorted(found))}"
+    if trial is not None and trial not in recordings:
+        hint = f"there are: {', '.join(sorted(recordings))}"
         raise InputError(f"{folder}: no recording of trial '{trial}'", hint)
-    return found[trial] if trial else found.get(WHOLE, found[min(found)])
+    return recordings[trial] if trial else recordings.get(WHOLE, recordings[min(recordings)])
 
 
 def check(
@@ -310,5 +310,5 @@ def check(
     chosen = choose(logs, options, everything=True)
     outcomes = each_trial(check_run, chosen.files, chosen.options, execution=execution, done=done)
     pairs = zip(chosen.files, outcomes, strict=True)
-    checks = [unread(path, one) if isinstance(one, LabError) else one for path, one in pairs]
-    return Records(checks, [name_of(one.log) for one in checks])
+    checks = [unread(path, outcome) if isinstance(outcome, LabError) else outcome for path, outcome in pairs]
+    return Records(checks, [name_of(outcome.log) for outcome in checks])

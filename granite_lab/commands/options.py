@@ -165,10 +165,10 @@ def read_pairs(
     option: str, texts: Sequence[str] | None, read: Callable[[str], tuple[str, T]], hint: str
 ) -> dict[str, T]:
     """Return names and what they stand for, each once; raise as `read_all`."""
-    found = dict(read_all(option, texts or (), read, hint))
-    if len(found) < len(texts or ()):
+    pairs = dict(read_all(option, texts or (), read, hint))
+    if len(pairs) < len(texts or ()):
         raise UsageError(f"{option} {' '.join(texts or ())}: cannot be understood", hint)
-    return found
+    return pairs
 
 
 def number_of(text: str) -> tuple[str, float]:
@@ -208,11 +208,11 @@ def topics_of(texts: Sequence[str]) -> dict[str, str]:
 def effects_of(texts: Sequence[str] | None) -> dict[str, dict[str, float]]:
     """Return effects and their parameters, from texts as ``bulldozing.strength=0.5``."""
     hint = "write id.parameter=number"
-    found: dict[str, dict[str, float]] = {}
+    effects: dict[str, dict[str, float]] = {}
     for name, value in read_all("--effect", texts or (), number_of, hint):
         effect, _, parameter = name.partition(".")
-        found.setdefault(effect, {})[parameter] = value
-    return found
+        effects.setdefault(effect, {})[parameter] = value
+    return effects
 
 
 def interval_of(text: str) -> tuple[float, float]:
@@ -226,10 +226,10 @@ def interval_of(text: str) -> tuple[float, float]:
 def measured(text: str) -> Estimate:
     """Return a positive number with its std, from a text as ``2.03±0.01``."""
     value, _, std = text.replace("+-", "±").partition("±")
-    found = Estimate(float(value), float(std) if std else 0.005)
-    if not (found.value > 0 and found.std > 0):
+    tape = Estimate(float(value), float(std) if std else 0.005)
+    if not (tape.value > 0 and tape.std > 0):
         raise ValueError
-    return found
+    return tape
 
 
 def slips_of(text: str) -> list[float]:

@@ -321,16 +321,16 @@ def _paule_mandel(points: Points) -> _Weighted:
 
 def deviations(fits: Sequence[K92Fit]) -> Callable[[Array | float], Array] | None:
     """Return d of all trials for one k_92 or one each; None where the curve of one is not known."""
-    known = []
+    curves = []
     for fit in fits:
         slope = fit.slip_measured.std / fit.std_measurement if fit.std_measurement > 0 else math.nan
         if len(fit.curve) < 4 or not 0 < slope < math.inf:
             return None
         k, slip = np.array(fit.curve).T
-        known.append((fit.slip_measured.value, PchipInterpolator(k, slip), slope))
+        curves.append((fit.slip_measured.value, PchipInterpolator(k, slip), slope))
 
     def d(k: Array | float) -> Array:
-        pairs = zip(known, np.broadcast_to(k, len(known)), strict=True)
+        pairs = zip(curves, np.broadcast_to(k, len(curves)), strict=True)
         return np.array([(λ - of(np.clip(x, *of.x[[0, -1]]))) / slope for (λ, of, slope), x in pairs])
 
     return d

@@ -189,8 +189,8 @@ def _refuse_reversed(trial: str, t: Array, v: Array) -> None:
 
 def _std(std: Array) -> Array:
     """Return std of speeds without gaps; those of a log that tells none are those of its best sensor."""
-    known = std[np.isfinite(std) & (std > 0)]
-    return np.nan_to_num(std, nan=float(np.median(known)) if known.size else 1e-3)
+    stated = std[np.isfinite(std) & (std > 0)]
+    return np.nan_to_num(std, nan=float(np.median(stated)) if stated.size else 1e-3)
 
 
 def goes_by_command(effect: Effect) -> bool:
@@ -200,6 +200,6 @@ def goes_by_command(effect: Effect) -> bool:
 
 def drives(effect: Effect) -> bool:
     """Say whether an effect acts on the drive or its encoders, which wheels that are turned replace."""
-    own, plain = type(effect), Effect
+    kind, plain = type(effect), Effect
     hooks = ("voltages", "shaft", "reading")
-    return effect.of_encoders or any(getattr(own, hook) is not getattr(plain, hook) for hook in hooks)
+    return effect.of_encoders or any(getattr(kind, hook) is not getattr(plain, hook) for hook in hooks)

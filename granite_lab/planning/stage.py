@@ -126,9 +126,9 @@ def whitener_of(noise: Noise, trial: Observation, learnt_at: float) -> Whitener:
     """
     t, variant = trial.t, trial.variant
     level = float(np.hypot(noise.rest, FLOOR[noise.channel]))
-    known = np.ones(t.size, dtype=bool)
+    every_row = np.ones(t.size, dtype=bool)
     if not noise.driven:
-        return white(level, known, trial.width)
+        return white(level, every_row, trial.width)
     grid = np.linspace(0, 1, len(noise.driven))
     spectrum = np.interp(np.linspace(0, 1, max(1024, t.size) + 1), grid, noise.driven)
     speed = commanded_share(t, variant) * peak_velocity(variant) / learnt_at
@@ -138,7 +138,7 @@ def whitener_of(noise: Noise, trial: Observation, learnt_at: float) -> Whitener:
         v = speed[own]
         return np.asarray(np.outer(v, v) * toeplitz(shared[: v.size]) + level**2 * np.eye(v.size))
 
-    return whitener(known, trial.width, covariance)
+    return whitener(every_row, trial.width, covariance)
 
 
 class Stage:
@@ -286,13 +286,13 @@ def _imitating(stage: Stage, others: Setting, truth: Setting, id_: str) -> tuple
     shared = [k for k, p in enumerate(parameters) if not p.per_trial]
     for _ in range(ROUNDS):
         try:
-            found = fitted(stage.at_hand((*others, guess), [(*others, *truth)]), 1)
+            fit = fitted(stage.at_hand((*others, guess), [(*others, *truth)]), 1)
         except EstimateError:
             break
-        if found.misfit >= least:
+        if fit.misfit >= least:
             break
-        least, nearest = found.misfit, guess
+        least, nearest = fit.misfit, guess
         values = np.array(guess[1])
-        values[shared] += found.step[-len(shared) :]
+        values[shared] += fit.step[-len(shared) :]
         guess = id_, _within(parameters, values.tolist())
     return nearest
