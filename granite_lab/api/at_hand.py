@@ -27,6 +27,9 @@ SAMPLES = Path("data") / "samples"
 OF_INGEST_ALONE = ("imu", "encoders", "currents", "reference", "rows", "variant")
 """Keywords of `ingest` that no other verb has."""
 
+OF_WORK = ("logs", "strict", "jobs")
+"""Keywords of `ingest` that say nothing of a log."""
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -164,7 +167,7 @@ def remember(folder: Path, tables: Mapping[Path, Path], keywords: Mapping[str, A
         InputError: what stands in its place is no such list.
         LabError: the list cannot be written.
     """
-    given = {name: value for name, value in keywords.items() if name != "logs" and value is not None}
+    given = {name: value for name, value in keywords.items() if name not in OF_WORK and value is not None}
     entries = {entry.table: entry for entry in _read(folder / LIST)}
     entries |= {table: Entry(log, table, given) for log, table in tables.items()}
     rows = [

@@ -65,7 +65,7 @@ def check(
     """
     given = at_hand(locals())
     with progress("checking", quiet=quiet, total=count_of(given["logs"])) as watch:
-        checked = gl.check(**given, jobs=jobs, done=watch.done)
+        checked = gl.check(**given, done=watch.done)
     printer = Printer(as_json)
     if len(checked) == 1:
         _show_checks(printer, checked[0])
@@ -190,9 +190,7 @@ def ingest(
     ending = ending_of(None, table_format)
     folder = out or results_folder(given["logs"] or [file for file in (imu,) if file], "ingest")
     with progress("ingesting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
-        ingested = gl.ingest(
-            **given, against_reference=bool(against_reference), strict=strict, jobs=jobs, done=watch.done
-        )
+        ingested = gl.ingest(**given, against_reference=bool(against_reference), done=watch.done)
     written = [(item.motion, folder / f"{item.name}{ending}", item.judgement) for item in ingested]
     tables = {item.log: path for item, (_, path, _) in zip(ingested, written, strict=True)}
     refuse_others(folder, tables.values())

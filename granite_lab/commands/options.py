@@ -17,7 +17,10 @@ from granite_lab.estimate import Estimate
 T = TypeVar("T")
 
 AS_GIVEN = ("robot", "soil", "column_map", "use_reference", "ref_v_std", "ref_x_std")
-"""Options whose values are those of the API."""
+"""What is said of logs in the words of the API."""
+
+PASSED = ("drive", "model", "effects", "tolerance", "strict", "jobs", "scheduler", "cache")
+"""Further options whose names and values are those of the API."""
 
 TRIALS = "Logs (CSV, ROS bag, MCAP), or folders of them."
 CATALOGUE = "a name of the catalogue or a .toml file"
@@ -100,9 +103,9 @@ def picture(text: str, **more: Any) -> Any:
 
 
 def said_of(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return logs and what is said of them, out of all options of a command, as keywords of the API.
+    """Return the options of a command that several have as keywords of the API.
 
-    What was not given is left to it.
+    What was not said of the logs is left to it.
 
     Raises:
         UsageError: a text cannot be understood, or the window ends before it begins.
@@ -124,6 +127,11 @@ def said_of(options: Mapping[str, Any]) -> dict[str, Any]:
         "changes": changes_of(options["changes"]),
     }
     given = {name: value for name, value in keywords.items() if value not in (None, False, [], {})}
+    given |= {name: options[name] for name in PASSED if name in options}
+    if "exclude" in options:
+        given["exclude"] = excluded_of(options["exclude"])
+    if "latency" in options:
+        given["latency"] = options["latency"] / 1e3
     return {"logs": list(options["logs"] or ()), **given}
 
 
