@@ -248,8 +248,8 @@ def robot_slip(smoothed: Smoothed, x: Array, d: Array, i: int, j: int) -> Estima
     gradient[[D, X, P]] = travelled, -slipped, slipped
     gradient /= rolled**2
     cross = smoothed.cross(i, j)
-    spread = smoothed.P[i] + smoothed.P[j] - cross - cross.T
-    return Estimate(float(slipped / rolled), float(np.sqrt(max(gradient @ spread @ gradient, 0.0))))
+    covariance = smoothed.P[i] + smoothed.P[j] - cross - cross.T
+    return Estimate(float(slipped / rolled), float(np.sqrt(max(gradient @ covariance @ gradient, 0.0))))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from scipy.linalg import blas
 from scipy.special import gammaincinv
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.error_model import BA, BG, SIZE, TAU, TH, UNKNOWN, C, D, Places, S, Updates
+from granite_lab.estimation.error_model import ANY_SLIP, BA, BG, SIZE, TAU, TH, C, D, Places, S, Updates
 from granite_lab.estimation.nodes import Nodes, build, pace_of
 from granite_lab.estimation.nominal import AT_REST, Nominal, Start, integrate, quieten
 from granite_lab.estimation.problem import Problem
@@ -258,15 +258,15 @@ def _inverse(covariance: Array) -> Array:
 
 
 def with_steady_slip(nodes: Nodes, smoothed: Smoothed) -> Smoothed:
-    """Add the effect of a steady slip ratio of the std `UNKNOWN`, which the filter leaves out (Schmidt 1966).
+    """Add the effect of a steady slip ratio, std `ANY_SLIP`, which the filter leaves out (Schmidt 1966).
 
     The estimate is linear in its measurements: it is made again from those that the error alone would give,
     and what it misses of the error is added to the covariance.
     """
     error = np.zeros((nodes.t.size, SIZE))
-    error[:, S] = UNKNOWN
+    error[:, S] = ANY_SLIP
     slipped = np.where(nodes.moving, nodes.w, 0.0) * np.diff(nodes.t, prepend=nodes.t[0])
-    error[:, D] = UNKNOWN * np.cumsum(slipped)
+    error[:, D] = ANY_SLIP * np.cumsum(slipped)
     given = nodes.updates
     updates = replace(given, z=np.vecdot(given.H, error[given.node]))
     missed = smoothed_states(nodes, forward(replace(nodes, updates=updates, x0=np.zeros((SIZE, 1))))) - error

@@ -34,7 +34,7 @@ FASTER, SLOWER = 1.25, 0.6
 SHARPER = 2.0
 """Factor of the accelerations so far."""
 
-STEADY = 2.5
+STEADY_TIME = 2.5
 """Time at constant speed of a proposed command [s], where the room allows it: slip is steady after 0.35 s."""
 
 PAYLOAD = 0.2
@@ -263,7 +263,7 @@ def options(
         """Add a command on raked, level sand if the room suffices and it is new."""
         digit = 10.0 ** (math.floor(math.log10(v)) - 1)  # speeds are rounded down, to two digits
         v, a = float(f"{math.floor(min(v, top) / digit + 1e-6) * digit:.2g}"), float(f"{a:.2g}")
-        way = way or min(room, math.ceil(2 * (v * v / a + STEADY * v)) / 2)
+        way = way or min(room, math.ceil(2 * (v * v / a + STEADY_TIME * v)) / 2)
         new = Variant(velocity=v, acceleration=a, distance=way)
         if v * v / a <= way and duration(new) <= LONGEST and (new, PLAIN) not in listed:
             listed.add((new, PLAIN))
