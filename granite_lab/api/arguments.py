@@ -87,7 +87,7 @@ def options_of(
 
 
 def refuse_outside(name: str, value: float | None, low: float, high: float = math.inf) -> None:
-    """Raise a UsageError for the number of an option that is out of its limits; None is in any."""
+    """Raise a UsageError where the number of an option is outside its limits; None is accepted."""
     if value is not None and not low <= value <= high:
         limits = f"{low:g} to {high:g}" if high < math.inf else f"{low:g} or more"
         raise UsageError(f"--{name} {value:g} is out of range", f"expected a number of {limits}")

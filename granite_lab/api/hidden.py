@@ -217,7 +217,7 @@ def _velocity_and_current(run: Run) -> dict[str, Array]:
 
 
 def _changed(folder: Path, answer: Mapping[str, Any]) -> list[str]:
-    """Return a line for each trial that is not the one that was written."""
+    """Return a line for each trial whose log was changed since it was written."""
     lines = []
     for name, trial in answer["trials"].items():
         path = folder / f"{name}.csv"

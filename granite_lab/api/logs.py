@@ -162,7 +162,7 @@ def _refers(outcome: tuple[Trial, Robot, Motion] | LabError) -> bool:
 def _ingested(
     log: Path, outcome: tuple[Trial, Robot, Motion] | LabError, judge: bool, blind: Motion | LabError | None
 ) -> Ingested | LabError:
-    """Return the record of a log, if asked for with its judgement; the error of one that has none.
+    """Return the record of a log, with its judgement if asked for; the error where there is no estimate.
 
     Where the reference entered the estimate, the one without it, `blind`, is judged.
     """

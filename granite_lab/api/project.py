@@ -213,7 +213,7 @@ def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
 
 
 def _reasons(project_of: Mapping[Path, tuple[Path, Project]], given: Mapping[str, str]) -> dict[Path, str]:
-    """Return which logs are left out and why: what is given wins over the file.
+    """Return the logs that are left out, with the reason; a reason that is given replaces that of the file.
 
     Raises:
         UsageError: a trial that is given is none of the logs, or lacks a reason.

@@ -212,7 +212,7 @@ def robot(
 
 
 def _answers(asked: Sequence[Question]) -> dict[str, float]:
-    """Ask for numbers on the terminal, each until it is one or nothing."""
+    """Ask for numbers on the terminal, each until the answer is a valid number or empty."""
     answers: dict[str, float] = {}
     for question in asked:
         while text := typer.prompt(question.text, default="", show_default=False, err=True).strip():

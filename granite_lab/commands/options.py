@@ -136,7 +136,7 @@ def said_of(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def at_hand(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what `said_of` does; where no logs are named with those at hand, which stderr tells."""
+    """Return what `said_of` returns; where no logs are named, those at hand are taken and named on stderr."""
     from granite_lab.api.at_hand import logs_at_hand
 
     keywords = said_of(options)
@@ -172,7 +172,7 @@ def read_all(option: str, texts: Sequence[str], read: Callable[[str], T], hint: 
 def read_pairs(
     option: str, texts: Sequence[str] | None, read: Callable[[str], tuple[str, T]], hint: str
 ) -> dict[str, T]:
-    """Return names and what they stand for, each once; raise as `read_all`."""
+    """Return names with their values; raise as `read_all`, also where a name occurs twice."""
     pairs = dict(read_all(option, texts or (), read, hint))
     if len(pairs) < len(texts or ()):
         raise UsageError(f"{option} {' '.join(texts or ())}: cannot be understood", hint)

@@ -106,7 +106,7 @@ def _sources(nodes: Nodes, noise: Noise, scatter: float) -> Mapping[str, tuple[K
 
 
 def _reference(nodes: Nodes) -> tuple[str, float]:
-    """Return unit and std of what an external reference measures; of the velocity where it gives both."""
+    """Return unit and std of an external reference: of its velocity if it has one, else of its place."""
     for kind, unit in (("reference_v", "m/s"), ("reference_x", "m")):
         variances = nodes.updates.R[nodes.updates.kind == kind]
         if variances.size:

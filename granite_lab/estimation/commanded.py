@@ -26,7 +26,7 @@ def commanded(
     variant: Variant,
     source: str,
 ) -> tuple[Variant, str, str | None]:
-    """Return what was commanded, the trapezoid or the course that the log tells; its source; a doubt or None.
+    """Return the command, a trapezoid or a logged course, with its source and a doubt or None.
 
     Args:
         trial: with its command, and what its metadata state.

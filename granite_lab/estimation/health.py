@@ -152,7 +152,7 @@ def judge_health(
 
 
 def _anchor(rests: Sequence[Interval], loose: Sequence[str], *, referred: bool) -> str:
-    """Say what anchors the velocity; `loose` are the ends at which it is not, `referred` with a reference."""
+    """Say what anchors the velocity, by the ends without an anchor and whether there is a reference."""
     several = f"{len(rests)} standstill{'s' * (len(rests) > 1)}"
     if referred:
         text = f"velocity is anchored by the external reference{f' and {several}' if rests else ''}"

@@ -350,7 +350,7 @@ def first_crossing(t: Array, pace: Array, rest: np.ndarray, begin: int, plateau:
 def _command(
     trial: Trial, start: Estimate, offset: Estimate, course: Phases
 ) -> tuple[Variant, str, str | None]:
-    """Return what was commanded: a course that is told, else the trapezoid; its source; a doubt or None."""
+    """Return the command, a course or else the trapezoid, with its source and a doubt or None."""
     variant, source, doubt = recognise(course, trial.info, load_variants())
     command, of, other = commanded(trial, start, offset, course.steady, variant, source)
     return (command, of, other) if of in ("logged", "stated") else (variant, source, doubt)

@@ -119,7 +119,7 @@ def with_jumps(problem: Problem, offset: float) -> Problem:
 
 
 def stuck(changes: Changes, rests: Sequence[Interval]) -> list[Interval]:
-    """Standstills of the body [s] while its wheels turn: by the IMU alone it is as slow as can be told.
+    """Return intervals [s] in which the wheels turn and the body, by the IMU alone, stands still.
 
     The slip ratio is then known to be 100 % within `SURE`. Wheels that dig themselves in hold the body for
     seconds; one that only turns round stands for less than a second, unless it goes on to stand.

@@ -54,7 +54,7 @@ class Innovations:
 
     @property
     def log_likelihood(self) -> float:
-        """Log-likelihood, less that of measurements which miss their prediction by their own std.
+        """Log-likelihood minus that of innovations which equal the std of their own measurement.
 
         So it does not depend on how many there are: filters over slightly different sets can be compared.
         """
@@ -164,7 +164,7 @@ def forward(nodes: Nodes) -> Filtered:
 
 
 def merged(nodes: Nodes) -> Nodes:
-    """Return nodes of which each, but for the first, measures something: steps between them are put together.
+    """Return the nodes without those that measure nothing; the first stays, steps in between are joined.
 
     The filter finds the same in them, sooner.
     """
@@ -212,7 +212,7 @@ def smoothed_states(nodes: Nodes, by_filter: Filtered) -> Array:
 
 
 def filtered(nodes: Nodes, innovations: Innovations) -> Filtered:
-    """Filter over all nodes by filterpy: what is published, with the `innovations` that `forward` found.
+    """Filter over all nodes by filterpy, for the published estimate; `innovations` are those of `forward`.
 
     Measurements are scalar: the inverse of their variance is its reciprocal.
     """
@@ -325,7 +325,7 @@ def settle(
 
 
 def smooth(last: Settled) -> Solution:
-    """Smooth the last pass; what is too large in it too widens the std of everything."""
+    """Smooth the last pass; innovations larger than expected widen every std."""
     smoothed = backward(last.nodes, filtered(last.nodes, last.by_filter.innovations))
     smoothed = replace(smoothed, P=smoothed.P * widening(smoothed.innovations))
     offset = Estimate(last.near + float(smoothed.x[-1, TAU]), float(np.sqrt(smoothed.P[-1, TAU, TAU])))

@@ -398,7 +398,7 @@ def a_theta_interval(
 
 
 def _chosen(linear: Interval, likelihood: Interval) -> Interval:
-    """Return the interval by the likelihood where it differs from that by the covariance, else the latter."""
+    """Return the interval by the covariance, or that by the likelihood where both differ."""
     off = max(abs(a - b) for a, b in zip(linear, likelihood, strict=True))
     half = (linear[1] - linear[0]) / 2
     return likelihood if math.isfinite(off) and off > DIFFERENT * half else linear

@@ -152,7 +152,7 @@ class K92Fit(Shown):
 
     @property
     def tells(self) -> bool:
-        """Whether `k92` is a number that means something: an inner optimum by a λ_R that is known."""
+        """Whether `k92` may be used: its optimum lies inside the bounds and λ_R is known."""
         return self.status == "ok" and self.slip_known
 
     @property
@@ -182,7 +182,7 @@ class K92Fit(Shown):
 
 
 def _cell(value: Estimate, status: FitStatus, known: bool = True) -> Cell:
-    """Return k_92, or why it is no number: a bound is none, and what is not known tells nothing."""
+    """Return k_92 as a cell, or the reason why there is no number: a bound, or an unknown value."""
     if status in BOUNDS:
         return Cell(STATUS_NAMES[status], (math.nan, math.nan, STATUS_NAMES[status]), "fair")
     if status == "not_converged":  # the curvature where a fit stopped is no std

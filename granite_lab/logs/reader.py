@@ -190,7 +190,7 @@ def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
 def _robot(
     sources: Sequence[Source], given: str | Path | None, info: TrialInfo | None, doubts: list[Doubt]
 ) -> tuple[str | None, Robot]:
-    """Decide which robot the log is of; without a word from anyone it is the laboratory's own."""
+    """Return the robot of the log: as given, else as the log says, else granite."""
     named = [_beside(source, source.metadata.get("robot", "")) for source in sources]
     named += [source.match.layout.robot for source in sources]
     changes = info.changes if info else ()

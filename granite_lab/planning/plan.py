@@ -204,7 +204,7 @@ def _judged(asked: Question, option: Option, now: Outlook, after: Outlook) -> Pr
 
 
 def _outlook(stage: Stage, models: Sequence[Setting], informations: Sequence[Array]) -> Outlook:
-    """Return what trials tell; an information for each of the first models, which may be false."""
+    """Return the expected outcome of trials by their information under each model that may be false."""
     if len(models) == 1:
         return _stds(stage, models[0], informations[0])
     k = len(models) - 1

@@ -59,7 +59,7 @@ class Question:
 
 
 def question(design: Design, known: Mapping[str, Effect]) -> Question:
-    """Choose what is known worst: twins first, then a verdict that is not final, then the size of a number.
+    """Choose the question of a plan: twins first, then an open verdict, then the least precise number.
 
     Effects whose strengths all differ from trial to trial cannot be foreseen for a new one and are no rivals.
 
@@ -170,7 +170,7 @@ class Stage:
         return point
 
     def information(self, number: int, count: int, model: Setting, others: Sequence[Setting] = ()) -> Array:
-        """Return what `count` trials of one command tell, if the effects of `model` are switched on.
+        """Return the information of `count` trials of one command under a model with the effects of `model`.
 
         Returns:
             (p + k, p + k) information of the p shared parameters, which end like `Point.vector`, then of the

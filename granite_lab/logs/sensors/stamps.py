@@ -154,7 +154,7 @@ def _apart(t: Array, values: Array, sensor: str, where: Where, doubts: list[Doub
 
 
 def _share_out(t: Array, new: Mask, place: str) -> tuple[Array, Mask, float]:
-    """Spread samples that share a stamp over the time for which it stands; `new` (N,) says where one begins.
+    """Spread samples with equal stamps over the time of their batch; `new` (N,) is True where a batch begins.
 
     A driver that empties the FIFO of a sensor gives all samples the stamp of the read, so they lie between it
     and the one before, evenly. Stamps of the first sample, or of the last tick of a slow clock, stand for the

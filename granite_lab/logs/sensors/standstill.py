@@ -183,8 +183,8 @@ def wheels_still(wheels: Turning, quiet: Mask | None = None, quiet_t: Array | No
 def _by_counts(wheels: Turning) -> Still:
     """Say where the wheels stand, by distances (M, 4) in whole counts.
 
-    A count is larger than a creep in `LEAST_REST`. One that is taken back at once is no motion. What the wheel
-    of the finest counts does not show, the body does not do.
+    A count is larger than a creep in `LEAST_REST`. One that is taken back at once is no motion. What the
+    wheel of the finest counts does not show, the body does not do.
     """
     t, count = wheels.t, np.inf
     turns, logged = np.zeros(t.size, dtype=bool), np.isfinite(wheels.distance)
@@ -288,7 +288,7 @@ def _lasting(t: Array, mask: Mask) -> Mask:
 
 
 def _noise(power: Array, dof: float, share: float) -> float:
-    """Std of white noise of which a `share` of windows is below that quantile of `power` (N,)."""
+    """Return the std of white noise whose windows have the same quantile, `share`, as `power` (N,)."""
     return float(np.sqrt(np.quantile(np.maximum(power, 0.0), share) * dof / chdtri(dof, 1.0 - share)))
 
 
