@@ -1,11 +1,10 @@
 from .api.hidden import hide, reveal
-from .api.logs import check, check_logs, ingest, inspect, view
+from .api.logs import check, ingest, inspect, view
 from .api.model import list_effects, params, show_effect, simulate, wheel
 from .api.new_robot import robot
 from .api.plots import plot
 from .api.run_checks import Checked
 from .api.trials import compare, discover, fit_a_theta, fit_k92, plan_next, record, report, study
-from .api.verification import verify
 from .errors import EstimateError, InputError, LabError, UsageError
 from .estimate import Estimate
 from .two_studies import compare_studies
@@ -20,7 +19,6 @@ __all__ = [
     "LabError",
     "UsageError",
     "check",
-    "check_logs",
     "compare",
     "compare_studies",
     "discover",
@@ -40,7 +38,6 @@ __all__ = [
     "show_effect",
     "simulate",
     "study",
-    "verify",
     "view",
     "wheel",
 ]

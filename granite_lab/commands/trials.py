@@ -41,11 +41,9 @@ from granite_lab.commands.options import (
     UseReference,
     at_hand,
     count_of,
-    excluded_of,
     said_of,
 )
-from granite_lab.commands.printer import Printer, progress, provenance, warn, warn_of
-from granite_lab.errors import LabError
+from granite_lab.commands.printer import Printer, progress, provenance, warn_of
 from granite_lab.files import write_table, write_text
 from granite_lab.rounding import significant
 from granite_lab.running.output import tell
@@ -54,7 +52,6 @@ from granite_lab.shown import picked
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from granite_lab.api.verification import Verification
     from granite_lab.planning.plan import Plan, Proposal
 
 MOST, PROPOSALS = 20, 8
@@ -81,10 +78,7 @@ def fit_k92(
     """
     given = at_hand(locals())
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
-        fits = gl.fit_k92(
-            **given, drive=drive, model=model, effects=effects, strict=strict, jobs=jobs, scheduler=scheduler,
-            cache=cache, done=watch.done,
-        )  # fmt: skip
+        fits = gl.fit_k92(**given, done=watch.done)
     if out is not None:
         write_text(out, reporting.tables.k92_table(list(fits)).to_csv())
     rows = [
@@ -120,11 +114,7 @@ def fit_atheta(
     """
     given = said_of(locals()) if published else at_hand(locals())
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
-        fit = gl.fit_a_theta(
-            **given, exclude=excluded_of(exclude),
-            published=published, drive=drive, model=model, effects=effects, strict=strict, jobs=jobs,
-            scheduler=scheduler, cache=cache, done=watch.done,
-        )  # fmt: skip
+        fit = gl.fit_a_theta(**given, published=published, done=watch.done)
     if out is not None:
         table = fit.to_frame()
         write_table(out, table.assign(data="virtual") if fit.virtual else table)
@@ -159,10 +149,7 @@ def compare(
     given = at_hand(locals())
     out = out or results_folder(given["logs"], "compare")
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
-        comparisons = gl.compare(
-            **given, out=out, drive=drive, model=model, effects=effects, strict=strict, jobs=jobs,
-            scheduler=scheduler, cache=cache, done=watch.done,
-        )  # fmt: skip
+        comparisons = gl.compare(**given, out=out, done=watch.done)
     rows = [
         {"trial": c.motion.trial, "virtual": c.motion.virtual, "variant_mps": c.fit.variant.velocity}
         | {"misfits": c.misfits}
@@ -190,8 +177,6 @@ def study(
         help="Folder of the report; its name is the report's name.", show_default="reports/study")] = None,
     discover: Annotated[bool, Option(help="Search for an effect that the model lacks.")] = True,
     recordings: Annotated[bool, Option(help="Also write a Rerun recording of each trial into --out.")] = True,
-    report: Annotated[Path | None, Option(
-        "--verify", metavar="REPORT", help="Compute a report again and print the differences.")] = None,
     quiet: Quiet = False, as_json: Json = False,
 ) -> None:  # fmt: skip
     """Analyse trials: estimate, fit, simulate, compare, a_θ, and the missing effect.
@@ -203,26 +188,15 @@ def study(
     from granite_lab.api.project import results_folder
     from granite_lab.discovery.as_json import finding_as_json
 
-    printer = Printer(as_json)
-    if report is not None:
-        with progress("trials", quiet=quiet) as watch:
-            verified = gl.verify(
-                report, logs or (), effects=effects, jobs=jobs, scheduler=scheduler,
-                done=watch.done, progress=watch.stage,
-            )  # fmt: skip
-        _show_verification(printer, verified)
-        return
     given = at_hand(locals())
     out = out or results_folder(given["logs"], "study")
     with progress("trials", quiet=quiet, total=count_of(given["logs"])) as watch:
         result = gl.study(
-            **given, exclude=excluded_of(exclude),
-            out=out, discover=discover, recordings=recordings, drive=drive, model=model,
-            effects=effects, tolerance=tolerance, latency=latency / 1e3, strict=strict, jobs=jobs,
-            scheduler=scheduler, cache=cache, done=watch.done, progress=watch.stage,
+            **given, out=out, discover=discover, recordings=recordings,
+            done=watch.done, progress=watch.stage,
         )  # fmt: skip
     warn_of(result.origin)
-    finding, written = result.finding, result.written
+    printer, finding, written = Printer(as_json), result.finding, result.written
     document = {
         "report": written.page,
         "unchanged": written.unchanged,
@@ -237,24 +211,6 @@ def study(
         kept = " (unchanged: logs, options and code are those it was written from)"
         printer.line(f"report: {written.page}{kept if written.unchanged else ''}")
     tell(list(dict.fromkeys((*(finding.failures if finding is not None else ()), *written.failures))))
-
-
-def _show_verification(printer: Printer, verified: Verification) -> None:
-    """Print how a report differs when computed again; raise a LabError if it does."""
-    warn(verified.notes)
-    lines = verified.differences
-    printer.json("verify/1", {"same": not lines} | vars(verified))
-    for line in lines[:MOST]:
-        printer.line(line)
-    if len(lines) > MOST:
-        printer.line(f"and {len(lines) - MOST} more differences; --json lists all")
-    if lines:
-        raise LabError(
-            f"{verified.report}: differs in {len(lines)} places when computed again",
-            "an input, the version or a library has changed, or the report was edited",
-        )
-    several = "s" if verified.trials > 1 else ""
-    printer.line(f"{verified.report}: identical, recomputed from {verified.trials} log{several}")
 
 
 def compare_studies(
@@ -310,11 +266,7 @@ def discover(
     given = at_hand(locals())
     out = out or results_folder(given["logs"], "discover")
     with progress("discovering", quiet=quiet) as watch:
-        finding = gl.discover(
-            **given, exclude=excluded_of(exclude),
-            out=out, drive=drive, effects=effects, tolerance=tolerance, latency=latency / 1e3,
-            strict=strict, jobs=jobs, scheduler=scheduler, cache=cache, progress=watch.stage,
-        )  # fmt: skip
+        finding = gl.discover(**given, out=out, progress=watch.stage)
     printer, written = Printer(as_json), finding.origin.written
     printer.json("discovery/3", finding_as_json(finding, written.model) | warn_of(finding.origin))
     reporting.terminal.show_study(of_search(finding, out), printer.shown, str(out), written.model)

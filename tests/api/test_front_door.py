@@ -25,7 +25,6 @@ PACKAGE = ROOT / "granite_lab"
 VERBS = {name: getattr(gl, name) for name in gl.__all__ if inspect.isfunction(getattr(gl, name))}
 
 COMMAND_OF = {
-    "check_logs": "check",
     "fit_a_theta": "fit-atheta",
     "list_effects": "effects",
     "show_effect": "effects show",
@@ -33,9 +32,7 @@ COMMAND_OF = {
 """Commands that are called in another way than their function."""
 
 NO_COMMAND = {
-    "check": "one log", "plot": "inspect --plot", "record": "study", "report": "study",
-    "verify": "study --verify",
-}  # fmt: skip
+    "plot": "inspect --plot", "record": "study", "report": "study",}  # fmt: skip
 """Functions without a command of their own, and what does it on the command line."""
 
 TERMINAL_ONLY = {
@@ -50,7 +47,6 @@ TOLD = {"done", "progress", "tell"}
 """Arguments by which a function says how far it is; a command shows it."""
 
 OWN = {
-    "study": {"report"},  # --verify
     "params": {"folder"},  # whose granite-lab.toml says robot and soil
     "robot": {"analysis"},  # what a terminal asks for
     "list_effects": {"context"},
