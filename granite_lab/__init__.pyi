@@ -5,6 +5,7 @@ from .api.new_robot import robot
 from .api.plots import plot
 from .api.run_checks import Checked
 from .api.trials import compare, discover, fit_a_theta, fit_k92, plan_next, record, report, study
+from .api.verification import verify
 from .errors import EstimateError, InputError, LabError, UsageError
 from .estimate import Estimate
 from .two_studies import compare_studies
@@ -38,6 +39,7 @@ __all__ = [
     "show_effect",
     "simulate",
     "study",
+    "verify",
     "view",
     "wheel",
 ]

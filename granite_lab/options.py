@@ -3,12 +3,55 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.logs.trial import TrialInfo, over
 from granite_lab.parameters.course import DriveBy
+
+GIVEN: dict[str, tuple[str, type]] = {
+    "robot": ("robot", str), "soil": ("soil", str), "map": ("column_map", str),
+    "model": ("model", Path), "effects": ("effects", Path), "drive": ("drive", str),
+}  # fmt: skip
+"""Option of the command line to field and type."""
+
+
+RESTS = (("rest", "rests"), ("body-rest", "body_rests"))
+"""Options that name standstills, and the fields of `TrialInfo` that hold them."""
+
+
+def _told(info: TrialInfo) -> dict[str, str | None]:
+    """Return the other options of what is known of a trial, to their texts; None where nothing is said."""
+    tape = None if info.distance_measured is None else f"{info.distance_measured:.9g}"
+    if tape and info.distance_measured_std is not None:
+        tape += f"±{info.distance_measured_std:.9g}"
+    texts = {"distance-measured": tape, "use-reference": "" if info.use_reference else None}
+    stds = {"ref-v-std": info.ref_v_std, "ref-x-std": info.ref_x_std}
+    return texts | {name: None if std is None else f"{std:.9g}" for name, std in stds.items()}
+
+
+def _info_of(given: Sequence[tuple[str, str]]) -> TrialInfo:
+    """Return what is known of all trials, from what `Options.given` made of it."""
+    texts = dict(given)
+    tape, _, std = texts.get("distance-measured", "").partition("±")
+    named: dict[str, Any] = {
+        field: tuple(tuple(map(float, value.split(":"))) for key, value in given if key == name)
+        for name, field in RESTS
+    }
+    named["changes"] = tuple((key, float(value)) for key, value in _pairs(given, "set"))
+    numbers = {"distance_measured": tape, "distance_measured_std": std}
+    numbers |= {field: texts.get(field.replace("_", "-"), "") for field in ("ref_v_std", "ref_x_std")}
+    named |= {field: float(text) for field, text in numbers.items() if text}
+    return TrialInfo(**named, use_reference="use-reference" in texts)
+
+
+def _pairs(given: Sequence[tuple[str, str]], option: str) -> tuple[tuple[str, str], ...]:
+    """Return both sides of each ``name=text`` that an option was given."""
+    parts = (value.partition("=") for key, value in given if key == option)
+    return tuple((name, text) for name, _, text in parts)
 
 
 @dataclass(frozen=True)
@@ -65,27 +108,37 @@ class Options:
 
     def given(self) -> tuple[tuple[str, str], ...]:
         """Return what was said about all trials, as the options of the command line."""
-        info = self.info or TrialInfo()
         start, end = self.window or (-math.inf, math.inf)
-        tape = None if info.distance_measured is None else f"{info.distance_measured:.9g}"
-        if tape and info.distance_measured_std is not None:
-            tape += f"±{info.distance_measured_std:.9g}"
-        texts = {
-            "robot": self.robot, "soil": self.soil, "map": self.column_map,
-            "model": self.model, "effects": self.effects,
-            "drive": None if self.drive == "auto" else self.drive,
+        named = {
+            **{name: getattr(self, field) for name, (field, _) in GIVEN.items()},
             "tolerance": None if self.tolerance == TOLERANCE else f"{self.tolerance:.9g}",
             "latency": None if self.latency == LATENCY_LIMIT else f"{1e3 * self.latency:.9g}",
             "from": start if math.isfinite(start) else None,
             "to": end if math.isfinite(end) else None,
-            "distance-measured": tape, "use-reference": "" if info.use_reference else None,
-            "ref-v-std": None if info.ref_v_std is None else f"{info.ref_v_std:.9g}",
-            "ref-x-std": None if info.ref_x_std is None else f"{info.ref_x_std:.9g}",
-        }  # fmt: skip
-        once = [(option, str(text)) for option, text in texts.items() if text is not None]
-        rests = [("rest", f"{a:.9g}:{b:.9g}") for a, b in info.rests]
-        rests += [("body-rest", f"{a:.9g}:{b:.9g}") for a, b in info.body_rests]
-        changes = [("set", f"{key}={value!r}") for key, value in info.changes]
-        topics = [("topic", f"{role}={topic}") for role, topic in self.topics]
-        excluded = [("exclude", f"{trial}={reason}") for trial, reason in self.exclude]
-        return (*once, *rests, *changes, *topics, *excluded)
+            "drive": None if self.drive == "auto" else self.drive,
+        }
+        info = self.info or TrialInfo()
+        named |= _told(info)
+        rests = ((name, f"{a:.9g}:{b:.9g}") for name, field in RESTS for a, b in getattr(info, field))
+        topics = tuple(("topic", f"{role}={topic}") for role, topic in self.topics)
+        changes = (("set", f"{key}={value!r}") for key, value in info.changes)
+        texts = ((key, str(value)) for key, value in named.items() if value is not None)
+        excluded = (("exclude", f"{trial}={reason}") for trial, reason in self.exclude)
+        return (*texts, *rests, *changes, *topics, *excluded)
+
+    @classmethod
+    def from_given(cls, given: Sequence[tuple[str, str]]) -> Options:
+        """Return what `given` was made from; other names are passed over."""
+        texts = dict(given)
+        fields: dict[str, Any] = {f: kind(texts[name]) for name, (f, kind) in GIVEN.items() if name in texts}
+        if {"from", "to"} & set(texts):
+            fields["window"] = float(texts.get("from", "-inf")), float(texts.get("to", "inf"))
+        info = _info_of(given)
+        return cls(
+            **fields,
+            info=None if info == TrialInfo() else info,
+            topics=_pairs(given, "topic"),
+            exclude=_pairs(given, "exclude"),
+            tolerance=float(texts.get("tolerance", TOLERANCE)),
+            latency=float(texts.get("latency", 1e3 * LATENCY_LIMIT)) / 1e3,
+        )

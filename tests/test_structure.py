@@ -199,7 +199,7 @@ EARLY = (
     "simulate --variant 9", "wheel --k92 2", "params --robot nope", "params nope", "effects show nope",
     "hide --effect nope --out nope", "reveal nope", "check nope", "ingest nope", "plan-next nope",
     "fit-k92 nope", "fit-atheta nope", "fit-k92 . --soil nope", "compare . --model nope",
-    "discover . --map nope", "study nope", "view nope", "compare-studies nope nope",
+    "discover . --map nope", "study --verify nope", "view nope", "compare-studies nope nope",
 )  # fmt: skip
 
 

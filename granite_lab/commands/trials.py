@@ -43,7 +43,8 @@ from granite_lab.commands.options import (
     count_of,
     said_of,
 )
-from granite_lab.commands.printer import Printer, progress, provenance, warn_of
+from granite_lab.commands.printer import Printer, progress, provenance, warn, warn_of
+from granite_lab.errors import LabError
 from granite_lab.files import write_table, write_text
 from granite_lab.rounding import significant
 from granite_lab.running.output import tell
@@ -52,6 +53,7 @@ from granite_lab.shown import picked
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from granite_lab.api.verification import Verification
     from granite_lab.planning.plan import Plan, Proposal
 
 MOST, PROPOSALS = 20, 8
@@ -177,6 +179,8 @@ def study(
         help="Folder of the report; its name is the report's name.", show_default="reports/study")] = None,
     discover: Annotated[bool, Option(help="Search for an effect that the model lacks.")] = True,
     recordings: Annotated[bool, Option(help="Also write a Rerun recording of each trial into --out.")] = True,
+    report: Annotated[Path | None, Option(
+        "--verify", metavar="REPORT", help="Compute a report again and print the differences.")] = None,
     quiet: Quiet = False, as_json: Json = False,
 ) -> None:  # fmt: skip
     """Analyse trials: estimate, fit, simulate, compare, a_θ, and the missing effect.
@@ -188,6 +192,15 @@ def study(
     from granite_lab.api.project import results_folder
     from granite_lab.discovery.as_json import finding_as_json
 
+    printer = Printer(as_json)
+    if report is not None:
+        with progress("trials", quiet=quiet) as watch:
+            verified = gl.verify(
+                report, logs or (), effects=effects, jobs=jobs, scheduler=scheduler,
+                done=watch.done, progress=watch.stage,
+            )  # fmt: skip
+        _show_verification(printer, verified)
+        return
     given = at_hand(locals())
     out = out or results_folder(given["logs"], "study")
     with progress("trials", quiet=quiet, total=count_of(given["logs"])) as watch:
@@ -196,7 +209,7 @@ def study(
             done=watch.done, progress=watch.stage,
         )  # fmt: skip
     warn_of(result.origin)
-    printer, finding, written = Printer(as_json), result.finding, result.written
+    finding, written = result.finding, result.written
     document = {
         "report": written.page,
         "unchanged": written.unchanged,
@@ -211,6 +224,24 @@ def study(
         kept = " (unchanged: logs, options and code are those it was written from)"
         printer.line(f"report: {written.page}{kept if written.unchanged else ''}")
     tell(list(dict.fromkeys((*(finding.failures if finding is not None else ()), *written.failures))))
+
+
+def _show_verification(printer: Printer, verified: Verification) -> None:
+    """Print how a report differs when computed again; raise a LabError if it does."""
+    warn(verified.notes)
+    lines = verified.differences
+    printer.json("verify/1", {"same": not lines} | vars(verified))
+    for line in lines[:MOST]:
+        printer.line(line)
+    if len(lines) > MOST:
+        printer.line(f"and {len(lines) - MOST} more differences; --json lists all")
+    if lines:
+        raise LabError(
+            f"{verified.report}: differs in {len(lines)} places when computed again",
+            "an input, the version or a library has changed, or the report was edited",
+        )
+    several = "s" if verified.trials > 1 else ""
+    printer.line(f"{verified.report}: identical, recomputed from {verified.trials} log{several}")
 
 
 def compare_studies(

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Iterator, Mapping
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from granite_lab.discovery.as_json import finding_as_json
+from granite_lab.errors import InputError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.files import sha256
@@ -154,3 +155,30 @@ def hashes_of(folder: Path) -> list[dict[str, str]]:
     """Return path and SHA-256 of each file in a folder."""
     files = sorted(path for path in folder.rglob("*") if path.is_file())
     return [{"file": path.relative_to(folder).as_posix(), "sha256": sha256(path)} for path in files]
+
+
+def changed_files(document: Mapping[str, Any], path: Path) -> Iterator[str]:
+    """Yield a line for each file of a report that is not what its ``report.json`` holds of it.
+
+    Args:
+        document: content of ``report.json``.
+        path: where that is.
+
+    Raises:
+        InputError: it holds no hashes, or names files outside its folder.
+    """
+    try:
+        held = {str(entry["file"]): str(entry["sha256"]) for entry in document["files"]}
+    except (KeyError, TypeError):
+        raise InputError(f"{path}: holds no hashes of the report's files", "run the study again") from None
+    for name, known in held.items():
+        place = PurePosixPath(name)
+        if place.is_absolute() or ".." in place.parts:
+            raise InputError(
+                f"{path}: file '{name}' is not in the folder of the report", "run the study again"
+            )
+        file = path.parent / place
+        if not file.is_file():
+            yield f"{name}: is missing"
+        elif sha256(file) != known:
+            yield f"{name}: its content was changed"

@@ -32,7 +32,8 @@ COMMAND_OF = {
 """Commands that are called in another way than their function."""
 
 NO_COMMAND = {
-    "plot": "inspect --plot", "record": "study", "report": "study",}  # fmt: skip
+    "plot": "inspect --plot", "record": "study", "report": "study", "verify": "study --verify",
+}  # fmt: skip
 """Functions without a command of their own, and what does it on the command line."""
 
 TERMINAL_ONLY = {
@@ -47,6 +48,7 @@ TOLD = {"done", "progress", "tell"}
 """Arguments by which a function says how far it is; a command shows it."""
 
 OWN = {
+    "study": {"report"},  # --verify
     "params": {"folder"},  # whose granite-lab.toml says robot and soil
     "robot": {"analysis"},  # what a terminal asks for
     "list_effects": {"context"},

@@ -72,7 +72,9 @@ def test_ingest_follows_the_file_and_lists_what_it_excludes(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("by", [FILE, "--exclude"])
-def test_a_study_lists_excluded_trials_and_set_numbers(tmp_path: Path, by: str) -> None:
+def test_a_study_lists_excluded_trials_and_set_numbers_and_is_verified_with_both(
+    tmp_path: Path, by: str
+) -> None:
     folder = folder_with(tmp_path, EXCLUDE if by == FILE else "")
     out = tmp_path / "report"
     options = ("--no-discover", "--no-recordings", "--jobs", 1, "--set", "robot.wheels.radius_m=0.1")
@@ -89,6 +91,7 @@ def test_a_study_lists_excluded_trials_and_set_numbers(tmp_path: Path, by: str) 
     assert "1 more trial excluded by the user." in page
     assert f"{B}: excluded: a wheel hit a stone" in page
     assert "could not be used" not in page
+    succeeded("study", folder, "--verify", out, "--jobs", 1)
 
 
 def test_what_is_given_excludes_besides_the_file_and_is_told_what_is_wrong(tmp_path: Path) -> None:

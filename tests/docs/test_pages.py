@@ -58,8 +58,9 @@ ELSEWHERE = {
     "granite-lab discover data/samples": "the search of the tutorial",
     "granite-lab discover my-trials --out my-trials/finding": "the search of the tutorial",
     "granite-lab plan-next reports/discover": "as in the tutorial",
-    "granite-lab study trials/ --no-cache --out again/my-sand": "tests/running/test_whole_runs.py",
-    "diff -r -x '*.rrd' reports/my-sand again/my-sand": "as above",
+    "granite-lab study --verify reports/sand-a": "a study again: tests/running/test_whole_runs.py",
+    "granite-lab study --verify reports/my-sand": "a study again: tests/running/test_whole_runs.py",
+    "granite-lab study moved/logs --verify reports/my-sand": "tests/running/test_whole_runs.py",
     "GRANITE_SOAK=1 python -m pytest -rP tests/running/test_whole_runs.py tests/running/test_cluster.py": (
         "takes hours"
     ),

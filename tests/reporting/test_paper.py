@@ -5,6 +5,7 @@ import hashlib
 import io
 import json
 import math
+import shutil
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
@@ -13,11 +14,13 @@ from typing import Any
 import pytest
 from pypdf import PdfReader
 
+from granite_lab.errors import InputError
 from granite_lab.estimate import Part
 from granite_lab.fitting import fit_a_theta
 from granite_lab.folders import LIST
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import write_report
+from granite_lab.reporting.json_report import changed_files
 from granite_lab.reporting.report import study_report
 from granite_lab.reporting.speeds import speeds_of
 from granite_lab.reporting.tables import COMBINED, budget_tables
@@ -123,3 +126,27 @@ def test_report_json_holds_the_hash_of_every_other_file(folder: Path) -> None:
 def document_of(folder: Path) -> dict[str, Any]:
     document: dict[str, Any] = json.loads((folder / "report.json").read_bytes())
     return document
+
+
+def test_a_changed_and_a_missing_file_are_named(folder: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    document = document_of(copy)
+    assert list(changed_files(document, copy / "report.json")) == []
+    (copy / "report.md").write_text("edited")
+    (copy / "report.pdf").unlink()
+    assert list(changed_files(document, copy / "report.json")) == [
+        "report.md: its content was changed",
+        "report.pdf: is missing",
+    ]
+
+
+@pytest.mark.parametrize("name", ["../secret", "/etc/hostname", "tables/../../secret"])
+def test_a_report_that_names_files_outside_its_folder_is_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is not in the folder of the report"):
+        list(changed_files({"files": [{"file": name, "sha256": ""}]}, tmp_path / "report.json"))
+
+
+@pytest.mark.parametrize("document", [{}, {"files": None}, {"files": [1]}, {"files": [{"file": "x"}]}])
+def test_a_report_without_hashes_is_refused(document: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds no hashes"):
+        list(changed_files(document, tmp_path / "report.json"))

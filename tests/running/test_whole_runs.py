@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,6 +16,8 @@ import pytest
 
 from granite_lab.errors import LabError
 from granite_lab.running.output import claimed
+from tests.corpus.cli import lab, refused
+from tests.effects.example import EXAMPLE
 from tests.running.processes import (
     STUDY,
     TWO,
@@ -170,6 +173,70 @@ def test_order_processes_language_and_memory_change_no_byte(folder: Path) -> Non
     assert len(origin["code_sha256"]) == 64
     assert (bool(origin["version"]), origin["options"]) == (True, [])
     assert {"robot.wheels.radius_m", "soil.cohesion_Pa"} <= {p["key"] for p in origin["parameters"]}
+
+
+def test_verify_finds_the_same_again_and_says_what_was_changed(tmp_path: Path, studied: Undisturbed) -> None:
+    for name in ("logs", "report"):
+        shutil.copytree(studied.folder / name, tmp_path / name)
+    output, _ = study(tmp_path, "--verify", "report")
+    assert output.strip() == "report/report.json: identical, recomputed from 2 logs"
+
+    edited = tmp_path / "report" / "report.json"
+    document = json.loads(edited.read_bytes())
+    document["a_theta"]["value"] += 1e-12
+    edited.write_text(json.dumps(document), encoding="utf-8")
+    table = next((tmp_path / "report" / "tables").glob("*.csv"))
+    table.write_text("0\n", encoding="utf-8")
+    moved = tmp_path / "moved"
+    shutil.copytree(tmp_path / "logs", moved)
+    with (moved / f"{TWO[0]}.csv").open("a", encoding="utf-8") as log:
+        log.write("\n")
+    output, errors = study(tmp_path, "moved", "--verify", "report", "--json", code=1)
+    found = json.loads(output)
+    assert found["same"] is False
+    told = "\n".join(found["differences"])
+    assert "a_theta.value: " in told
+    assert f"files.tables/{table.name}: " in told
+    assert f"inputs.{TWO[0]}.csv: " in told
+    assert "differs in" in errors
+
+
+def test_verify_runs_no_file_that_a_report_names(tmp_path: Path, studied: Undisturbed) -> None:
+    """The report of a stranger names an effect file, which would do anything."""
+    for name in ("logs", "report"):
+        shutil.copytree(studied.folder / name, tmp_path / name)
+    trap = tmp_path / "trap.py"
+    trap.write_text("from pathlib import Path\nPath('sprung').write_text('')\n" + EXAMPLE, encoding="utf-8")
+    report = tmp_path / "report" / "report.json"
+    document = json.loads(report.read_bytes())
+    document["provenance"]["options"] = [{"name": "effects", "value": "trap.py"}]
+    report.write_text(json.dumps(document), encoding="utf-8")
+    done = lab("study", "--verify", "report", cwd=tmp_path)
+    refused(done, 2, "report.json: was made with the effect file 'trap.py', which a verification would run")
+    assert done.hint.endswith("add --effects trap.py")
+    assert not (tmp_path / "sprung").exists()
+
+    document["provenance"]["options"] = []
+    report.write_text(json.dumps(document), encoding="utf-8")
+    done = lab("study", "--verify", "report", "--effects", "trap.py", cwd=tmp_path)
+    refused(done, 2, "was made without an effect file")
+
+
+def test_verify_takes_the_effects_that_it_is_given(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(EXAMPLE, encoding="utf-8")
+    undisturbed(tmp_path, *STUDY[:6], "--no-recordings", "--no-discover", "--effects", "own.py", logs=TWO[1:])
+    (tmp_path / "read").mkdir()
+    shutil.move(tmp_path / "own.py", tmp_path / "read" / "own.py")
+    output, _ = study(tmp_path, "--verify", "report", "--effects", "read/own.py")
+    assert output.strip() == "report/report.json: identical, recomputed from 1 log"
+
+
+def test_verify_refuses_what_is_no_report(tmp_path: Path) -> None:
+    refused(lab("study", "--verify", "report.json", cwd=tmp_path), 3, "report.json: cannot be read: does not")
+    other = "is not the report of a study"
+    for text, said in (("{", "is not JSON"), ("[]", other), ('{"schema": "granite-lab/report/1"}', other)):
+        (tmp_path / "report.json").write_text(text, encoding="utf-8")
+        refused(lab("study", "--verify", "report.json", cwd=tmp_path), 3, f"report.json: {said}")
 
 
 def test_two_runs_do_not_write_into_one_folder(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """What is written after a search: the same by `study` and `discover`; a defect in one part loses no other."""
 
 import json
+import math
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -96,6 +97,8 @@ def test_another_tolerance_or_latency_is_another_search_but_not_another_estimate
     for other in others:
         assert search_key(["x"], other) != search_key(["x"], plain)
         assert trial_key("w", LOG, other) == trial_key("w", LOG, plain)
+    for other in (*others, Options(window=(1772366400.123456, math.inf)), Options(window=(-math.inf, 3.0))):
+        assert Options.from_given([(key, str(value)) for key, value in other.given()]) == other
     assert plain.given() == ()
 
 
