@@ -10,11 +10,11 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab.inference.bench import SAND
+from granite_lab.inference.bench import SIMULATED
 from granite_lab.inference.nuisances import SENSORS
 from granite_lab.logs.trial import Array
 
-SHARED = (*SAND, *SENSORS)
+SHARED = (*SIMULATED, *SENSORS)
 """Numbers that all trials share, those of effects excepted."""
 
 
@@ -37,7 +37,7 @@ class Point:
     @property
     def sensors(self) -> Array:
         """The numbers of the sensors."""
-        return self.shared[len(SAND) :]
+        return self.shared[len(SIMULATED) :]
 
     @property
     def vector(self) -> Array:
@@ -52,7 +52,7 @@ class Slopes:
     Attributes:
         response: per command the (8, M) response.
         directions: per command (8, M, 2), see `TrialModel.directions`.
-        sand: per command (8, M, 7), by the logarithms of the sand.
+        sand: per command (8, M, 9), by the numbers of `SIMULATED`.
         common, own: per command (8, M, e), by the effects' shared and per-trial parameters.
         traces: per command (8, M, s), what each effect changes.
     """
@@ -66,7 +66,7 @@ class Slopes:
 
     @cached_property
     def changes(self) -> tuple[Array, ...]:
-        """Per command (8, M, 9 + e) all that `TrialModel.columns` takes: directions, sand, own, common."""
+        """Per command (8, M, 11 + e) all that `TrialModel.columns` takes: directions, sand, own, common."""
         parts = zip(self.directions, self.sand, self.own, self.common, strict=True)
         return tuple(np.concatenate(own, axis=-1) for own in parts)
 

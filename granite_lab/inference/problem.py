@@ -9,8 +9,8 @@ from itertools import chain
 
 import numpy as np
 
-from granite_lab.inference.bench import RAKED, SAND, Bench, Setting, Task, Values
-from granite_lab.inference.constants import SAND_STD, TOLERANCE
+from granite_lab.inference.bench import RAKED, SAND, SIMULATED, Bench, Setting, Task
+from granite_lab.inference.constants import LEAD_STD, SAND_STD, TOLERANCE
 from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, joined, modulated, scale_of
 from granite_lab.inference.noise import Filter, Whitener, stretches
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
@@ -20,8 +20,8 @@ from granite_lab.inference.strengths import centre_of, is_central, own_name, ste
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 
-STEP = np.array((0.01, 0.01, 0.03, 0.01, 0.01, 0.01, 0.005))
-"""Steps of the differences by `SAND`."""
+STEP = np.array((0.01, 0.01, 0.03, 0.01, 0.01, 0.01, 0.005, 0.005, 0.005))
+"""Steps of the differences by `SIMULATED`."""
 
 KINKED = ("cohesion", "shear_modulus", "friction_angle", "tyre_friction")
 """Sand by which differences are central: (10) has a kink where the other limit of the shear stress begins to
@@ -74,6 +74,7 @@ class Problem:
         self, trials: Sequence[TrialModel], bench: Bench, sand_std: Sequence[float] = SAND_STD
     ) -> None:
         self.trials, self.bench, self.sand_std = tuple(trials), bench, np.array(sand_std)
+        self.simulated_std = np.append(self.sand_std, (LEAD_STD,) * (len(SIMULATED) - len(SAND)))
         self.variants = sorted({t.variant for t in trials})
         self.commands = tuple(tuple(i for i, t in enumerate(trials) if t.variant == v) for v in self.variants)
         self.whiteners: list[list[Whitener]] = []
@@ -145,8 +146,8 @@ class Problem:
             trials.append(own)
             k += x.size
         shared = whole[k : k + len(SHARED)]
-        most = np.array([*(3 * self.sand_std), *np.full(len(SENSORS), np.inf)])
-        least = np.array([*(-3 * self.sand_std), *SENSORS_LEAST])
+        most = np.array([*(3 * self.simulated_std), *np.full(len(SENSORS), np.inf)])
+        least = np.array([*(-3 * self.simulated_std), *SENSORS_LEAST])
         common = whole[k + len(SHARED) :]
         bounds = [p for _, p in self.parameters(point.effects, per_trial=False)]
         if bounds:
@@ -159,7 +160,7 @@ class Problem:
         own = [scales.priors.get(own_name(id_), width_of(p)) for id_, p in private]
         std = [np.array([*(scales.priors.get(s.name, s.std) for s in t.slacks), *own]) for t in self.trials]
         common = self.parameters(point.effects, per_trial=False)
-        std += [self.sand_std, SENSORS_STD, np.array([width_of(p) for _, p in common])]
+        std += [self.simulated_std, SENSORS_STD, np.array([width_of(p) for _, p in common])]
         size = sum(s.size for s in std[:-1])
         means = np.concatenate([np.zeros(size), [centre_of(p) for _, p in common]])
         return np.concatenate(std), means
@@ -177,20 +178,18 @@ class Problem:
     def task(self, point: Point, trial: int) -> Task:
         """Return the simulation of one trial at its own sand."""
         x = point.trials[trial]
-        sand = point.shared[: len(SAND)].copy()
-        sand[:RAKED] += x[:RAKED]
-        own = x[self.trials[trial].size :]
-        return Task(
-            self.trials[trial].variant, as_values(sand), self.setting(point.effects, point.common, own)
-        )
+        numbers = point.shared[: len(SIMULATED)].copy()
+        numbers[:RAKED] += x[:RAKED]
+        setting = self.setting(point.effects, point.common, x[self.trials[trial].size :])
+        return self.bench.world.task(self.trials[trial].variant, numbers, setting)
 
     def centre(self, point: Point, command: int) -> Task:
         """Return the simulation of a command at the mean of its trials' own numbers."""
         own = self.commands[command]
-        sand = point.shared[: len(SAND)].copy()
-        sand[:RAKED] += np.mean([point.trials[i][:RAKED] for i in own], axis=0)
+        numbers = point.shared[: len(SIMULATED)].copy()
+        numbers[:RAKED] += np.mean([point.trials[i][:RAKED] for i in own], axis=0)
         setting = self.setting(point.effects, point.common, self._own_mean(point, command))
-        return Task(self.variants[command], as_values(sand), setting)
+        return self.bench.world.task(self.variants[command], numbers, setting)
 
     def _own_mean(self, point: Point, command: int) -> Array:
         rows = [point.trials[i][self.trials[i].size :] for i in self.commands[command]]
@@ -211,7 +210,7 @@ class Problem:
             sand_from: slopes whose derivatives by the sand are good enough to be kept.
             central: take differences to both sides where the model has kinks.
         """
-        first = 0 if sand_from is None else len(SAND)
+        first = 0 if sand_from is None else len(SIMULATED)
         commands = range(len(self.variants))
         plans = [self._differences(point, command, central)[first:] for command in commands]
         centres = [self.centre(point, command) for command, _ in enumerate(self.variants)]
@@ -233,7 +232,7 @@ class Problem:
             derived = [found for d in plan if (found := d.derivative(base, runs)) is not None]
             if base is None or len(others) < len(left) or len(derived) < len(plan):
                 return None
-            n = len(SAND) - first
+            n = len(SIMULATED) - first
             sand = stacked(derived[:n], base) if sand_from is None else sand_from.sand[j]
             common, own = np.split(stacked(derived[n:], base), [shared], axis=-1)
             traces = stacked([base - other for other in others], base)
@@ -244,10 +243,10 @@ class Problem:
     def _differences(self, point: Point, command: int, central: bool) -> list[Difference]:
         """Return the differences of a command by the sand and by the effects' parameters."""
         centre, found = self.centre(point, command), []
-        for k, name in enumerate(SAND):
-            ahead, behind = np.array(centre.sand), np.array(centre.sand)
-            ahead[k], behind[k] = ahead[k] + STEP[k], behind[k] - STEP[k]
-            sides = [Task(centre.variant, as_values(values), centre.setting) for values in (ahead, behind)]
+        numbers, task = np.array((*centre.sand, *centre.leads)), self.bench.world.task
+        for k, name in enumerate(SIMULATED):
+            step = STEP * (np.arange(STEP.size) == k)
+            sides = [task(centre.variant, x, centre.setting) for x in (numbers + step, numbers - step)]
             found.append(Difference(float(STEP[k]), central and name in KINKED, *sides))
         shared = [p for _, p in self.parameters(point.effects, per_trial=False)]
         private = [p for _, p in self.parameters(point.effects, per_trial=True)]
@@ -258,7 +257,7 @@ class Problem:
                 values = at.copy()
                 values[k] += sign * step
                 own = self.setting(point.effects, values[: len(shared)], values[len(shared) :])
-                sides.append(Task(centre.variant, centre.sand, own))
+                sides.append(replace(centre, setting=own))
             found.append(Difference(step, central and is_central(p, float(at[k]), step), *sides))
         return found
 
@@ -268,7 +267,7 @@ class Problem:
         for id_ in point.effects:
             left = self.without_effect(point, id_)
             own = self.setting(left.effects, left.common, self._own_mean(left, command))
-            found.append(Task(centre.variant, centre.sand, own))
+            found.append(replace(centre, setting=own))
         return found
 
     def residuals(self, point: Point, responses: Sequence[Array]) -> tuple[Array, ...]:
@@ -489,12 +488,7 @@ class Problem:
         t, x = self.trials[i], point.trials[i]
         command = self.variants.index(t.variant)
         local, sensors, others = t.columns(slopes.changes[command], x, point.sensors)
-        first, private = len(SAND) - RAKED, slopes.own[command].shape[-1]
+        first, private = len(SIMULATED) - RAKED, slopes.own[command].shape[-1]
         rest, own, common = np.split(others, [first, first + private], axis=1)
         more = [t.effect_columns(further.changes[command], x, point.sensors)] if further else []
         return np.column_stack([local, own, local[:, :RAKED], rest, sensors, common, *more])
-
-
-def as_values(values: Array) -> Values:
-    """Return an array as the plain numbers of a task."""
-    return tuple(values.tolist())

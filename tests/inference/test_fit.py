@@ -60,11 +60,11 @@ def test_a_fit_begins_near_the_latency_of_the_stamps(late: float, commands: tupl
     rng = np.random.default_rng(8)
     problem = problem_of(commands)
     truth = drawn(problem, rng)
-    truth.shared[len(SAND)] = late
+    truth.shared[SHARED.index("latency")] = late
     measure(problem, truth, rng)
     start, _ = at_first(problem)
-    assert start.shared[len(SAND)] == pytest.approx(late, abs=0.02)
-    assert fit(problem, start).point.shared[len(SAND)] == pytest.approx(late, abs=1e-3)
+    assert start.shared[SHARED.index("latency")] == pytest.approx(late, abs=0.02)
+    assert fit(problem, start).point.shared[SHARED.index("latency")] == pytest.approx(late, abs=1e-3)
 
 
 @pytest.mark.parametrize("share", PLAIN)
