@@ -25,8 +25,8 @@ SPACING = 0.05
 answers in 0.1 s and more."""
 
 CLASS = 0.005
-"""Share of the largest force within which corners are left out: data sheets of load cells state their error up
-to this share of the range."""
+"""Share of the largest force within which corners are left out: so large may, by its data sheet, be the error
+of a load cell over its range."""
 
 
 def towed(motion: Motion, trial: Trial, robot: Robot) -> Motion:

@@ -155,8 +155,8 @@ def by_name(name: str, place: int = 0) -> ColumnReport:
 def _meaning(parts: list[str], unit: Unit | None) -> tuple[tuple[str, ...], float]:
     """Return channels that the words of a name mean, and how sure that is."""
     terms = set(parts)
-    named = (("v_cmd", "command", 0.7), ("tow", "tow", 0.7), *((c, c, 0.8) for c in _GLOBE))
-    for channel, words_of_it, sure in named:
+    single = (("v_cmd", "command", 0.7), ("tow", "tow", 0.7), *((c, c, 0.8) for c in _GLOBE))
+    for channel, words_of_it, sure in single:
         if terms & WORDS[words_of_it]:
             return (channel,), sure
     if terms & WORDS["reference"]:
