@@ -9,7 +9,7 @@ from itertools import chain
 
 import numpy as np
 
-from granite_lab.inference.bench import RAKED, SAND, SIMULATED, Bench, Setting, Task
+from granite_lab.inference.bench import RAKED, SIMULATED, Bench, Setting, Task
 from granite_lab.inference.constants import LEAD_STD, SAND_STD, TOLERANCE
 from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, joined, modulated, scale_of
 from granite_lab.inference.noise import Filter, Whitener, stretches
@@ -74,7 +74,7 @@ class Problem:
         self, trials: Sequence[TrialModel], bench: Bench, sand_std: Sequence[float] = SAND_STD
     ) -> None:
         self.trials, self.bench, self.sand_std = tuple(trials), bench, np.array(sand_std)
-        self.simulated_std = np.append(self.sand_std, (LEAD_STD,) * (len(SIMULATED) - len(SAND)))
+        self.simulated_std = np.append(self.sand_std, LEAD_STD)
         self.variants = sorted({t.variant for t in trials})
         self.commands = tuple(tuple(i for i, t in enumerate(trials) if t.variant == v) for v in self.variants)
         self.whiteners: list[list[Whitener]] = []

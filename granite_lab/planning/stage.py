@@ -104,7 +104,7 @@ def trial_model(number: int, variant: Variant, like: Driven, robot: Robot, width
     edges = width * np.arange(first, last + 1, dtype=np.float64)
     rates = {"wheel": robot.encoders.rate, "current": robot.currents.rate}
     unit = np.eye(8)
-    weights = [*unit[:3], (unit[3] + unit[4]) / 2, unit[3] - unit[4], *unit[5:7]]
+    weights = [*unit[:3], (unit[3] + unit[4]) / 2, unit[3] - unit[4], *unit[5:7], unit[5] + unit[6]]
     if "wheel_split" not in names:
         weights[3] = unit[3]
     streams = {}
