@@ -111,16 +111,16 @@ states: other gains, a voltage fed forward, proportional and integral with limit
 robot's file is that of the paper's controller everywhere. What drives the simulation is left to the tool
 (`--drive auto`).
 
-No version was developed on these seeds, and each code judged them once. (600000 to 600014 and 610000, judged
-before, showed errors that are mended: they are not among them.) Shares are with their 95 % interval after Wilson.
-`make joystick` continues the list.
+No version was developed on these seeds, and each code judged them once. (600000 to 600014 and 610000,
+judged before, showed errors that are mended: they are not among them.) Shares are with their 95 % interval
+after Wilson. `make joystick` continues the list.
 
 ## a_θ
 
 {runs} runs in {len(kept["law"])} sets of four sticks, nothing hidden{judged_by(kept["law"])}.
-A value is right within {WITHIN:g} std of the true a_θ: of a run that of its sand, of a set that of the laboratory.
-Aim: 90 %. A run or a set without a value counts as wrong, but for fits by the trajectory that did not converge:
-these state no std.
+A value is right within {WITHIN:g} std of the true a_θ: of a run that of its sand, of a set that of the
+laboratory. Aim: 90 %. A run or a set without a value counts as wrong, but for fits by the trajectory that did
+not converge: these state no std.
 
 {table(LAW, law_rows(kept["law"]))}
 {names_of(kept["names"], told)}"""

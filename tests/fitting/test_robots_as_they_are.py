@@ -156,19 +156,15 @@ def test_a_list_of_forces_needs_the_start_of_the_command(tmp_path: Path) -> None
         towed(lost, trial, robot)
 
 
-def logged_force(
-    folder: Path, unit: str = "N", factor: float = 1.0, noise: float = 0.3
-) -> tuple[Path, float]:
-    """Write the log of a run whose load grows, with the column of a load cell; and when its command begins."""
+def logged_force(folder: Path, unit: str = "N", factor: float = 1.0) -> tuple[Path, float]:
+    """Write the log of a run whose load grows, with a load cell; return when its command begins, too."""
     course = hauling(variant_of(0.3), ((0.0, 2.0), (3.0, 2.0), (3.3, 12.0), (9.0, 12.0)), 0.0)
     of = simulate(course, ROBOT, SOIL, a_theta=A_THETA, accuracy=FINE)
     trial, truth = virtual_trial(of, 1, "growing")
     start = float(truth.attrs["t_start_s"])
     t = np.arange(0.1, start + of.variant.distance / 0.3 + 2, 0.0125)
-    rng = np.random.default_rng(1)
-    force = np.interp(t - start, *np.array([p[:2] for p in course.tow]).T) + noise * rng.standard_normal(
-        t.size
-    )
+    force = np.interp(t - start, *np.array([p[:2] for p in course.tow]).T)
+    force += 0.3 * np.random.default_rng(1).standard_normal(t.size)
     info = dataclasses.replace(trial.info, v_desired=0.3, a_max=1.2, distance=2.0)
     path = folder / "growing.csv"
     write_canonical(path, dataclasses.replace(trial, info=info, command=None, tow=Series(t, factor * force)))
