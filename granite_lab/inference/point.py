@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab.inference.bench import SIMULATED
+from granite_lab.inference.bench import SIMULATED, Task
 from granite_lab.inference.nuisances import SENSORS
 from granite_lab.logs.trial import Array
 
@@ -45,6 +45,39 @@ class Point:
     def vector(self) -> Array:
         """All numbers: the trials' own one after the other, then the shared ones."""
         return np.concatenate([*self.trials, self.shared, self.common])
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A difference that stands for a derivative.
+
+    Attributes:
+        step: of the number.
+        central: of both sides.
+        ahead, behind: the simulations a step further and a step back.
+    """
+
+    step: float
+    central: bool
+    ahead: Task
+    behind: Task
+
+    def derivative(self, base: Array | None, runs: Mapping[Task, Array | None]) -> Array | None:
+        """Return the (8, M) derivative, to the side that has a solution; None where neither has one.
+
+        Args:
+            base: the response in between.
+            runs: of the simulations, where they were made.
+        """
+        ahead, behind = runs.get(self.ahead), runs.get(self.behind)
+        if base is None or (ahead is None and behind is None):
+            return None
+        if self.central and ahead is not None and behind is not None:
+            return np.asarray((ahead - behind) / (2 * self.step))
+        if ahead is not None:
+            return np.asarray((ahead - base) / self.step)
+        assert behind is not None
+        return np.asarray((base - behind) / self.step)
 
 
 @dataclass(frozen=True, eq=False)

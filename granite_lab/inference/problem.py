@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 
@@ -15,7 +15,7 @@ from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, join
 from granite_lab.inference.noise import Filter, Whitener, stretches
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
 from granite_lab.inference.nuisances import SENSORS, SENSORS_LEAST, SENSORS_STD, TrialModel
-from granite_lab.inference.point import SHARED, Further, Point, Slopes, stacked
+from granite_lab.inference.point import SHARED, Difference, Further, Point, Slopes, stacked
 from granite_lab.inference.strengths import centre_of, is_central, own_name, step_of, width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
@@ -26,39 +26,6 @@ STEP = np.array((0.01, 0.01, 0.03, 0.01, 0.01, 0.01, 0.005, 0.005, 0.005))
 KINKED = ("cohesion", "shear_modulus", "friction_angle", "tyre_friction")
 """Sand by which differences are central: (10) has a kink where the other limit of the shear stress begins to
 rule, and a difference to one side shows one of the two."""
-
-
-@dataclass(frozen=True)
-class Difference:
-    """A difference that stands for a derivative.
-
-    Attributes:
-        step: of the number.
-        central: of both sides.
-        ahead, behind: the simulations a step further and a step back.
-    """
-
-    step: float
-    central: bool
-    ahead: Task
-    behind: Task
-
-    def derivative(self, base: Array | None, runs: Mapping[Task, Array | None]) -> Array | None:
-        """Return the (8, M) derivative, to the side that has a solution; None where neither has one.
-
-        Args:
-            base: the response in between.
-            runs: of the simulations, where they were made.
-        """
-        ahead, behind = runs.get(self.ahead), runs.get(self.behind)
-        if base is None or (ahead is None and behind is None):
-            return None
-        if self.central and ahead is not None and behind is not None:
-            return np.asarray((ahead - behind) / (2 * self.step))
-        if ahead is not None:
-            return np.asarray((ahead - base) / self.step)
-        assert behind is not None
-        return np.asarray((base - behind) / self.step)
 
 
 class Problem:
