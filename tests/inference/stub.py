@@ -15,7 +15,7 @@ from granite_lab.inference.bench import ACCURACY, SAND, SIGNALS, Bench, Task, Wo
 from granite_lab.inference.bench import Respond as Answers
 from granite_lab.inference.binning import Stream
 from granite_lab.inference.nuisances import TrialModel
-from granite_lab.inference.observation import UNITS, Observation
+from granite_lab.inference.observation import Observation
 from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.setup import nominal
@@ -117,7 +117,7 @@ class Respond:
 
 
 def problem_of(
-    commands: Sequence[int] = (0, 0, 1, 1), channels: Sequence[str] = tuple(UNITS), *,
+    commands: Sequence[int] = (0, 0, 1, 1), channels: Sequence[str] = tuple(PLACE), *,
     respond: Answers | None = None, effects: Mapping[str, Effect] = EFFECTS,
 ) -> Problem:  # fmt: skip
     """Return trials in which nothing was measured yet (all zero), with the nominal noise."""
@@ -125,7 +125,7 @@ def problem_of(
     models = []
     for i, command in enumerate(commands):
         variant = COMMANDS[command]
-        t = np.arange(-1.0, duration(variant) + 2.0, 0.01)
+        t = np.arange(-1.0, duration(variant) + 2.0, 0.003)
         edges = WIDTH * np.arange(-round(0.5 / WIDTH), np.ceil((duration(variant) + 1.5) / WIDTH) + 1)
         weights = {c: np.zeros(len(SIGNALS)) for c in channels}
         for c, w in weights.items():
