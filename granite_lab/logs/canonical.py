@@ -170,6 +170,7 @@ def _table(trial: Trial) -> pd.DataFrame:
         (trial.wheels, *(("rate", ENCODERS, "_radps") if rates else ("angle", ENCODERS, "_rad"))),
         (trial.currents, "current", CURRENTS, "_A"),
         (trial.command, "value", ("v_cmd",), "_mps"),
+        (trial.tow, "value", ("tow",), "_N"),
         (trial.reference_x, "value", ("ref_x",), "_m"),
         (trial.reference_v, "value", ("ref_v",), "_mps"),
     )

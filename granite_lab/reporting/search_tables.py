@@ -56,6 +56,7 @@ SCALES = {
     "wheel_split gain": ("wheel radius, front against rear", "%", 100.0),
     "current_f gain": ("gain of the front motor currents", "%", 100.0),
     "current_r gain": ("gain of the rear motor currents", "%", 100.0),
+    "current_side gain": ("gain of the motor currents of a side", "%", 100.0),
 }
 """Numbers that differ from trial to trial: words, unit, and factor to it."""
 
