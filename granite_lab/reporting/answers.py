@@ -40,6 +40,8 @@ from granite_lab.rounding import (
 
 MODEL_QUESTION = "Does the paper's model explain the measurements?"
 
+LAW = "k_92 falls with the desired velocity v as exp(−a_θ v)."
+
 FAR = 3.0
 """So many standard deviations from a value a number differs from it."""
 
@@ -270,7 +272,7 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
     if fit is None or number is None:
         return Answer("a_theta", question, "Not known", "a_θ needs a trial in which k_92 could be fitted.")
     text = (
-        f"With soil and robot as in their files, a_θ = {number.with_std} s/m, 95 % interval "
+        f"{LAW} With soil and robot as in their files, a_θ = {number.with_std} s/m, 95 % interval "
         f"{number.interval} s/m, from {plural(len(fit.points), 'trial')}.{depends}"
     )
     if agrees is None and _speeds_of(fit) >= SPEEDS:
@@ -278,7 +280,7 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
         return Answer("a_theta", question, "Not known", text)
     if agrees is None:
         few = _speeds_of(fit)
-        text += f" A test of the law k_92 = exp(−a_θ v) needs {SPEEDS} speeds; these trials have {few}."
+        text += f" A test of this law needs {SPEEDS} speeds; these trials have {few}."
         return Answer("a_theta", question, "Not tested", text)
     if agrees:
         off = _k92_off(fit)
@@ -307,7 +309,7 @@ def _by_views(question: str, views: Sequence[View], depends: str) -> Answer:
         number = decided(filed.a_theta.value, filed.a_theta.std, *filed.ci95)
         text = f"With soil and robot as in their files: {number.with_std} s/m, {number.interval} s/m."
     verdict, tone = ("Yes, with what was found", "good") if agrees else ("No", "fair")
-    return Answer("a_theta", question, verdict, f"{text}{depends}".strip(), tone)
+    return Answer("a_theta", question, verdict, f"{LAW} {text.strip()}{depends}", tone)
 
 
 def _depends(views: Sequence[View]) -> str:

@@ -28,6 +28,7 @@ from granite_lab.reporting.names import (
     amount,
     channels_of,
     declared,
+    inside,
     meaning,
     plain,
     scale_of,
@@ -213,7 +214,7 @@ def gaps_table(finding: Finding) -> FilledTable:
     shares, unknown = discrepancies(finding), (math.nan, math.nan)
     every = (finding.gap, *finding.gaps)
     out = any(math.isfinite(v) for g in every for v in g.held_out)
-    names = {"all": "all channels"} | SENSORS
+    names = {"all": "all sensors"} | SENSORS
 
     def discrepancy(g: Gap, k: int) -> Cell:
         return number(shares.get(g.channel, unknown)[k], 2, "%", 100)
@@ -228,7 +229,7 @@ def gaps_table(finding: Finding) -> FilledTable:
         Column("with", lambda g: g.held_out[1], "held_out_after", unit="–", shown=out),
         Column("discrepancy: without", lambda g: discrepancy(g, 0), "discrepancy_before"),
         Column("with", lambda g: discrepancy(g, 1), "discrepancy_after"),
-        note="All channels: rms of the residuals, divided by the rms that noise and tolerance explain; up to "
+        note="All sensors: rms of the residuals, divided by the rms that noise and tolerance explain; up to "
         "1: explained. A sensor: its largest discrepancy beyond its noise, divided by the tolerance. "
         "Discrepancy: difference to the model that all repetitions have in common, as a share of the "
         "sensor's rms in motion.",
@@ -354,7 +355,7 @@ def fitted_table(finding: Finding) -> FilledTable:
         rows.append((text, "from trial to trial, std", number(std, 2, unit, scale)))
     return Table[tuple[str, str, Cell]](
         "found_fitted",
-        f"Sand and sensors as fitted, compared with {finding.soil.title}",
+        f"Sand and sensors as fitted, compared with {inside(finding.soil.title)}",
         Column("number", lambda r: r[0]),
         Column("difference", lambda r: r[1]),
         Column("size", lambda r: r[2], "size"),
