@@ -204,7 +204,9 @@ def _power(
     model = judgement.model
     looks = found.looks.get(model.effects, ())
     rest = [c for c in library if c not in model.effects]
-    screened = looks[0].screened if looks else screen(problem, model.fit, rest, most=2)
+    screened = next((k.screened for k in looks if k.screened), None) or screen(
+        problem, model.fit, rest, most=2
+    )
     return detectable(problem, model.fit, screened, tolerance)
 
 

@@ -13,7 +13,7 @@ from granite_lab.discovery.sets import attempts, fit_sets, set_of
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
 from granite_lab.inference.constants import EFFECT_ODDS, LEFT, SPREAD, TOLERANCE, WORTH
-from granite_lab.inference.fit import LEAST, Fit, fit, taken, under
+from granite_lab.inference.fit import LEAST, ROUNDS, Fit, fit, taken, under
 from granite_lab.inference.gap import moved, shares, tolerated
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
@@ -25,7 +25,8 @@ TRIED, TRIED_HELD = 3, 2
 """Candidates of a screen that are fitted in full: with the discrepancy as learnt, and as tolerated."""
 
 FINE = 12
-"""Most steps of a fine fit that begins where a rough one ended."""
+"""Most steps of a fit that begins where another one ended: a fine one at a rough one's end, or one of the
+best set with an effect exchanged."""
 
 UNLIKELY = 1e-3
 """Odds below which a set changes no probability that is told in percent."""
@@ -55,14 +56,14 @@ class Look:
 
     Attributes:
         origin: the fit about which it is linear.
-        screened: the columns.
+        screened: the columns; None where a later screen took their place.
         scores: what each candidate would bring, the best first.
         tolerated: the discrepancy was taken to be of the tolerated size, so that it hides no effect, in place
             of what it was learnt to be.
     """
 
     origin: Fit
-    screened: Screen
+    screened: Screen | None
     scores: tuple[Score, ...]
     tolerated: bool = False
 
@@ -194,6 +195,8 @@ class _Steps:
                 ),
                 len(origins),
             )
+            for key, looks in self.looks.items():  # their columns are large
+                self.looks[key] = tuple(replace(look, screened=None) for look in looks)
             self.looks[model.effects] = tuple(look for looks in screens for look in looks)
         looks = self.looks[model.effects]
         found = _leaders([k for k in looks if not k.tolerated], TRIED)
@@ -206,13 +209,13 @@ class _Steps:
         starts = [_with(self.problem, o.point, score) for p in group for o, score in p.starts]
         self.fitted([(start, model.fit) for start in starts])
 
-    def fitted(self, starts: Sequence[tuple[Point, Fit]]) -> None:
+    def fitted(self, starts: Sequence[tuple[Point, Fit]], rounds: int = ROUNDS) -> None:
         """Fit the sets of some points that are not fitted yet, each with the scales of a fit nearby."""
         new = [(start, near.scales) for start, near in starts if set_of(start) not in self.models]
         if new:
             sets = dict.fromkeys(_words(set_of(start)) for start, _ in new)
             self.tell(f"fitting {', '.join(sets)}", self.named)
-        fits = fit_sets(self.problem, new, {k: m.fit for k, m in self.models.items()})
+        fits = fit_sets(self.problem, new, {k: m.fit for k, m in self.models.items()}, rounds)
         self.models.update({k: _model(k, f) for k, f in fits.items()})
 
     def best_of(self, model: Model, tried: Sequence[_Promise]) -> Model:
@@ -272,7 +275,7 @@ class _Steps:
                 own = self.models.get(tuple(sorted((*before.effects, score.candidate))))
                 if own and own.log_posterior > least:
                     points.append(_with(self.problem, without, score))
-        self.fitted([(point, best.fit) for point in points])
+        self.fitted([(point, best.fit) for point in points], FINE)
         for key in map(set_of, points):
             rest, rival = (self.models.get(k) for k in (tuple(e for e in key if e in best.effects), key))
             better = rest and rival and rest is not rival and rival.log_posterior > best.log_posterior
@@ -283,11 +286,12 @@ class _Steps:
         """Bring the sets that may have a say to their optimum; the others keep what they reach at least.
 
         A set has a say whose odds against the likeliest are not below `UNLIKELY`; of those the first `TRIED`.
+        One that only adds to the likeliest what does not matter says nothing against its effects.
         """
         ranked = sorted(self.models.values(), key=lambda m: -m.log_posterior)
         best = next(m for m in ranked if m.effects not in self.small)
         least = best.log_posterior + np.log(UNLIKELY)
-        others = [m for m in ranked if m is not best and m.log_posterior >= least]
+        others = [m for m in ranked if m.log_posterior >= least and not set(m.effects) >= set(best.effects)]
         wanted = [m for m in (best, *others[: TRIED - 1]) if not m.fit.converged]
         self.tell(f"fitting {', '.join(_words(m.effects) for m in wanted)}", self.named)
         starts = [(m.fit.point, m.fit.scales) for m in wanted]
@@ -414,7 +418,7 @@ def _leaders(looks: Sequence[Look], most: int) -> list[_Promise]:
     if not ranked or ranked[0].score.own is not None:
         return ranked
     first = ranked[0].score.candidate
-    close = {first, *(c for look in looks for c in rivals(look.screened, first))}
+    close = {first, *(c for look in looks if look.screened for c in rivals(look.screened, first))}
     return [p for p in ranked if p.score.candidate in close]
 
 

@@ -12,7 +12,10 @@ from granite_lab.inference.problem import Problem
 
 
 def fit_sets(
-    problem: Problem, starts: Sequence[tuple[Point, Scales]], known: Mapping[tuple[str, ...], Fit]
+    problem: Problem,
+    starts: Sequence[tuple[Point, Scales]],
+    known: Mapping[tuple[str, ...], Fit],
+    rounds: int = ROUNDS,
 ) -> dict[tuple[str, ...], Fit]:
     """Return the best fit of each set of effects, those left out whose starts have no solution.
 
@@ -23,8 +26,9 @@ def fit_sets(
         problem: the trials.
         starts: where to begin, with the set switched on, and the scales to begin with; several of a set.
         known: fits of other sets.
+        rounds: most steps of a fit.
     """
-    found = attempts(problem, starts)
+    found = attempts(problem, starts, rounds=rounds)
     again: dict[tuple[str, ...], tuple[Point, Scales]] = {}
     for key, effects in {set_of(start): start.effects for start, _ in starts}.items():
         parts = [f for k, f in {**known, **found}.items() if set(k) < set(key)]
@@ -34,7 +38,7 @@ def fit_sets(
             for id_ in (e for e in effects if e not in point.effects):
                 point = problem.with_effect(point, id_, [p.neutral for p in problem.parameters_of(id_)])
             again[key] = point, part.scales
-    for key, other in attempts(problem, list(again.values())).items():
+    for key, other in attempts(problem, list(again.values()), rounds=rounds).items():
         if key not in found or other.evidence > found[key].evidence:
             found[key] = other
     return found

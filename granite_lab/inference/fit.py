@@ -8,6 +8,7 @@ import numpy as np
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED, SAND
+from granite_lab.inference.constants import WORTH
 from granite_lab.inference.normal import Normal, Posterior, Scales
 from granite_lab.inference.point import SHARED, Point, Slopes
 from granite_lab.inference.problem import Problem
@@ -35,6 +36,10 @@ large: no number is then further from the optimum than a tenth of its std."""
 
 STALLS = 2
 """How often new derivatives may bring nothing before a fit ends."""
+
+NO_RANK = 2 * WORTH
+"""Drop of the objective with new derivatives below which a rough fit ends: less than what a further effect
+must bring changes no rank of sets."""
 
 TRUSTED, TRUSTED_ROUGH = 0.1, 0.4
 """How far from one the drop over the promised one may be for the derivatives to be kept, far from the
@@ -239,7 +244,7 @@ def _descended(
         else:
             keep = False
         if not keep:
-            stalled += since < enough
+            stalled += since < (enough if fine else max(enough, NO_RANK))
             if stalled >= (STALLS if fine else 1):
                 break
             renewed = _renewed(problem, state, central=fine)

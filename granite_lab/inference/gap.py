@@ -60,18 +60,21 @@ def discrepancies(problem: Problem, fit: Fit, *, formulas: bool = True) -> list[
     for command, part in enumerate(fit.normal.parts):
         at, names = step[part.place_in(step.size)], dict.fromkeys(c.name for c in part.channels)
         for name in names:
-            pieces = [_learnt(c, at, fit.scales, formulas) for c in part.channels if c.name == name]
+            own = [c for c in part.channels if c.name == name]
+            bases = problem.bases(fit.point, fit.slopes, command, name)
+            pairs = zip(own, bases, strict=True)
+            pieces = [_learnt(c, b.columns, at, fit.scales, formulas) for c, b in pairs]
             value, std = map(np.concatenate, zip(*pieces, strict=True))
             size, moving = problem.size_of(command, name)
             found.append(Discrepancy(command, name, size, value * (moving > 0), std * (moving > 0)))
     return found
 
 
-def _learnt(c: ChannelPart, step: Array, scales: Scales, formulas: bool) -> tuple[Array, Array]:
+def _learnt(c: ChannelPart, basis: Array, step: Array, scales: Scales, formulas: bool) -> tuple[Array, Array]:
     """Return value and std (n,) of the discrepancy of a channel over a stretch [unit of the channel]."""
     amplitude, _ = c.amplitudes(step, scales)
     own = np.flatnonzero((c.kind == MOTION) | ((c.kind == FORMULA) & formulas))
-    columns = c.columns[:, own]
+    columns = basis[:, own]
     root, inverse = c.inverse(scales)
     variance = (((columns * root[own]) @ inverse[own]) ** 2).sum(axis=1)
     return columns @ amplitude[own], scales.louder.get(c.name, 1.0) * np.sqrt(variance)

@@ -86,8 +86,7 @@ class ChannelPart:
 
     Attributes:
         name: of the channel.
-        columns: (n, m) of its discrepancy [unit of the channel].
-        kind: (m,) their kinds.
+        kind: (m,) kinds of the columns of its discrepancy, see `Problem.bases`.
         rows: per trial that has the channel.
         gram: (a, a) inner products of all columns, the residual's last.
         basis: (m, m) inner products of the discrepancy's columns.
@@ -95,13 +94,12 @@ class ChannelPart:
     """
 
     name: str
-    columns: Array
     kind: Places
     rows: tuple[Rows, ...]
     gram: Array
     basis: Array
     across: Array
-    _known: dict[tuple[float, float, float], Factor] = field(default_factory=dict, repr=False)
+    _known: dict[tuple[float, float, float], Factor] = field(default_factory=dict, init=False, repr=False)
 
     def factor(self, scales: Scales) -> Factor:
         """Return sqrt(Λ), the upper Cholesky factor of 1 + sqrt(Λ) G sqrt(Λ), and log det of the latter.

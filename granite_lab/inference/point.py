@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -13,6 +12,9 @@ import numpy.typing as npt
 from granite_lab.inference.bench import SAND
 from granite_lab.inference.nuisances import SENSORS
 from granite_lab.logs.trial import Array
+
+DIRECTIONS = 2
+"""Number of `TrialModel.directions`."""
 
 SHARED = (*SAND, *SENSORS)
 """Numbers that all trials share, those of effects excepted."""
@@ -51,24 +53,21 @@ class Slopes:
 
     Attributes:
         response: per command the (8, M) response.
-        directions: per command (8, M, 2), see `TrialModel.directions`.
-        sand: per command (8, M, 7), by the logarithms of the sand.
-        common, own: per command (8, M, e), by the effects' shared and per-trial parameters.
+        changes: per command (8, M, 9 + o + e) all that `TrialModel.columns` takes: by the two directions of
+            `TrialModel.directions`, the logarithms of the sand, and the effects' own parameters of the trials
+            and shared ones.
         traces: per command (8, M, s), what each effect changes.
+        private: number o of the effects' own parameters.
     """
 
     response: tuple[Array, ...]
-    directions: tuple[Array, ...]
-    sand: tuple[Array, ...]
-    common: tuple[Array, ...]
-    own: tuple[Array, ...]
+    changes: tuple[Array, ...]
     traces: tuple[Array, ...]
+    private: int
 
-    @cached_property
-    def changes(self) -> tuple[Array, ...]:
-        """Per command (8, M, 9 + e) all that `TrialModel.columns` takes: directions, sand, own, common."""
-        parts = zip(self.directions, self.sand, self.own, self.common, strict=True)
-        return tuple(np.concatenate(own, axis=-1) for own in parts)
+    def sand(self, command: int) -> Array:
+        """Return the (8, M, 7) derivatives by the logarithms of the sand."""
+        return self.changes[command][..., DIRECTIONS : DIRECTIONS + len(SAND)]
 
 
 @dataclass(frozen=True, eq=False)

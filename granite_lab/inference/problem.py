@@ -227,19 +227,21 @@ class Problem:
         lost = [d.behind for plan in plans for d in plan if not d.central and runs[d.ahead] is None]
         runs |= zip(lost, self.bench.run(lost) if lost else (), strict=True)
         shared = len(self.parameters(point.effects, per_trial=False))
-        parts: list[tuple[Array, ...]] = []
+        parts: list[tuple[Array, Array, Array]] = []
         for j, (centre, plan, left) in enumerate(zip(centres, plans, without, strict=True)):
             base, others = runs[centre], [run for task in left if (run := runs[task]) is not None]
             derived = [found for d in plan if (found := d.derivative(base, runs)) is not None]
             if base is None or len(others) < len(left) or len(derived) < len(plan):
                 return None
             n = len(SAND) - first
-            sand = stacked(derived[:n], base) if sand_from is None else sand_from.sand[j]
+            sand = stacked(derived[:n], base) if sand_from is None else sand_from.sand(j)
             common, own = np.split(stacked(derived[n:], base), [shared], axis=-1)
             traces = stacked([base - other for other in others], base)
             directions = self.trials[self.commands[j][0]].directions(base)
-            parts.append((base, directions, sand, common, own, traces))
-        return Slopes(*map(tuple, zip(*parts, strict=True)))
+            parts.append((base, np.concatenate([directions, sand, own, common], axis=-1), traces))
+        private = len(self.parameters(point.effects, per_trial=True))
+        responses, changes, effects = zip(*parts, strict=True)
+        return Slopes(responses, changes, effects, private)
 
     def _differences(self, point: Point, command: int, central: bool) -> list[Difference]:
         """Return the differences of a command by the sand and by the effects' parameters."""
@@ -414,6 +416,19 @@ class Problem:
         bins = self.trials[i].bins_of(slopes.traces[command], point.trials[i], point.sensors)
         return {c: list(values.T) for c, values in bins.items()}
 
+    def bases(self, point: Point, slopes: Slopes, command: int, name: str) -> list[Basis]:
+        """Return per stretch of a command the (n, m) discrepancy of a channel [unit of the channel]."""
+        return [joined(parts) for parts in self._bases(self._traces(point, slopes, command), command, name)]
+
+    def _bases(self, traces: Mapping[str, list[Array]], command: int, name: str) -> list[list[Basis]]:
+        """Return the columns per stretch, those of the errors of formulas, one effect each, the last ones."""
+        o = self.trials[self.commands[command][0]].observation
+        found = []
+        for plain, part in zip(self._plain[command][name], stretches(o.bins, o.width), strict=True):
+            formula = [modulated(trace[part], FORMULA, o.width) for trace in traces.get(name, ())]
+            found.append([plain, *formula])
+        return found
+
     def _channel(
         self,
         command: int,
@@ -426,11 +441,10 @@ class Problem:
     ) -> list[ChannelPart]:
         o = self.trials[own[0]].observation
         found = []
+        bases = self._bases(traces, command, name)
         for number, part in enumerate(stretches(o.bins, o.width)):
-            formula = [modulated(trace[part], FORMULA, o.width) for trace in traces.get(name, ())]
-            plain = self._plain[command][name][number]
-            whole = joined([plain, *formula])
-            kind = whole.kind
+            plain, *formula = bases[number]
+            kind = np.concatenate([b.kind for b in bases[number]])
             gram, basis = np.zeros((at.size, at.size)), np.zeros((kind.size, kind.size))
             across = np.zeros((kind.size, at.size))
             rows = []
@@ -450,7 +464,7 @@ class Problem:
                 basis += BB
                 across[:, places] += B.T @ full
                 rows.append(Rows(i, bins, place, A, B))
-            found.append(ChannelPart(name, whole.columns, kind, tuple(rows), gram, basis, across))
+            found.append(ChannelPart(name, kind, tuple(rows), gram, basis, across))
         return found
 
     def _white_basis(
@@ -489,7 +503,7 @@ class Problem:
         t, x = self.trials[i], point.trials[i]
         command = self.variants.index(t.variant)
         local, sensors, others = t.columns(slopes.changes[command], x, point.sensors)
-        first, private = len(SAND) - RAKED, slopes.own[command].shape[-1]
+        first, private = len(SAND) - RAKED, slopes.private
         rest, own, common = np.split(others, [first, first + private], axis=1)
         more = [t.effect_columns(further.changes[command], x, point.sensors)] if further else []
         return np.column_stack([local, own, local[:, :RAKED], rest, sensors, common, *more])

@@ -250,8 +250,8 @@ def test_slopes_are_taken_backwards_where_a_step_has_no_solution() -> None:
     expected = free.slopes(free.neutral())
     point = replace(free.neutral(), shared=np.where(np.arange(len(SHARED)) == 0, 0.095, 0.0))
     one_way = problem_of(FOUR, respond=Respond(bound=0.1)).slopes(point)
-    for a, b in zip(expected.sand, one_way.sand, strict=True):
-        np.testing.assert_allclose(a, b, atol=1e-9)
+    for command, _ in enumerate(free.commands):
+        np.testing.assert_allclose(expected.sand(command), one_way.sand(command), atol=1e-9)
 
 
 @pytest.mark.parametrize("size", [0.02, 0.3])
@@ -284,6 +284,7 @@ def test_a_trial_in_stretches_gives_the_numbers_of_the_whole_trial(monkeypatch: 
     problem, _, _ = measured(4, discrepancy=0.02)
     start = problem.neutral()
     whole = fit(problem, start)
+    shapes = [d.value.shape for d in discrepancies(problem, whole)]
     monkeypatch.setattr(noise, "WHOLE", 2.0)
     monkeypatch.setattr(noise, "STRETCH", 2.0)
     problem.weigh(nominal(problem), start, problem.slopes(start))
@@ -291,6 +292,4 @@ def test_a_trial_in_stretches_gives_the_numbers_of_the_whole_trial(monkeypatch: 
     assert len(problem.whiteners[0][0].filters) > 1
     assert np.max(np.abs(found.point.vector - whole.point.vector) / std_of(whole)) < 0.5
     assert std_of(found) / std_of(whole) == pytest.approx(np.ones(whole.point.vector.size), rel=0.3)
-    assert [d.value.shape for d in discrepancies(problem, found)] == [
-        d.value.shape for d in discrepancies(problem, whole)
-    ]
+    assert [d.value.shape for d in discrepancies(problem, found)] == shapes

@@ -92,7 +92,7 @@ def made(rng: Rng) -> Made:
                 across[:, k] += B.T @ full
                 begin = BINS * having[i].index(c)
                 rows.append(Rows(i, slice(begin, begin + BINS), place, A, B))
-            channels.append(ChannelPart(c, plain, kind, tuple(rows), gram, basis, across))
+            channels.append(ChannelPart(c, kind, tuple(rows), gram, basis, across))
         parts.append(CommandPart(at, tuple(channels)))
     names = [c for _ in commands for c in CHANNELS for _ in kind]
     normal, kinds = Normal(tuple(parts), size, P), np.tile(kind, len(bases))
@@ -356,7 +356,7 @@ def test_bases_are_joined_with_the_variance_of_each_kind() -> None:
 
 def test_a_discrepancy_beside_which_noise_is_lost_in_rounding_has_a_factor() -> None:
     columns = 1e12 * np.random.default_rng(0).normal(size=(4, 40))  # 1 + its inner products is indefinite
-    part = ChannelPart("", columns, np.zeros(40, int), (), np.eye(1), columns.T @ columns, np.zeros((40, 1)))
+    part = ChannelPart("", np.zeros(40, int), (), np.eye(1), columns.T @ columns, np.zeros((40, 1)))
     assert np.isfinite(part.factor(Scales(1.0, 1.0))[1]).all()
 
 
