@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 from typer.core import TyperGroup
@@ -68,7 +68,7 @@ class _Commands(Mapping[str, Any]):
         return len(COMMANDS)
 
 
-(_Misused,) = typer.BadParameter.__bases__
+_MISUSED = cast("type[Exception]", typer.BadParameter.__bases__[0])
 """What the parser raises; Typer gives it no name of its own."""
 
 
@@ -77,7 +77,7 @@ def _told() -> Iterator[None]:
     """Turn what the parser says of arguments into an error of this package."""
     try:
         yield
-    except _Misused as error:
+    except _MISUSED as error:
         said: Any = error
         if type(said).__name__ == "NoArgsIsHelpError":
             raise

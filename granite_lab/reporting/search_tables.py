@@ -159,7 +159,7 @@ def ceiling_table(finding: Finding) -> FilledTable | None:
         w = largest.get(name)
         if w is None:
             return Cell(NONE, (None, None, None))
-        text = f"{w.start:.1f} to {w.end:.1f} s at {w.variant:.3g} m/s ({w.phase})"
+        text = f"{w.start:.2f} to {w.end:.2f} s at {w.variant:.3g} m/s ({w.phase})"
         return Cell(text, (w.variant, w.start, w.end))
 
     def size(name: str) -> Cell:
@@ -174,8 +174,8 @@ def ceiling_table(finding: Finding) -> FilledTable | None:
         Column("largest", place, "speed start end"),
         Column("size there", size, "size"),
         note="Forces free in time, smooth over about 0.3 s, fitted beside the model to all trials and not "
-        "credited to it. They are no cause and cannot be carried over to another speed; what they do not "
-        "close no force on the robot does.",
+        "credited to it. They are no cause and cannot be carried over to another speed. What they do not "
+        "close, no force on the robot can close.",
     ).fill(["all", *FORCES], virtual=finding.virtual)
 
 
@@ -192,7 +192,7 @@ def ceiling_in_words(finding: Finding) -> str:
         return f"{text}."
     w = most.where[0]
     return (
-        f"{text}, first of all a {FORCES[w.quantity]} from {w.start:.1f} to {w.end:.1f} s at "
+        f"{text}, first of all a {FORCES[w.quantity]} from {w.start:.2f} to {w.end:.2f} s at "
         f"{w.variant:.3g} m/s ({w.phase})."
     )
 
