@@ -88,7 +88,7 @@ def blanked(truth: TruthTrial, begin: float, end: float, *columns: int) -> Trial
 SURVIVED: dict[str, tuple[Fault, float, str]] = {
     "a short gap of the IMU": (lambda d: faults.imu_dropout(d.trial, 5.0, 5.1), 1.02, "1 gap in the IMU"),
     "a gap of the IMU": (lambda d: faults.imu_dropout(d.trial, 5.0, 5.3), 1.02, "1 gap in the IMU"),
-    "over the ramp": (lambda d: faults.imu_dropout(d.trial, ramp(d)[0] + 0.05, ramp(d)[1]), 1.5, "gaps"),
+    "over the ramp": (lambda d: faults.imu_dropout(d.trial, ramp(d)[0] + 0.05, ramp(d)[1]), 1.5, "1 gap"),
     "a long gap at rest": (lambda d: faults.imu_dropout(d.trial, 0.6, 1.3), 0.0, ""),
     "single samples lost": (lambda d: faults.random_dropouts(d.trial, 5, 0.1), 0.0, ""),
     "a gap of the encoders": (lambda d: faults.wheel_dropout(d.trial, 5.0, 5.5), 0.0, ""),
