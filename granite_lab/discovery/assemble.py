@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import ndtr
@@ -81,8 +82,9 @@ def assemble(
     verdict, clock = judgement.verdict, _clock(late, latency, effects)
     active = _active(problem, after.fit)
     if clock is not None:
-        if verdict == "unknown":  # what is missing may look like an offset
-            described = (*described, clock)
+        if verdict in ("unknown", "partly named"):  # what is missing may look like an offset
+            likely = clock.probability * float(np.clip(1 - np.nan_to_num(judgement.remainder), 0, 1))
+            described = (*described, replace(clock, probability=likely))
         else:
             found = (*found, clock)
         offset = effects[clock.id].parameters[0]
@@ -188,11 +190,21 @@ def _small(problem: Problem, search: Search, named: Named, effects: Mapping[str,
 
 
 def _strained(problem: Problem, judgement: Judgement) -> tuple[str, ...]:
-    """Name the numbers of effects and sand that are not as expected."""
+    """Name the numbers of effects, of sand and of the trials that are not as expected.
+
+    Those of the trials where they lie two standard deviations off on average, as a tilt of the IMU in all.
+    """
     named = (*judgement.named, *judgement.described)
     found = [f"{n.id}.{name}" for n in named for name in n.strained]
-    sand = zip(SAND, judgement.model.fit.point.shared, problem.sand_std, strict=False)
-    return (*found, *(name for name, value, std in sand if abs(value) > 2 * std))
+    point = judgement.model.fit.point
+    sand = zip(SAND, point.shared, problem.sand_std, strict=False)
+    every: dict[tuple[str, float], list[float]] = {}
+    for t, x in zip(problem.trials, point.trials, strict=True):
+        for slack, value in zip(t.slacks, x, strict=False):
+            if slack.learnt:
+                every.setdefault((slack.name, slack.std), []).append(float(value))
+    own = [name for (name, std), values in every.items() if abs(np.mean(values)) > 2 * std]
+    return (*found, *dict.fromkeys([*(n for n, value, std in sand if abs(value) > 2 * std), *own]))
 
 
 def _numbers(problem: Problem, fit: Fit, id_: str) -> tuple[FoundParameter, ...]:

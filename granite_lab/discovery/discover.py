@@ -14,7 +14,7 @@ from granite_lab.discovery.candidates import screen
 from granite_lab.discovery.finding import Ceiling, Confusion, Detectable, Finding
 from granite_lab.discovery.orders import lugs
 from granite_lab.discovery.power import detectable
-from granite_lab.discovery.remainder import remainder
+from granite_lab.discovery.remainder import remainder, savable
 from granite_lab.discovery.search import MOST, Search, search
 from granite_lab.discovery.verdict import Judgement, by_posterior, judge
 from granite_lab.errors import EstimateError
@@ -116,6 +116,7 @@ def discover(
             lambda: judge(problem, found, tolerance),
             by_posterior(problem, found),
         )
+        judged = parts.of("what may be saved", lambda: savable(problem, found, judged, tolerance), judged)
         nothing: tuple[Judgement, Ceiling | None] = (judged, None)
         judgement, limit = parts.of(
             "what the library leaves",

@@ -281,7 +281,8 @@ class Finding(Shown):
         small: effects that the trials may show and that do not matter, likeliest first.
         closed: share of the gap that is closed on "trials" and on "speeds" that were left out.
         ceiling: what any force could close beside the likeliest model; None where nothing remains.
-        strained: numbers that ended at a bound, or two standard deviations off their file or range.
+        strained: numbers that ended at a bound, or two standard deviations off their file or range; those of
+            the trials on average.
         remainder: share of the gap that is left on trials that were left out; NaN without a gap.
         tolerance: discrepancy that does not matter, as a share of a channel's rms.
         latency: by how much the stamps of the IMU come later than those of wheels and currents [s].

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from granite_lab.estimate import Estimate
-from granite_lab.inference.bench import RAKED
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import held, tolerated
 from granite_lab.inference.normal import posterior
-from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import SHARES
 from granite_lab.logs.trial import Array
@@ -94,8 +92,8 @@ def _predict(problem: Problem, equations: Equations, tolerance: float) -> Predic
     n = len(order)
     parts = {i: k for k, i in enumerate(order)}
     own, left, speed, expected = (np.full(n, np.nan) for _ in range(4))
-    everyone = _shared(equations, tolerance, list(range(n)))
-    flexible = _shared(equations, SHARES[-1], list(range(n)))
+    everyone = shared_step(equations, tolerance, list(range(n)))
+    flexible = shared_step(equations, SHARES[-1], list(range(n)))
     for i in range(n):
         k = parts[i]
         own[i] = _misfit(equations, k, i, tolerance, everyone)
@@ -116,11 +114,11 @@ def by_others(problem: Problem, equations: Equations, tolerance: float, out: Seq
         out: numbers of the trials that are left out.
     """
     order = [i for own in problem.commands for i in own]
-    step = _shared(equations, tolerance, [k for k, i in enumerate(order) if i not in out])
+    step = shared_step(equations, tolerance, [k for k, i in enumerate(order) if i not in out])
     return np.array([_misfit(equations, order.index(i), i, tolerance, step) for i in out])
 
 
-def _shared(equations: Equations, share: float, only: Sequence[int]) -> Array:
+def shared_step(equations: Equations, share: float, only: Sequence[int]) -> Array:
     """Return the step of the shared numbers that some trials ask for."""
     M, logdet = equations.marginal(share, only)
     first = sum(x.size for x in equations.fit.point.trials)
@@ -168,43 +166,10 @@ def predicts_better(problem: Problem, before: Predicted, after: Predicted) -> bo
     return bool(drop.sum() > np.sqrt(drop.size) * np.std(drop, ddof=1))
 
 
-def carried(problem: Problem, fit: Fit, tolerance: float) -> float:
-    """Return what simulations leave of speeds that were left out; NaN where there are too few speeds.
-
-    The numbers that all trials share are those that the other speeds ask for, and nothing of a trial stands
-    in for what is missing: its raking and its gains are those of the files. So the saved model is used.
-
-    Returns:
-        sum over commands and channels of the mean squares in motion, over those of the channel; infinite
-        where a speed has no solution.
-    """
-    if len({t.observation.variant.velocity for t in problem.trials}) < FEWEST_SPEEDS:
-        return float("nan")
-    equations = Equations(problem, fit)
-    order = [i for own in problem.commands for i in own]
-    total = 0.0
-    for command, own in enumerate(problem.commands):
-        step = _shared(equations, tolerance, [k for k, i in enumerate(order) if i not in own])
-        whole = np.append(np.zeros(fit.point.vector.size - step.size), step)
-        point = problem.moved(fit.point, whole)
-        point = replace(point, trials=tuple(map(_as_filed, problem.trials, point.trials)))
-        runs = problem.respond([problem.task(point, i) for i in own])
-        if runs is None:
-            return float("inf")
-        for i, run in zip(own, runs, strict=True):
-            trial, x = problem.trials[i], point.trials[i]
-            left = trial.measured - trial.predict(run, x[: trial.size], point.sensors)
-            for c, row in zip(trial.channels, left, strict=True):
-                size, moving = problem.size_of(command, c)
-                if size > 0:
-                    total += float(np.nanmean((row[moving > 0] / size) ** 2)) / len(own)
-    return total
-
-
-def _as_filed(trial: TrialModel, x: Array) -> Array:
-    """Return a trial's numbers with raking and gains as filed; offsets, tilt and start are the mounting's."""
-    filed = [k < RAKED or s.name.endswith("gain") for k, s in enumerate(trial.slacks)]
-    return np.concatenate([np.where(filed, 0.0, x[: trial.size]), x[trial.size :]])
+def units(problem: Problem) -> tuple[Sequence[int], ...]:
+    """Return the trials that are left out together: those of a command, each by itself with few speeds."""
+    speeds = len({t.observation.variant.velocity for t in problem.trials})
+    return problem.commands if speeds >= FEWEST_SPEEDS else tuple((i,) for i in range(len(problem.trials)))
 
 
 def closed(before: Array, after: Array, gap: Array) -> Estimate:

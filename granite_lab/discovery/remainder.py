@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
+from granite_lab.discovery.carrying import at_files, carried, filed, worse
 from granite_lab.discovery.ceiling import ceiling
 from granite_lab.discovery.description import described, lacking
 from granite_lab.discovery.finding import Ceiling
-from granite_lab.discovery.heldout import carried, closed, predict, predicts_better
+from granite_lab.discovery.heldout import closed, predict, predicts_better
 from granite_lab.discovery.pushes import Pushes, pushed
 from granite_lab.discovery.search import Model, Search, good
 from granite_lab.discovery.verdict import Judgement, Named, strained_numbers, whole_of
+from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import LEFT
-from granite_lab.inference.fit import Fit, under
+from granite_lab.inference.fit import Fit, fit, under
 from granite_lab.inference.problem import Problem
 from granite_lab.model.dictionary import is_term
 
@@ -50,7 +54,7 @@ def remainder(
         for base in {m.effects: m for m in bases}.values():
             pushes = pushed(problem, base.fit)
             found = described(problem, pushes, tolerance) if pushes else None
-            if found is not None and _better(problem, judgement.model.fit, found, tolerance):
+            if found is not None and _better(problem, alone.fit, judgement.model.fit, found, tolerance):
                 judgement, pushes = _with_terms(problem, alone.fit, judgement, found, tolerance), None
                 break
     if good(problem, judgement.model.fit, tolerance):
@@ -61,12 +65,46 @@ def remainder(
     return judgement, ceiling(problem, alone.fit, pushes, tolerance) if pushes else None
 
 
-def _better(problem: Problem, before: Fit, after: Fit, tolerance: float) -> bool:
+def _better(problem: Problem, alone: Fit, before: Fit, after: Fit, tolerance: float) -> bool:
     """Tell whether a model predicts what was left out better, and its simulations no worse."""
-    alone = under(problem, before, after.scales)
-    if not predicts_better(problem, predict(problem, alone, tolerance), predict(problem, after, tolerance)):
+    same = under(problem, before, after.scales)
+    if not predicts_better(problem, predict(problem, same, tolerance), predict(problem, after, tolerance)):
         return False
-    return not carried(problem, after, tolerance) > carried(problem, before, tolerance)
+    others, own = (
+        (carried(problem, before, tolerance), filed(problem, alone)),
+        carried(problem, after, tolerance),
+    )
+    return not any(worse(own, other, tolerance) for other in others)
+
+
+def savable(problem: Problem, search: Search, judgement: Judgement, tolerance: float) -> Judgement:
+    """Return a judgement whose model may be saved: simulations of what was left out are no worse for it.
+
+    Where nothing is named and they are worse than those by the files, the files are the model: what the
+    trials ask of the sand then stands in for what is missing, and unsure effects do not explain it.
+
+    Args:
+        problem, tolerance: as in `judge`.
+        search: the search in the library.
+        judgement: of it.
+    """
+    alone = search.model(())
+    if alone is None or judgement.named:
+        return judgement
+    known = filed(problem, alone.fit)
+    if not worse(carried(problem, judgement.model.fit, tolerance), known, tolerance):
+        return judgement
+    plain = fit(problem, at_files(alone.fit.point), alone.fit.scales, rounds=0)
+    nothing = Estimate(0.0, 0.0) if np.isfinite(judgement.closed.value) else judgement.closed
+    return replace(
+        judgement,
+        model=Model((), plain, plain.evidence),
+        described=(),
+        small=(*judgement.small, *judgement.described),
+        after=judgement.before,
+        closed=nothing,
+        speeds=nothing,
+    )
 
 
 def _with_terms(

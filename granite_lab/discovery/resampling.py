@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granite_lab.discovery.heldout import FEWEST_SPEEDS, Predicted, transferred
+from granite_lab.discovery.heldout import FEWEST_SPEEDS, Predicted, transferred, units
 from granite_lab.discovery.search import Model, Search
 from granite_lab.inference.constants import EFFECT_ODDS
 from granite_lab.inference.problem import Problem
@@ -95,12 +95,6 @@ def competitors(search: Search) -> tuple[Model, ...]:
         found += [*rest, *lacking[:RIVALS]]
     found += [m for m in search.models if not m.effects]
     return tuple({m.effects: m for m in found}.values())
-
-
-def units(problem: Problem) -> tuple[Sequence[int], ...]:
-    """Return the trials that are drawn together: those of a command, each by itself with few speeds."""
-    speeds = len({t.observation.variant.velocity for t in problem.trials})
-    return problem.commands if speeds >= FEWEST_SPEEDS else tuple((i,) for i in range(len(problem.trials)))
 
 
 def winners(densities: Array, odds: Array) -> Array:

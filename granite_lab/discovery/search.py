@@ -8,13 +8,23 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from granite_lab.discovery.candidates import Score, Screen, rescreened, rivals, scores, screen
+from granite_lab.discovery.carrying import carried, filed, worse
 from granite_lab.discovery.heldout import predict, predicts_better
 from granite_lab.discovery.sets import attempts, fit_sets, set_of
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
-from granite_lab.inference.constants import EFFECT_ODDS, LEFT, SPREAD, TOLERANCE, WORTH
+from granite_lab.inference.constants import (
+    EFFECT_ODDS,
+    FORMULA_ERROR,
+    LEAST_SHARE,
+    LEFT,
+    SPREAD,
+    TOLERANCE,
+    WORTH,
+)
 from granite_lab.inference.fit import LEAST, ROUNDS, Fit, fit, taken, under
 from granite_lab.inference.gap import moved, shares, tolerated
+from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
 
@@ -58,8 +68,8 @@ class Look:
         origin: the fit about which it is linear.
         screened: the columns; None where a later screen took their place.
         scores: what each candidate would bring, the best first.
-        tolerated: the discrepancy was taken to be of the tolerated size, so that it hides no effect, in place
-            of what it was learnt to be.
+        tolerated: the discrepancy was taken to be of the tolerated size, and trials to differ as the files
+            say, so that neither hides an effect, in place of what was learnt.
     """
 
     origin: Fit
@@ -75,7 +85,8 @@ class Search:
     Attributes:
         models: fitted sets, the likeliest first.
         looks: sets beside which candidates were screened, to the screens.
-        small: sets whose last effect does not stay: it changes little, or does not predict what is left out.
+        small: sets whose last effect does not stay: it changes little, or does not predict what is left out;
+            and likelier sets than the best whose simulations predict that worse than the files do.
     """
 
     models: tuple[Model, ...]
@@ -132,6 +143,7 @@ def search(
         path.append((current, best, tried))
         current = best
     steps.exchange(current, path)
+    steps.guard()
     steps.finish()
     models = sorted(steps.models.values(), key=lambda m: -m.log_posterior)
     return Search(tuple(models), steps.looks, frozenset(steps.small))
@@ -145,7 +157,7 @@ class _Steps:
         problem, candidates, tolerance, tell: as `search` has them.
         models: fitted sets.
         looks: sets to the screens beside them.
-        small: sets whose last effect does not stay, see `stays`.
+        small: sets that are not the best, see `stays` and `guard`.
         named: effects beside which is searched; `MOST` where they are exchanged.
     """
 
@@ -188,10 +200,11 @@ class _Steps:
             others = [c for c in self.candidates if c not in model.effects]
             sizes = FEW if model.effects else ALL
             origins = [model.fit] if model.effects else _origins(self.problem, model.fit)
-            blind = model.fit.scales.largest > self.tolerance or model.fit.scales.loud
+            scales = model.fit.scales
+            wide = scales.largest > self.tolerance or scales.loud or strained(self.problem, model.fit)
             screens = self.problem.bench.side_by_side(
                 lambda k: _screened(
-                    self.problem, origins[k], others, sizes, self.tolerance if blind else None
+                    self.problem, origins[k], others, sizes, self.tolerance if wide else None
                 ),
                 len(origins),
             )
@@ -232,10 +245,19 @@ class _Steps:
         return model
 
     def stays(self, model: Model, other: Model) -> bool:
-        """Tell whether the last effect of a set stays: it matters, and predicts what is left out."""
-        problem = self.problem
-        if max(moved(problem, model.fit, other.fit).values(), default=0.0) <= self.tolerance:
+        """Tell whether the last effect of a set stays: it matters, and predicts what is left out.
+
+        Beside others it must be needed, too, or show beyond the errors of their formulas as learnt.
+        """
+        problem, scales = self.problem, other.fit.scales
+        changes = moved(problem, model.fit, other.fit)
+        if max(changes.values(), default=0.0) <= self.tolerance:
             return False
+        for id_ in set(other.effects) - set(model.effects) if model.effects else ():
+            left = needed(problem, model.fit, scales, id_, changes, self.tolerance)
+            share = made(changes, moved(problem, self.models[()].fit, other.fit), self.tolerance)
+            if max(left.values(), default=0.0) <= self.tolerance and not shows(share, scales):
+                return False
         alone = under(problem, model.fit, other.fit.scales)
         before, after = (predict(problem, f, self.tolerance) for f in (alone, other.fit))
         return predicts_better(problem, before, after)
@@ -281,6 +303,20 @@ class _Steps:
             better = rest and rival and rest is not rival and rival.log_posterior > best.log_posterior
             if rest and rival and better and not self.stays(rest, rival):
                 self.small.add(key)
+
+    def guard(self) -> None:
+        """Set aside what may not be saved: sets that predict what is left out worse than the files do.
+
+        Sand that has moved to make up for a wrong effect shows there. None is set aside where every set does.
+        """
+        ranked = sorted(self.models.values(), key=lambda m: -m.log_posterior)
+        known = filed(self.problem, self.models[()].fit)
+        bad: list[tuple[str, ...]] = []
+        for m in (m for m in ranked if m.effects and m.effects not in self.small):
+            if not worse(carried(self.problem, m.fit, self.tolerance), known, self.tolerance):
+                self.small.update(bad)
+                return
+            bad.append(m.effects)
 
     def finish(self) -> None:
         """Bring the sets that may have a say to their optimum; the others keep what they reach at least.
@@ -338,6 +374,52 @@ def matters(problem: Problem, alone: Fit, best: Fit, tolerance: float) -> bool:
     return changed > tolerance or not good(problem, under(problem, alone, best.scales), tolerance)
 
 
+def needed(
+    problem: Problem, without: Fit, scales: Scales, id_: str, changes: Mapping[str, float], tolerance: float
+) -> Mapping[str, float]:
+    """Return channel to what is left without an effect where all else may be as wrong as it may be.
+
+    The formulas of the others are off by `FORMULA_ERROR` at most, the model by the tolerance, and trials
+    differ as a set with the effect says. An error of a formula is alike in all trials of a command: it cannot
+    stand for an effect that differs from trial to trial.
+
+    Args:
+        problem: the trials.
+        without: fit without the effect.
+        scales: of a set with it.
+        id_: the effect.
+        changes: channel to how far it moves the prediction, as a share of the channel's rms in motion.
+        tolerance: as in `search`.
+    """
+    if any(p.per_trial for p in problem.parameters_of(id_)):
+        return changes
+    alone = under(problem, without, scales)
+    worst = replace(tolerated(alone.scales, tolerance), formula=FORMULA_ERROR[1])
+    return shares(problem, taken(problem, alone, worst))
+
+
+def made(changes: Mapping[str, float], whole: Mapping[str, float], tolerance: float) -> dict[str, float]:
+    """Return channel to the share that an effect makes of what its set changes there, beyond the tolerance.
+
+    Args:
+        changes, whole: channel to how far the effect, and the set, moves the prediction.
+        tolerance: as in `search`.
+    """
+    return {c: own / max(whole[c], own) for c, own in changes.items() if own > tolerance}
+
+
+def shows(made: Mapping[str, float], scales: Scales) -> bool:
+    """Tell whether an effect makes so much of a channel's change that errors of formulas do not.
+
+    That is `LEAST_SHARE`, and two standard deviations of those errors, which are not known at their limit.
+    """
+    formulas = {c: scales.formula_of(c) for c in made}
+    return any(
+        formulas[c] < FORMULA_ERROR[1] and share >= max(LEAST_SHARE, 2 * formulas[c])
+        for c, share in made.items()
+    )
+
+
 def _origins(problem: Problem, result: Fit) -> list[Fit]:
     """Return where candidates are screened: at the fit, and at the files' sand where the fit is bad.
 
@@ -360,11 +442,16 @@ def _origins(problem: Problem, result: Fit) -> list[Fit]:
 def _screened(
     problem: Problem, origin: Fit, candidates: Sequence[str], sizes: int, tolerance: float | None
 ) -> list[Look]:
-    """Return the screens about a fit: with the scales as learnt, and with a tolerated discrepancy."""
+    """Return the screens about a fit: with the scales as learnt, and with a tolerated discrepancy.
+
+    In the latter trials differ as the files say: what all have in common may have widened what was learnt.
+    """
     screened = screen(problem, origin, candidates, most=sizes)
     looks = [Look(origin, screened, tuple(scores(problem, screened)))]
     if tolerance is not None:
-        held = taken(problem, origin, tolerated(origin.scales, tolerance))
+        learnt = {s.name for t in problem.trials for s in t.slacks if s.learnt}
+        own = {name: std for name, std in origin.scales.priors.items() if name not in learnt}
+        held = taken(problem, origin, replace(tolerated(origin.scales, tolerance), priors=own))
         other = rescreened(problem, screened, held)
         looks.append(Look(held, other, tuple(scores(problem, other)), True))
     return looks

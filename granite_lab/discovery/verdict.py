@@ -10,9 +10,9 @@ import numpy as np
 from granite_lab.discovery.finding import Verdict
 from granite_lab.discovery.heldout import Predicted, closed, gaps, predict
 from granite_lab.discovery.resampling import Competition, by_evidence, compete, nothing_missing
-from granite_lab.discovery.search import Model, Search, good, matters
+from granite_lab.discovery.search import Model, Search, good, made, matters, needed, shows
 from granite_lab.estimate import Estimate
-from granite_lab.inference.constants import CREDIBLE, LEAST_SHARE, LEFT
+from granite_lab.inference.constants import CERTAIN, CREDIBLE, LEAST_SHARE, LEFT
 from granite_lab.inference.fit import Fit, under
 from granite_lab.inference.gap import moved, scatter
 from granite_lab.inference.normal import Scales
@@ -41,8 +41,10 @@ class Named:
         probability: that it or one of its twins is in the model, see `discovery.resampling`.
         closes, speeds: share of the gap on trials and on speeds left out.
         strained: its numbers that ended at a bound, or two standard deviations outside what is expected.
-        channel: of which it makes the largest share of what the set changes, and that share.
         changes: channel to how far it moves the prediction, as a share of the channel's rms in motion.
+        made: channel to which share it makes of what the set changes there.
+        needed: channel to what the rest of the set leaves there without it, beyond errors of its formulas; a
+            share of the channel's rms in motion.
     """
 
     id: str
@@ -51,32 +53,41 @@ class Named:
     closes: Estimate
     speeds: Estimate = OPEN
     strained: tuple[str, ...] = ()
-    channel: tuple[str, float] = ("", float("nan"))
     changes: Mapping[str, float] = field(default_factory=dict)
+    made: Mapping[str, float] = field(default_factory=dict)
+    needed: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def channel(self) -> tuple[str, float]:
+        """The channel of which it makes the largest share of what the set changes, and that share."""
+        return max(self.made.items(), key=lambda item: item[1], default=("", float("nan")))
 
     def stands_out(self, scatter: Mapping[str, float], tolerance: float) -> bool:
         """Tell whether it changes some channel by more than repetitions differ there, and the tolerance."""
         return any(moved > max(scatter.get(c, 0.0), tolerance) for c, moved in self.changes.items())
 
-    def matters(self, remainder: float, scales: Scales) -> bool:
+    def matters(self, remainder: float, tolerance: float, scales: Scales) -> bool:
         """Tell whether it closes enough to be named.
 
         Trials left out must show it, and it must do more than the errors of the formulas beside it may do.
-        Without it the gap must be larger by `LEFT`, as an rms of all channels, or a channel's change smaller
-        by `LEAST_SHARE` and two standard deviations of those errors, which are not known at their limit.
+        Without it the gap must be larger by `LEFT`, as an rms of all channels; or in a channel of whose
+        change it makes `LEAST_SHARE`, the others must leave more than the tolerance even if their formulas
+        are off by as much as they may be. An effect that shows beyond the errors as learnt, see `shows`, and
+        not beyond their limit must be certain by two standard deviations.
 
         Args:
             remainder: share of the gap that the whole set leaves.
+            tolerance: as in `judge`.
             scales: as learnt, the error of the formulas in each channel among them.
         """
         if not np.isfinite(self.closes.value) or self.closes.value < 2 * self.closes.std:
             return False  # trials left out do not show it
         left = max(remainder, 0.0)
         closes = np.sqrt(max(left + self.closes.value, 0.0)) - np.sqrt(left)
-        channel, made = self.channel
-        formula = scales.formula_of(channel)
-        seen = formula < FORMULAS[1] and made >= max(LEAST_SHARE, 2 * formula)
-        return bool(closes >= LEFT or seen)
+        own = [c for c, share in self.made.items() if share >= LEAST_SHARE]
+        if closes >= LEFT or any(self.needed.get(c, 0.0) > tolerance for c in own):
+            return True
+        return self.probability >= CERTAIN and shows(self.made, scales)
 
     def is_shown(self) -> bool:
         """Tell whether trials left out show it."""
@@ -174,8 +185,8 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     * ``named`` where these are all that matters, and together leave less than `LEFT` of the gap, as an rms;
       or not more by two standard errors, if errors of their formulas within `FORMULA_ERROR` and the tolerance
       explain what they leave.
-    * ``partly named`` where some are named and more is missing, ``unknown`` where none is. What else trials
-      left out show is a description.
+    * ``partly named`` where some are named and more is missing or not sure, ``unknown`` where none is named.
+      What else trials left out show is a description.
 
     Args:
         problem, search, tolerance: as in `judge`.
@@ -198,16 +209,14 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
         lambda k: _named(problem, search, best.effects[k], whole, competition, held_out), len(best.effects)
     )
     scales, remainder = best.fit.scales, 1 - whole.closed.value
-    relevant = [n for n in parts if n.matters(remainder, scales)]
+    relevant = [n for n in parts if n.matters(remainder, tolerance, scales)]
     beyond = remainder - 2 * whole.closed.std > LEFT**2  # not so where the standard error is not known
     explained = not beyond and good(problem, best.fit, tolerance)
     enough = remainder < LEFT**2 or explained
     stand_out = [n for n in relevant if not differ or n.stands_out(differ, tolerance)]
-    named = [n for n in stand_out if n.is_sure()]
-    verdict: Verdict = "named"
-    if not (enough and named and len(named) == len(relevant)):
-        named = [n for n in named if n.is_sure_beside(remainder, scales)]
-        verdict = "partly named" if named else "unknown"
+    named = [n for n in stand_out if n.is_sure() and (enough or n.is_sure_beside(remainder, scales))]
+    every = enough and len(named) == len(relevant)
+    verdict: Verdict = "unknown" if not named else "named" if every else "partly named"
     rest = [n for n in parts if n not in named]
     shown = [n for n in rest if verdict != "named" and n.is_shown()]
     small = (*beside, *(n for n in rest if n not in shown))
@@ -337,9 +346,14 @@ def _named(
         if likely:
             twins.append(rival)
             probability += share
-    channel = _channel(problem, search, changes, tolerance)
-    tight = strained_numbers(problem, best.fit, id_)
-    return Named(id_, tuple(twins), min(probability, 1.0), closes, speeds, tight, channel, changes)
+    alone = search.model(())
+    assert alone is not None
+    every = moved(problem, alone.fit, best.fit)
+    return Named(
+        id_, tuple(twins), min(probability, 1.0), closes, speeds, strained_numbers(problem, best.fit, id_),
+        changes, made(changes, every, tolerance),
+        needed(problem, without.fit, best.fit.scales, id_, changes, tolerance),
+    )  # fmt: skip
 
 
 def strained_numbers(problem: Problem, fit: Fit, id_: str) -> tuple[str, ...]:
@@ -356,14 +370,3 @@ def strained_numbers(problem: Problem, fit: Fit, id_: str) -> tuple[str, ...]:
         if e == id_ and not p.shape and (bound or abs(value - p.neutral) > 2 * width_of(p)):
             found.append(p.name)
     return tuple(found)
-
-
-def _channel(
-    problem: Problem, search: Search, own: Mapping[str, float], tolerance: float
-) -> tuple[str, float]:
-    """Return the channel of which an effect makes the largest share of what the whole set changes."""
-    alone = search.model(())
-    assert alone is not None
-    whole = moved(problem, alone.fit, search.best.fit)
-    made = {c: own[c] / max(whole[c], own[c]) for c in own if own[c] > tolerance}
-    return max(made.items(), key=lambda item: item[1], default=("", float("nan")))

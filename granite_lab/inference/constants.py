@@ -6,6 +6,7 @@ Everything else is measured, learnt or taken from a file. Two standard deviation
 from __future__ import annotations
 
 import math
+from statistics import NormalDist
 
 TOLERANCE = 0.02
 """Discrepancy that does not matter, as a share of a channel's rms in motion; the option `--tolerance`.
@@ -96,3 +97,6 @@ WORTH = -math.log(EFFECT_ODDS)
 
 CREDIBLE = 0.9
 """Posterior probability that a name, or a set that cannot be told apart, must hold."""
+
+CERTAIN = NormalDist().cdf(2)
+"""The same of a name that explains no more than errors of other formulas at their limit could."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import lsq_linear
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED, SAND
@@ -49,7 +51,7 @@ NEAR = 1.0
 """Promised drop below which a step of Gauss and Newton is taken although the objective does not fall: within
 a std it tells of kinks of the model and of derivatives at the centre of a command, not of the optimum."""
 
-AS_GOOD, AS_GOOD_ROUGH = 0.5, 1.0
+AS_GOOD, AS_GOOD_ROUGH = 0.1, 1.0
 """How far a fit may move, in std of the numbers, with derivatives that count as those of the point; a rough
 one."""
 
@@ -163,8 +165,8 @@ def fit(
     if rounds:
         scales = _learnt(problem, state, scales, 1)
         state, scales, converged = _descended(problem, state, scales, rounds, least, away)
-        if converged and fine:
-            state, scales = _unlimited(problem, state, scales, rounds)
+        if fine and (other := _unlimited(problem, state, scales, rounds)) is not None:
+            (state, scales), converged = other, True
     post = posterior_at(problem, state.point, state.normal, scales)
     evidence = post.evidence + log_prior(problem, scales, bool(state.point.effects))
     if rounds:  # nothing is credited beyond a bound, nor what the derivatives promise and was not found
@@ -257,15 +259,15 @@ def _descended(
     return state, scales, bool(fine and away < good and promised < NO_FURTHER)
 
 
-def _unlimited(problem: Problem, state: _State, scales: Scales, rounds: int) -> tuple[_State, Scales]:
-    """Return the optimum at which the strength of the sand limits nothing, if there is one that is likelier.
+def _unlimited(problem: Problem, state: _State, scales: Scales, rounds: int) -> tuple[_State, Scales] | None:
+    """Return the optimum at which the strength of the sand limits nothing, None where none is likelier.
 
     Where the friction on the tyre rules in (10), cohesion and angle of friction say nothing. A fit that comes
     from where they rule ends at the edge of that region, in a second optimum.
     """
     shared = np.where([name in STRENGTH for name in SHARED], 0.0, state.point.shared)
     if np.array_equal(shared, state.point.shared):
-        return state, scales
+        return None
     raked = np.array([name in STRENGTH for name in SAND[:RAKED]])
     trials = [np.concatenate([np.where(raked, 0.0, x[:RAKED]), x[RAKED:]]) for x in state.point.trials]
     here, _, _ = _promise(problem, state, scales, 0.0)
@@ -274,10 +276,10 @@ def _unlimited(problem: Problem, state: _State, scales: Scales, rounds: int) -> 
     )
     there = _renewed(problem, there, central=True) if there is not None and rise > -NEAR else None
     if there is None:
-        return state, scales
+        return None
     other, theirs, converged = _descended(problem, there, scales, rounds, LEAST)
     better = converged and _evidence(problem, other, theirs) > _evidence(problem, state, scales)
-    return (other, theirs) if better else (state, scales)
+    return (other, theirs) if better else None
 
 
 def _evidence(problem: Problem, state: _State, scales: Scales) -> float:
@@ -351,26 +353,21 @@ def simulated(problem: Problem, point: Point) -> tuple[Array, ...] | None:
 
 
 def _aim(problem: Problem, point: Point, M: Array, std: Array, pull: Array, damping: float) -> Point:
-    """Return where the damped step leads; numbers that it would take beyond their bounds stay at these.
+    """Return where the damped step leads: the least of the linear problem within the bounds.
 
-    The others are solved for anew, given those: a step that is only cut off may lead uphill.
+    A step that is only cut off at the bounds may lead uphill.
     """
     p = std.size
     N = M[:p, :p] + np.diag(std**-2.0)
     scale = 1 / np.sqrt(np.diag(N))
-    N = N * np.outer(scale, scale) + damping * np.eye(p)
-    g = scale * (M[:p, -1] + pull / std**2)
-    free, step = np.ones(p, dtype=bool), np.zeros(p)
-    while True:
-        held = g[free] - N[np.ix_(free, ~free)] @ step[~free]
-        step[free] = np.linalg.solve(N[np.ix_(free, free)], held)
-        aim = problem.moved(point, scale * step)
-        reached = (aim.vector - point.vector) / scale
-        beyond = free & ~np.isclose(reached, step, rtol=1e-9, atol=1e-12)
-        if not beyond.any():
-            return aim
-        free &= ~beyond
-        step = np.where(free, step, reached)
+    factor = cholesky(N * np.outer(scale, scale) + damping * np.eye(p), lower=True)
+    white = solve_triangular(factor, scale * (M[:p, -1] + pull / std**2), lower=True)
+    step = scale * solve_triangular(factor, white, lower=True, trans="T")
+    low, high = (side - point.vector for side in problem.bounds(point))
+    if np.any((step < low) | (step > high)):
+        within = lsq_linear(factor.T, white, (low / scale, high / scale), method="bvls")
+        step = scale * within.x
+    return problem.moved(point, step)
 
 
 def _linear(M: Array, std: Array, mean: Array, point: Point, aim: Point) -> float:

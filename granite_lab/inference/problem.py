@@ -133,25 +133,25 @@ class Problem:
             ),
         )
 
+    def bounds(self, point: Point) -> tuple[Array, Array]:
+        """Return the least and the largest values of `Point.vector`."""
+        sides = []
+        for sign, side, sensors in ((-1, "low", SENSORS_LEAST), (1, "high", np.full(len(SENSORS), np.inf))):
+            private, common = (
+                [getattr(p, side) for _, p in self.parameters(point.effects, per_trial=own)]
+                for own in (True, False)
+            )
+            own = [np.append(np.full(t.size, sign * np.inf), private) for t in self.trials]
+            sides.append(np.concatenate([*own, 3 * sign * self.sand_std, sensors, common]))
+        return sides[0], sides[1]
+
     def moved(self, point: Point, step: Array) -> Point:
-        """Return the point a step further, the effects' parameters within their bounds."""
-        whole = point.vector + step
-        trials, k = [], 0
-        private = [p for _, p in self.parameters(point.effects, per_trial=True)]
-        low, high = (np.array([getattr(p, side) for p in private]) for side in ("low", "high"))
-        for t, x in zip(self.trials, point.trials, strict=True):
-            own = whole[k : k + x.size].copy()
-            own[t.size :] = np.clip(own[t.size :], low, high) if private else own[t.size :]
-            trials.append(own)
-            k += x.size
-        shared = whole[k : k + len(SHARED)]
-        most = np.array([*(3 * self.sand_std), *np.full(len(SENSORS), np.inf)])
-        least = np.array([*(-3 * self.sand_std), *SENSORS_LEAST])
-        common = whole[k + len(SHARED) :]
-        bounds = [p for _, p in self.parameters(point.effects, per_trial=False)]
-        if bounds:
-            common = np.clip(common, [p.low for p in bounds], [p.high for p in bounds])
-        return Point(np.clip(shared, least, most), point.effects, common, tuple(trials))
+        """Return the point a step further, within the bounds."""
+        whole = np.clip(point.vector + step, *self.bounds(point))
+        *trials, shared, common = np.split(
+            whole, np.cumsum([*(x.size for x in point.trials), point.shared.size])
+        )
+        return Point(shared, point.effects, common, tuple(trials))
 
     def prior(self, point: Point, scales: Scales) -> tuple[Array, Array]:
         """Return standard deviations and means of the priors of `Point.vector`."""

@@ -48,12 +48,19 @@ def posterior_at(problem: Problem, point: Point, normal: Normal, scales: Scales)
 
 
 def log_prior(problem: Problem, scales: Scales, formula: bool) -> float:
-    """Return the logarithm of the prior density of the scales, and of the noise being louder than learnt."""
+    """Return the logarithm of the prior density of the scales, and of the noise being louder than learnt.
+
+    The std of a number that differs from trial to trial has an inverse gamma prior, relative to its mode. One
+    that is wide to hold what all trials have in common is not likely.
+    """
     away = [np.log(share / (TOLERANCE / 2)) for share in scales.shares.values()]
     if formula:
         away += [np.log(share / FORMULA_ERROR[0]) for share in scales.formulas.values()]
     noise = sum(n * np.log(scales.louder.get(c, 1.0)) for c, n in problem.counts.items())
-    return -0.5 * float(np.sum((np.array(away) / SPREAD) ** 2)) - float(noise)
+    first = {s.name: s.std for t in problem.trials for s in t.slacks if s.learnt}
+    wider = np.array([scales.priors.get(name, std) / std for name, std in first.items()])
+    widths = PSEUDO_TRIALS * float(np.sum(np.log(wider) + (wider**-2.0 - 1) / 2))
+    return -0.5 * float(np.sum((np.array(away) / SPREAD) ** 2)) - float(noise) - widths
 
 
 def learn(

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from granite_lab.discovery.resampling import by_evidence, competitors, nothing_missing, units, winners
+from granite_lab.discovery.heldout import units
+from granite_lab.discovery.resampling import by_evidence, competitors, nothing_missing, winners
 from granite_lab.discovery.search import Search
 from granite_lab.discovery.verdict import Named, holding
 from granite_lab.estimate import Estimate

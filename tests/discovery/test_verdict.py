@@ -11,7 +11,7 @@ from granite_lab.discovery.candidates import rescreened, rivals, scores, screen
 from granite_lab.discovery.finding import FoundEffect
 from granite_lab.discovery.heldout import closed, predict
 from granite_lab.discovery.power import _by_noise_own, _shares
-from granite_lab.discovery.search import MOST, Search, search, strained
+from granite_lab.discovery.search import MOST, Search, needed, search, strained
 from granite_lab.discovery.sets import fit_sets
 from granite_lab.discovery.verdict import OPEN, Judgement, Named, by_posterior, judge
 from granite_lab.discovery.words import provisional, sentence
@@ -234,23 +234,41 @@ def test_trials_that_cannot_be_left_out_say_nothing_of_such() -> None:
 
 
 @pytest.mark.parametrize(
-    ("closes", "channel", "remainder", "formula", "named"),
+    ("closes", "made", "remainder", "needed", "probability", "named"),
     [
-        (0.5, 0.0, 0.0, 0.0, True),
-        (0.10, 0.0, 0.0, 0.0, True),  # three tenths of the rms
-        (0.08, 0.0, 0.0, 0.0, False),
-        (0.10, 0.0, 0.1, 0.0, False),  # beside what the set leaves in any case
-        (0.0, 0.15, 0.0, 0.02, True),
-        (0.0, 0.15, 0.0, 0.08, False),  # errors of the formulas beside it may do as much
-        (0.0, 0.5, 0.0, 0.3, False),  # their size is not known at its limit
-        (np.nan, 0.5, 0.0, 0.0, False),  # trials left out show no gap
+        (0.5, 0.0, 0.0, 0.0, 0.9, True),
+        (0.10, 0.0, 0.0, 0.0, 0.9, True),  # three tenths of the rms
+        (0.08, 0.0, 0.0, 0.0, 0.9, False),
+        (0.10, 0.0, 0.1, 0.0, 0.9, False),  # beside what the set leaves in any case
+        (0.02, 0.15, 0.0, 1.5 * TOLERANCE, 0.9, True),
+        (0.02, 0.15, 0.0, 0.5 * TOLERANCE, 0.9, False),  # errors of the formulas beside it may do as much
+        (0.02, 0.25, 0.0, 0.5 * TOLERANCE, 0.9, False),  # it shows beyond them as learnt, and is not certain
+        (0.02, 0.25, 0.0, 0.5 * TOLERANCE, 0.98, True),
+        (0.02, 0.15, 0.0, 0.5 * TOLERANCE, 0.98, False),  # less than two std of the formulas as learnt
+        (0.02, 0.05, 0.0, 1.5 * TOLERANCE, 0.9, False),  # other effects change that channel
+        (np.nan, 0.5, 0.0, 0.5, 0.98, False),  # trials left out show no gap
     ],
 )
 def test_an_effect_matters_by_the_gap_that_it_closes_or_by_a_channel(
-    closes: float, channel: float, remainder: float, formula: float, named: bool
+    closes: float, made: float, remainder: float, needed: float, probability: float, named: bool
 ) -> None:
-    effect = Named("push", (), 1.0, Estimate(closes), channel=("accel_x", channel))
-    assert effect.matters(remainder, Scales(0.01, 1.0, formulas={"accel_x": formula})) is named
+    gap, channel = Estimate(closes), {"accel_x": made}
+    effect = Named("push", (), probability, gap, made=channel, needed={"accel_x": needed})
+    assert effect.matters(remainder, TOLERANCE, Scales(TOLERANCE, 0.1)) is named
+
+
+def test_what_an_error_of_the_formulas_beside_it_can_do_does_not_need_an_effect() -> None:
+    answer = ask(push=0.3, shake=0.15, discrepancy=0.0)
+    best, without = answer.search.best, answer.search.model(("push",))
+    assert without is not None
+    changes, scales = {"accel_x": 0.5}, best.fit.scales
+    assert needed(answer.problem, without.fit, scales, "shake", changes, TOLERANCE) == changes
+    alone = answer.search.model(())
+    assert alone is not None
+    lost = needed(answer.problem, alone.fit, scales, "push", changes, TOLERANCE)
+    assert max(lost.values()) > TOLERANCE
+    same = needed(answer.problem, best.fit, scales, "push", changes, TOLERANCE)
+    assert max(same.values()) < TOLERANCE
 
 
 def test_a_second_effect_is_found_where_the_first_leaves_less_than_the_tolerance() -> None:

@@ -125,7 +125,7 @@ def problem_of(
     models = []
     for i, command in enumerate(commands):
         variant = COMMANDS[command]
-        t = np.arange(-1.0, duration(variant) + 2.0, 0.01)
+        t = np.arange(-1.0, duration(variant) + 2.0, 0.003)
         edges = WIDTH * np.arange(-round(0.5 / WIDTH), np.ceil((duration(variant) + 1.5) / WIDTH) + 1)
         weights = {c: np.zeros(len(SIGNALS)) for c in channels}
         for c, w in weights.items():

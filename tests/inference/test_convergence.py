@@ -63,15 +63,14 @@ def case() -> Iterator[Case]:
         yield Case(problem, baseline(problem))
 
 
-def test_starts_that_converge_end_at_one_optimum(case: Case) -> None:
-    """One prior std off in drawn directions, and a millionth. A kink may hold one of six, which says so."""
-    rng, start = np.random.default_rng(1), case.start(CHOSEN)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_all_starts_end_at_one_optimum(case: Case, seed: int) -> None:
+    """One prior std off in drawn directions, and a millionth."""
+    rng, start = np.random.default_rng(seed), case.start(CHOSEN)
     starts = [start, *(case.off(start, rng, 1.0, everything=False) for _ in range(4))]
     starts.append(case.off(start, rng, 1e-6, everything=True))
-    every = [fit(case.problem, point, case.base.scales) for point in starts]
-    found = [f for f in every if f.converged]
-    assert len(found) >= 5
-    assert all(f.promised > NO_FURTHER for f in every if not f.converged)
+    found = [fit(case.problem, point, case.base.scales) for point in starts]
+    assert all(f.converged for f in found)
     evidence = [f.evidence for f in found]
     assert max(evidence) - min(evidence) < 0.5
     best = found[int(np.argmax(evidence))]

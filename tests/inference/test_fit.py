@@ -9,7 +9,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.inference import noise
 from granite_lab.inference.bench import RAKED, SAND
 from granite_lab.inference.constants import PSEUDO_TRIALS
-from granite_lab.inference.fit import Fit, fit, simulated, under
+from granite_lab.inference.fit import Fit, _aim, _linear, fit, simulated, under
 from granite_lab.inference.gap import discrepancies
 from granite_lab.inference.noise import FLOOR
 from granite_lab.inference.normal import Scales
@@ -293,3 +293,39 @@ def test_a_trial_in_stretches_gives_the_numbers_of_the_whole_trial(monkeypatch: 
     assert np.max(np.abs(found.point.vector - whole.point.vector) / std_of(whole)) < 0.5
     assert std_of(found) / std_of(whole) == pytest.approx(np.ones(whole.point.vector.size), rel=0.3)
     assert [d.value.shape for d in discrepancies(problem, found)] == shapes
+
+
+def test_a_scatter_that_is_as_filed_costs_nothing_and_any_other_does() -> None:
+    problem = problem_of(FOUR)
+    first = {s.name: s.std for t in problem.trials for s in t.slacks if s.learnt}
+
+    def cost(factor: float) -> float:
+        scales = Scales(0.01, 0.1, {name: factor * std for name, std in first.items()})
+        return log_prior(problem, Scales(0.01, 0.1), False) - log_prior(problem, scales, False)
+
+    assert cost(1.0) == 0
+    assert cost(10.0) == pytest.approx(PSEUDO_TRIALS * len(first) * (np.log(10) - 0.495))
+    assert cost(0.5) > 0
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_step_that_several_bounds_hold_is_the_least_within_them(seed: int) -> None:
+    """Of a drawn linear problem whose numbers are alike; no other point within the bounds is better."""
+    rng, problem = np.random.default_rng(seed), problem_of(FOUR)
+    start = problem.neutral()
+    step = problem.prior(start, Scales(0.01, 0.1))[0] * rng.normal(size=start.vector.size)
+    point = problem.moved(start, step)
+    std, mean = problem.prior(point, Scales(0.01, 0.1))
+    A = rng.normal(size=(std.size, 5)) @ rng.normal(size=(5, std.size + 1)) + rng.normal(
+        size=(std.size, std.size + 1)
+    )
+    A[:, :-1] *= 10 / std
+    A[:, -1] *= 300
+    M = A.T @ A
+    aim = _aim(problem, point, M, std, mean - point.vector, 0.0)
+    assert (np.abs(aim.shared[: len(SAND)]) > 2.99 * problem.sand_std).sum() > 1
+    least = _linear(M, std, mean, point, aim)
+    assert least <= _linear(M, std, mean, point, point)
+    for size in (1e-3, 0.03, 1.0):
+        other = problem.moved(aim, size * std * rng.normal(size=std.size))
+        assert least <= _linear(M, std, mean, point, other) + 1e-9 * abs(least)

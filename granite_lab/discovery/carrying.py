@@ -1,0 +1,135 @@
+"""What a saved model predicts: simulations of what was left out, nothing standing in for what is missing.
+
+`heldout` refits the sand and the gains of each trial that is left out. Whoever simulates a saved model has
+only the numbers that all trials share. A set of effects whose sand has moved far to make up for a wrong one
+may predict well in the first sense, and in the second worse than the paper's model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granite_lab.discovery.heldout import Equations, shared_step, units
+from granite_lab.inference.bench import RAKED, SAND
+from granite_lab.inference.fit import Fit
+from granite_lab.inference.nuisances import TrialModel
+from granite_lab.inference.point import Point
+from granite_lab.inference.problem import Problem
+from granite_lab.logs.trial import Array
+from granite_lab.model.command import distances_at
+
+VELOCITY = "velocity"
+"""The signal beside the channels: the error of the acceleration, integrated from rest to rest. Slip shows
+there, and hardly in the acceleration itself."""
+
+
+def carried(problem: Problem, fit: Fit, tolerance: float) -> Array | None:
+    """Return what simulations leave of the speeds that were left out, of the trials with few speeds.
+
+    The numbers that all trials share are those that the others ask for; see `_lacking`. None where a
+    simulation has no solution, or a trial leaves the numbers open.
+    """
+    equations = Equations(problem, fit)
+    order = [i for own in problem.commands for i in own]
+    rows = []
+    for own in units(problem):
+        try:
+            step = shared_step(equations, tolerance, [k for k, i in enumerate(order) if i not in own])
+        except np.linalg.LinAlgError:
+            return None
+        whole = np.append(np.zeros(fit.point.vector.size - step.size), step)
+        rows.append(_lacking(problem, problem.moved(fit.point, whole), own))
+    return _stacked(rows)
+
+
+def filed(problem: Problem, alone: Fit) -> Array | None:
+    """Return the same of the model with the sand and a_θ of the files.
+
+    Args:
+        problem: the trials.
+        alone: a fit without effects, of which start, tilt and offsets of the trials are taken.
+    """
+    point = at_files(alone.point)
+    return _stacked([_lacking(problem, point, own) for own in units(problem)])
+
+
+def at_files(point: Point) -> Point:
+    """Return a point with the sand as in the files."""
+    trials = tuple(np.append(np.zeros(RAKED), x[RAKED:]) for x in point.trials)
+    return replace(point, shared=np.append(np.zeros(len(SAND)), point.shared[len(SAND) :]), trials=trials)
+
+
+def worse(after: Array | None, before: Array | None, tolerance: float) -> bool:
+    """Tell whether simulations predict what was left out worse than others, by more than a standard error.
+
+    Each signal counts by its mean squares over those of the others; errors within the tolerance do not count.
+
+    Args:
+        after, before: as `carried` or `filed` return them.
+        tolerance: as a share of a channel's rms.
+    """
+    if after is None or before is None:
+        return after is None and before is not None
+    known = np.isfinite(after).any(axis=0) & np.isfinite(before).any(axis=0)
+    after, before = (np.maximum(x[:, known], tolerance**2) for x in (after, before))
+    more = np.nansum((after - before) / np.nanmean(before, axis=0), axis=1)
+    scatter = np.std(more, ddof=1) if more.size > 1 else 0.0
+    return bool(more.sum() > np.sqrt(more.size) * scatter)
+
+
+def _lacking(problem: Problem, point: Point, own: Sequence[int]) -> Array | None:
+    """Return per signal the mean square in motion, over that of the signal; mean over some trials.
+
+    Raking and gains of the trials are those of the files. NaN for a channel that was not logged.
+    """
+    names = [*dict.fromkeys(c for t in problem.trials for c in t.channels), VELOCITY]
+    point = replace(point, trials=tuple(map(_as_filed, problem.trials, point.trials)))
+    runs = problem.respond([problem.task(point, i) for i in own])
+    if runs is None:
+        return None
+    table = np.full((len(own), len(names)), np.nan)
+    for row, i, run in zip(table, own, runs, strict=True):
+        trial, x = problem.trials[i], point.trials[i]
+        command = problem.variants.index(trial.variant)
+        left = trial.measured - trial.predict(run, x[: trial.size], point.sensors)
+        for c, values in zip(trial.channels, left, strict=True):
+            size, moving = problem.size_of(command, c)
+            squares = values[(moving > 0) & np.isfinite(values)] ** 2
+            if size > 0 and squares.size:
+                row[names.index(c)] = squares.mean() / size**2
+        if "accel_x" in trial.channels:
+            _, moving = problem.size_of(command, "accel_x")
+            row[-1] = _of_velocity(trial, left[trial.channels.index("accel_x")], moving > 0)
+    known = np.isfinite(table).sum(axis=0)
+    return np.asarray(np.where(known > 0, np.nansum(table, axis=0) / np.fmax(known, 1), np.nan))
+
+
+def _of_velocity(trial: TrialModel, error: Array, moving: NDArray[np.bool_]) -> float:
+    """Return the mean square of the velocity's error in motion over that of the desired velocity.
+
+    Args:
+        trial: the trial.
+        error: (n,) of the acceleration [m/s^2].
+        moving: (n,) where the robot moves; before and behind it stands.
+    """
+    o = trial.observation
+    velocity = np.cumsum(np.nan_to_num(error)) * o.width
+    first, last = np.flatnonzero(moving)[[0, -1]]
+    drift = np.interp(np.arange(velocity.size), [first, last], velocity[[first, last]])
+    desired = np.gradient(distances_at(o.t + o.width / 2, o.variant), o.width)
+    return float(np.mean((velocity - drift)[moving] ** 2) / max(np.mean(desired[moving] ** 2), 1e-12))
+
+
+def _stacked(rows: Sequence[Array | None]) -> Array | None:
+    known = [row for row in rows if row is not None]
+    return np.stack(known) if len(known) == len(rows) else None
+
+
+def _as_filed(trial: TrialModel, x: Array) -> Array:
+    """Return a trial's numbers with raking and gains as filed; offsets, tilt and start are the mounting's."""
+    kept = [k < RAKED or s.name.endswith("gain") for k, s in enumerate(trial.slacks)]
+    return np.concatenate([np.where(kept, 0.0, x[: trial.size]), x[trial.size :]])
