@@ -107,9 +107,9 @@ SCORED = Table[ParameterScore](
     "Sizes hidden and found",
     Column("effect", lambda p: p.effect),
     Column("parameter", lambda p: f"{p.name} [{_scale(p)[0]}]".removesuffix(" []")),
-    Column("hidden", lambda p: p.true * _scale(p)[1], "hidden", form=".4g"),
-    Column("found", lambda p: p.value * _scale(p)[1], "found", form=".4g"),
-    Column("std", lambda p: p.std * _scale(p)[1], "std", form=".2g"),
+    Column("hidden", lambda p: _sized(p, p.true), "hidden", form=".4g"),
+    Column("found", lambda p: _sized(p, p.value), "found", form=".4g"),
+    Column("std", lambda p: _sized(p, p.std), "std", form=".2g"),
     Column("z", lambda p: p.z, "z", form="+.1f"),
     Column("meaning", lambda p: p.kind),
 )
@@ -164,6 +164,10 @@ def _show_score(judged: Score, printer: Printer) -> None:
         printer.say(
             f"gap closed by the saved model at the withheld speed: {100 * judged.closed_withheld:.1f} %"
         )
+
+
+def _sized(size: ParameterScore, value: float | None) -> float | None:
+    return None if value is None else value * _scale(size)[1]
 
 
 def _scale(size: ParameterScore) -> tuple[str, float]:
