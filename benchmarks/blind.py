@@ -22,18 +22,19 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.blind_code import ROOT, code_hash, commit
 from benchmarks.blind_page import DIAGRAM, current, every_stated, page
-from benchmarks.judging import Line, judged, searched, short
+from benchmarks.judging import judged, searched, short
+from benchmarks.lines import Line, of_code, read, show, write
 from benchmarks.reliability import write_diagram
 from granite_lab.api.hidden import hide
 from granite_lab.effects import library
 from granite_lab.errors import EstimateError, LabError
-from granite_lab.files import write_text
 from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, influence
 from granite_lab.hidden.influence import Size
 from granite_lab.hidden.sealed import open_answer
@@ -226,22 +227,6 @@ def told(lab: Mapping[str, object]) -> dict[str, object]:
     }
 
 
-def read(path: Path) -> list[Line]:
-    """Return the lines of a results file; one on which a run was killed is dropped."""
-    lines = []
-    for text in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
-        try:
-            lines.append(json.loads(text))
-        except ValueError:
-            continue
-    return lines
-
-
-def write(path: Path, lines: Sequence[Line]) -> None:
-    """Write the results, whole or not at all."""
-    write_text(path, "".join(json.dumps(x, allow_nan=False, separators=(",", ":")) + "\n" for x in lines))
-
-
 class Workers:
     """Sets in processes of their own, which end with this one."""
 
@@ -342,18 +327,12 @@ def main() -> None:
     lines = read(options.results)
     if options.minutes > 0:
         version = {"code": code_hash(), "commit": commit()}
-        if options.afresh:
-            lines = [line for line in lines if line["code"] == version["code"]]
-        elif lines and lines[-1]["code"] != version["code"]:
-            sys.exit(
-                f"error: {options.results} is of code {lines[-1]['code']}, this is {version['code']}\n"
-                "hint: --afresh begins anew; --minutes 0 shows what there is"
-            )
+        lines = of_code(
+            lines, version["code"], options.results, afresh=options.afresh, page_only="--minutes 0"
+        )
         run(options.results, lines, options.minutes, options.jobs, version)
-    text = page(lines, len(schedule()))
-    print(text)
+    show(lines, partial(page, planned=len(schedule())), options.out)
     if options.out is not None:
-        write_text(options.out, text)
         write_diagram(every_stated(current(lines)), options.out, DIAGRAM)
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 
 LEFT_OUT = (
-    "api", "cli.py", "commands", "comparison", "documentation.py",
-    "fitting", "planning", "reporting", "study.py", "verify.py",
+    "api", "cli.py", "commands", "comparison",
+    "fitting", "planning", "reporting", "study.py",
 )  # fmt: skip
 """Packages and modules that decide neither what is hidden nor what is found."""
 

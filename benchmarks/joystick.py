@@ -23,13 +23,13 @@ from pathlib import Path
 from typing import Any
 
 import granite_lab
-from benchmarks.blind import Task, read, sizes_of, write
+from benchmarks.blind import Task, sizes_of
 from benchmarks.blind_code import ROOT, commit
 from benchmarks.joystick_page import page
-from benchmarks.judging import Line, judged, searched, short
+from benchmarks.judging import judged, searched, short
+from benchmarks.lines import Line, read, show, write
 from granite_lab.errors import EstimateError, LabError
 from granite_lab.estimate import Estimate
-from granite_lab.files import write_text
 from granite_lab.fitting.fit import K92Fit
 from granite_lab.hidden.catalogue import LIBRARY
 from granite_lab.hidden.sealed import open_answer
@@ -204,12 +204,7 @@ def main() -> None:
         sys.exit(f"error: {options.results} is of other code\nhint: move it away to begin anew, or --jobs 0")
     if options.jobs:
         judge(options, lines, version)
-    if not lines:
-        sys.exit("error: no set was judged")
-    text = page(lines)
-    print(text)
-    if options.out is not None:
-        write_text(options.out, text)
+    show(lines, page, options.out)
 
 
 if __name__ == "__main__":

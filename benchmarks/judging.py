@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import granite_lab
+from benchmarks.lines import Line
 from granite_lab.errors import LabError
 from granite_lab.hidden.scoring import Score, score
 
-Line = dict[str, Any]
 T = TypeVar("T")
 
 

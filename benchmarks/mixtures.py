@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 import tempfile
 import time
 import traceback
@@ -22,14 +21,13 @@ from typing import Any
 
 import granite_lab
 from benchmarks.against_truth import table
-from benchmarks.blind import read, write
 from benchmarks.blind_code import ROOT, code_hash, commit
 from benchmarks.blind_page import current, every_stated
 from benchmarks.intervals import wilson
-from benchmarks.judging import Line, short, side_by_side, stated
+from benchmarks.judging import short, side_by_side, stated
+from benchmarks.lines import Line, add, of_code, read, show
 from benchmarks.reliability import section, write_diagram
 from granite_lab.errors import EstimateError, LabError
-from granite_lab.files import write_text
 
 RESULTS = ROOT / "benchmarks" / "results" / "mixtures.jsonl"
 
@@ -152,26 +150,15 @@ def main() -> None:
     options = parser.parse_args()
     version = {"code": code_hash(), "commit": commit()}
     lines = read(options.results)
-    if options.count and options.afresh:
-        lines = [x for x in lines if x["code"] == version["code"]]
-    elif options.count and lines and lines[-1]["code"] != version["code"]:
-        sys.exit(
-            f"error: {options.results} is of code {lines[-1]['code']}, this is {version['code']}\n"
-            "hint: --afresh begins anew; --count 0 shows what there is"
-        )
+    if options.count:
+        lines = of_code(lines, version["code"], options.results, afresh=options.afresh, page_only="--count 0")
     done = {x["key"] for x in lines}
     seeds = range(options.first, options.first + options.count)
     waiting = [s for s in seeds if f"{s}/{options.lab}" not in done]
-    for line in side_by_side(partial(one, lab=options.lab), waiting, options.minutes, options.jobs):
-        lines.append(line | version)
-        write(options.results, lines)
-        print(f"{line['key']}: {line['status']}", file=sys.stderr, flush=True)
-    if not lines:
-        sys.exit("error: no set was judged")
-    text = page(lines)
-    print(text)
+    judged = side_by_side(partial(one, lab=options.lab), waiting, options.minutes, options.jobs)
+    add(options.results, lines, judged, version)
+    show(lines, page, options.out)
     if options.out is not None:
-        write_text(options.out, text)
         write_diagram(every_stated(current(lines)), options.out, DIAGRAM)
 
 

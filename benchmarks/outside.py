@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.intervals import wilson
-from benchmarks.judging import Line, judged, named, searched, wrong_name
+from benchmarks.judging import judged, named, searched, wrong_name
+from benchmarks.lines import Line
 from granite_lab.files import write_text
 
 DEFAULT = Path("../shared/outside")

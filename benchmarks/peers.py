@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 import tempfile
 import time
 import traceback
@@ -26,9 +25,9 @@ from unittest import mock
 import numpy as np
 
 import granite_lab
-from benchmarks.blind import read, write
 from benchmarks.blind_code import ROOT, code_hash, commit
-from benchmarks.judging import Line, short, side_by_side
+from benchmarks.judging import short, side_by_side
+from benchmarks.lines import Line, add, read, show
 from benchmarks.mixtures import task
 from benchmarks.peers_learn import INPUTS, PEERS, Places, Table, measured, residuals_without, simulated
 from benchmarks.peers_page import page
@@ -38,7 +37,6 @@ from granite_lab.discovery.search import Search
 from granite_lab.discovery.verdict import Judgement, judge
 from granite_lab.errors import LabError
 from granite_lab.estimate import Estimate
-from granite_lab.files import write_text
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
@@ -185,15 +183,9 @@ def main() -> None:
     done, only = {x["key"] for x in lines}, set(filter(None, options.only.split(",")))
     names = [n for n in sets(options.outside, options.mixtures, options.blind) if Path(n).name not in done]
     names = [n for n in names if not only or Path(n).name in only]
-    for line in side_by_side(one, names, options.minutes, options.jobs):
-        lines.append(line | version)
-        write(options.results, lines)
-        print(f"{line['key']}: {line['status']}", file=sys.stderr, flush=True)
-    if not lines:
-        sys.exit("error: no set was compared")
-    print(text := page(lines))
-    if options.out is not None:
-        write_text(options.out, text)
+    judged = side_by_side(one, names, options.minutes, options.jobs)
+    add(options.results, lines, judged, version)
+    show(lines, page, options.out)
 
 
 if __name__ == "__main__":

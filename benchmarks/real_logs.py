@@ -21,7 +21,7 @@ from granite_lab.errors import LabError
 from granite_lab.files import write_text
 from granite_lab.logs import Excerpt, read_trial
 from granite_lab.logs.sensors.standstill import Interval
-from granite_lab.logs.streams import WINDOW, slope
+from granite_lab.logs.streams import WINDOW, slope_of_line
 from granite_lab.logs.trial import Trial
 
 BY_HAND = Path(__file__).parent / "robots"
@@ -150,7 +150,7 @@ def husky(data: Path, soil: str = FIRM) -> LogSet:
 
     def smoothed(t: Array, velocity: Array) -> Array:
         way = np.cumsum(velocity * np.diff(t, prepend=t[0]))
-        return slope(run.t, np.interp(run.t, t, way))
+        return slope_of_line(run.t, np.interp(run.t, t, way))
 
     v, wheels = smoothed(motion.t, motion.v), smoothed(*wheel_speed(trial, "husky_gps"))
     found.runs[:] = [replace(run, v=v, wheels=wheels, truth_std=noise, window=(200.0, 300.0))]

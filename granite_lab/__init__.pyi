@@ -1,5 +1,5 @@
 from .api.hidden import hide, reveal
-from .api.logs import check, check_logs, ingest, inspect, view
+from .api.logs import check, ingest, inspect, view
 from .api.model import list_effects, params, show_effect, simulate, wheel
 from .api.new_robot import robot
 from .api.plots import plot
@@ -20,7 +20,6 @@ __all__ = [
     "LabError",
     "UsageError",
     "check",
-    "check_logs",
     "compare",
     "compare_studies",
     "discover",

@@ -50,7 +50,7 @@ def read(path: Path, options: Options) -> tuple[Trial, Robot]:
 
 
 def soil_doubt(trial: Trial, robot: Robot, options: Options) -> str | None:
-    """Return what to say of a soil that is taken for another one, or that nobody named."""
+    """Return a warning where the soil is not named, or where another one is used in its place."""
     named = trial.info.soil
     if options.soil is not None or (named is None and robot.name == "granite"):
         return None

@@ -79,14 +79,15 @@ def options_of(
     )  # fmt: skip
     return Options(
         text(robot), text(soil), text(column_map), rows=rows, model=path(model), effects=path(effects),
-        info=None if info == TrialInfo() else info, topics=tuple((topics or {}).items()), window=window,
+        info=None if info == TrialInfo() else info, topics=tuple((topics or {}).items()),
+        window=window and (window[0], window[1]),
         exclude=tuple((exclude or {}).items()), tolerance=tolerance, latency=latency,
         drive=cast(DriveBy, drive),
     )  # fmt: skip
 
 
 def refuse_outside(name: str, value: float | None, low: float, high: float = math.inf) -> None:
-    """Raise a UsageError for the number of an option that is out of its limits; None is in any."""
+    """Raise a UsageError where the number of an option is outside its limits; None is accepted."""
     if value is not None and not low <= value <= high:
         limits = f"{low:g} to {high:g}" if high < math.inf else f"{low:g} or more"
         raise UsageError(f"--{name} {value:g} is out of range", f"expected a number of {limits}")

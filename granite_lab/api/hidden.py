@@ -118,9 +118,9 @@ def hide(
         EstimateError: the robot would dig itself in under this effect.
         LabError: a file cannot be written.
     """
-    for kind, value, known in (("command", command, COMMANDS), ("controller", controller, CONTROLS)):
-        if value not in known:
-            raise UsageError(f"unknown {kind} '{value}'", f"known: {', '.join(known)}")
+    for kind, value, choices in (("command", command, COMMANDS), ("controller", controller, CONTROLS)):
+        if value not in choices:
+            raise UsageError(f"unknown {kind} '{value}'", f"known: {', '.join(choices)}")
     refuse_outside("causes", causes, *CAUSES)
     refuse_outside("seed", seed, 0)
     refuse_outside("strength", strength, 0.001, 1000)
@@ -143,11 +143,11 @@ def hide(
         causes=causes, soil_law=soil_law, command=command, logged=log_command, controller=controller,
     )  # fmt: skip
     the_robot, the_soil = load_robot(robot or "granite"), load_soil(soil or "dry_sand")
-    own = lab_of(lab, seed, the_robot, the_soil).files()
-    if there := [folder / name for name in own if (folder / name).exists()]:
+    lab_files = lab_of(lab, seed, the_robot, the_soil).files()
+    if there := [folder / name for name in lab_files if (folder / name).exists()]:
         raise UsageError(f"{there[0]}: exists already", "choose another folder")
     made, answer = make_set(wish, the_robot, the_soil, jobs=jobs, done=done)
-    for name, text in own.items():
+    for name, text in lab_files.items():
         write_text(folder / name, text)
     files = []
     for trial, _ in made:
@@ -217,7 +217,7 @@ def _velocity_and_current(run: Run) -> dict[str, Array]:
 
 
 def _changed(folder: Path, answer: Mapping[str, Any]) -> list[str]:
-    """Return a line for each trial that is not the one that was written."""
+    """Return a line for each trial whose log was changed since it was written."""
     lines = []
     for name, trial in answer["trials"].items():
         path = folder / f"{name}.csv"

@@ -141,10 +141,10 @@ def ingest(
         raise UsageError("--variant and files of sensors go with one trial", "ingest the trials one by one")
     options = replace(chosen.options, **files)
     if variant:
-        said = TrialInfo(robot=options.robot, v_desired=variant)
-        options = replace(options, info=over(said, options.info or TrialInfo()))
+        stated = TrialInfo(robot=options.robot, v_desired=variant)
+        options = replace(options, info=over(stated, options.info or TrialInfo()))
     outcomes = each_trial(corrected, chosen.files, options, execution=execution, done=done)
-    alone = [path for path, one in zip(chosen.files, outcomes, strict=True) if _refers(one)]
+    alone = [path for path, outcome in zip(chosen.files, outcomes, strict=True) if _refers(outcome)]
     blind = dict(zip(alone, each_trial(blindly, alone, options, execution=execution), strict=True))
     pairs = zip(chosen.files, outcomes, strict=True)
     records = [_ingested(path, outcome, against_reference, blind.get(path)) for path, outcome in pairs]
@@ -162,21 +162,21 @@ def _refers(outcome: tuple[Trial, Robot, Motion] | LabError) -> bool:
 def _ingested(
     log: Path, outcome: tuple[Trial, Robot, Motion] | LabError, judge: bool, blind: Motion | LabError | None
 ) -> Ingested | LabError:
-    """Return the record of a log, if asked for with its judgement; the error of one that has none.
+    """Return the record of a log, with its judgement if asked for; the error where there is no estimate.
 
     Where the reference entered the estimate, the one without it, `blind`, is judged.
     """
     if isinstance(outcome, LabError):
         return outcome
-    found = Ingested(*outcome, log=log)
+    ingested = Ingested(*outcome, log=log)
     if isinstance(blind, LabError):
-        said = f"without the reference there is no estimate to compare: {blind.message}"
-        motion = replace(found.motion, warnings=(*found.motion.warnings, said))
-        return replace(found, motion=motion)
+        warning = f"without the reference there is no estimate to compare: {blind.message}"
+        motion = replace(ingested.motion, warnings=(*ingested.motion.warnings, warning))
+        return replace(ingested, motion=motion)
     if blind is None and not judge:
-        return found
+        return ingested
     try:
-        return replace(found, judgement=estimation.judge(blind or found.motion, found.trial, 0.0))
+        return replace(ingested, judgement=estimation.judge(blind or ingested.motion, ingested.trial, 0.0))
     except EstimateError as error:
         return error
 
@@ -262,54 +262,19 @@ def view(
 
 def _recording_in(folder: Path, trial: str | None) -> Path:
     """Return the recording of a trial in a report folder, or that of the whole study."""
-    found = {path.stem: path for path in sorted(folder.rglob("*.rrd"), reverse=True)}
-    if not found:
+    recordings = {path.stem: path for path in sorted(folder.rglob("*.rrd"), reverse=True)}
+    if not recordings:
         hint = "make one with 'granite-lab study TRIALS --out DIR'"
         raise InputError(f"{folder}: no recording in it", hint)
-    if trial is not None and trial.casefold() == WHOLE and f"{trial} (2)" in found:
+    if trial is not None and trial.casefold() == WHOLE and f"{trial} (2)" in recordings:
         trial = f"{trial} (2)"  # the log has the name of the whole study's recording
-    if trial is not None and trial not in found:
-        hint = f"there are: {', '.join(sorted(found))}"
+    if trial is not None and trial not in recordings:
+        hint = f"there are: {', '.join(sorted(recordings))}"
         raise InputError(f"{folder}: no recording of trial '{trial}'", hint)
-    return found[trial] if trial else found.get(WHOLE, found[min(found)])
+    return recordings[trial] if trial else recordings.get(WHOLE, recordings[min(recordings)])
 
 
 def check(
-    log: str | Path,
-    *,
-    robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
-    window: Window = None, changes: Changes = None,
-    rests: Rests = (), body_rests: Rests = (), distance_measured: Estimate | None = None,
-    use_reference: bool = False, ref_v_std: float | None = None, ref_x_std: float | None = None,
-) -> Checked:  # fmt: skip
-    """Check a log after a run in the field: readable, sensors, standstills, speed, slip, estimate.
-
-    A log that cannot be used is reported as a failed check.
-
-    Args:
-        log: path of the log.
-        robot, soil, column_map, topics, window, changes: what is said of the log, as in `ingest`.
-        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
-            trial, as in `ingest`.
-
-    Returns:
-        the checks; the table has a row for each.
-
-    Raises:
-        UsageError: unknown robot or column map, or a folder of several logs.
-    """
-    options = options_of(
-        robot=robot, soil=soil, column_map=column_map, topics=topics, window=window, changes=changes,
-        rests=rests, body_rests=body_rests, distance_measured=distance_measured,
-        use_reference=use_reference, ref_v_std=ref_v_std, ref_x_std=ref_x_std,
-    )  # fmt: skip
-    chosen = choose(log, options, everything=True)
-    if len(chosen.files) > 1:
-        raise UsageError(f"{log}: {len(chosen.files)} logs", "check_logs checks several")
-    return check_run(chosen.files[0], chosen.options)
-
-
-def check_logs(
     logs: Logs,
     *,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
@@ -332,7 +297,7 @@ def check_logs(
         done: called with each path once it is finished.
 
     Returns:
-        one record a log, as of `check`; the table has a row for each check.
+        one record a log; the table has a row for each check.
 
     Raises:
         UsageError: unknown robot or column map, or no log.
@@ -345,5 +310,5 @@ def check_logs(
     chosen = choose(logs, options, everything=True)
     outcomes = each_trial(check_run, chosen.files, chosen.options, execution=execution, done=done)
     pairs = zip(chosen.files, outcomes, strict=True)
-    checks = [unread(path, one) if isinstance(one, LabError) else one for path, one in pairs]
-    return Records(checks, [name_of(one.log) for one in checks])
+    checks = [unread(path, outcome) if isinstance(outcome, LabError) else outcome for path, outcome in pairs]
+    return Records(checks, [name_of(outcome.log) for outcome in checks])

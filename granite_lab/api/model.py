@@ -162,7 +162,7 @@ def simulate(
 def _of_log(
     log: Path, robot: File | Robot, soil: File | Soil, changes: Changes
 ) -> tuple[Variant, File | Robot, File | Soil]:
-    """Return the wheels of a log as what drives a run, and robot and soil: as given, else as the log says."""
+    """Return the motion of a log's wheels, with robot and soil: as given, else those of the log."""
     from granite_lab.chain import simulable  # noqa: PLC0415, heavy
 
     of_robot, of_soil = (None if isinstance(x, (Robot, Soil)) else x for x in (robot, soil))

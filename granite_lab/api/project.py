@@ -68,11 +68,11 @@ class Project:
 
     def known(self, name: str) -> TrialInfo:
         """Return what is known of a trial."""
-        own = next((one.info for one in self.trial if one.name == name), TrialInfo())
+        of_trial = next((entry.info for entry in self.trial if entry.name == name), TrialInfo())
         common = TrialInfo(
             use_reference=self.use_reference, ref_v_std=self.ref_v_std, ref_x_std=self.ref_x_std
         )
-        return over(own, common)
+        return over(of_trial, common)
 
 
 @dataclass(frozen=True)
@@ -104,9 +104,9 @@ def project_in(folder: Path) -> Project:
             file = find(kind, text)
         except UsageError as error:
             raise InputError(f"{path}: {key} = '{text}': {error.message}", error.hint) from None
-        own = text.endswith(".toml") or "/" in text
-        named[key] = str(folder / file) if own else text
-        if own and not (folder / file).is_file():
+        is_path = text.endswith(".toml") or "/" in text
+        named[key] = str(folder / file) if is_path else text
+        if is_path and not (folder / file).is_file():
             raise InputError(f"{path}: {key} = '{text}': no such file", f"paths start at {folder}")
     for text in read.logs:
         if not (folder / text).exists():
@@ -153,11 +153,11 @@ def _projects_of(files: Sequence[Path]) -> dict[Path, tuple[Path, Project]]:
         refuse_special(files[0])  # which says what is wrong with it
     here = Path()
     mine = project_in(here)
-    known = {path.resolve() for path in (trial_files(mine.logs) if mine.logs else ())}
+    listed = {path.resolve() for path in (trial_files(mine.logs) if mine.logs else ())}
     beside = {folder: project_in(folder) for folder in dict.fromkeys(path.parent for path in files)}
     return {
         path: (here, mine)
-        if path.resolve() in known and not (path.parent / FILE).is_file()
+        if path.resolve() in listed and not (path.parent / FILE).is_file()
         else (path.parent, beside[path.parent])
         for path in files
     }
@@ -180,10 +180,10 @@ def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
     files = trial_files(logs)
     project_of = _projects_of(files)
     projects = dict(project_of.values())
-    known = [(str(path), project.known(name_of(path))) for path, (_, project) in project_of.items()]
+    infos = [(str(path), project.known(name_of(path))) for path, (_, project) in project_of.items()]
     options = replace(
         options,
-        of_trials=tuple((path, info) for path, info in known if info != TrialInfo()),
+        of_trials=tuple((path, info) for path, info in infos if info != TrialInfo()),
         robot=_agreed(projects, "robot", options.robot),
         soil=_agreed(projects, "soil", options.soil),
         column_map=_agreed(projects, "map", options.column_map),
@@ -213,7 +213,7 @@ def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
 
 
 def _reasons(project_of: Mapping[Path, tuple[Path, Project]], given: Mapping[str, str]) -> dict[Path, str]:
-    """Return which logs are left out and why: what is given wins over the file.
+    """Return the logs that are left out, with the reason; a reason that is given replaces that of the file.
 
     Raises:
         UsageError: a trial that is given is none of the logs, or lacks a reason.
@@ -226,11 +226,11 @@ def _reasons(project_of: Mapping[Path, tuple[Path, Project]], given: Mapping[str
             raise UsageError(f"--exclude {trial}: no such log", hint)
         if not reason.strip():
             raise UsageError(f"--exclude {trial}: the reason is empty", "say why the trial is left out")
-    said = {
+    reasons_of = {
         path: {item.trial: item.reason for item in project.exclude} | dict(given)
         for path, (_, project) in project_of.items()
     }
-    return {path: own[name_of(path)] for path, own in said.items() if name_of(path) in own}
+    return {path: reasons[name_of(path)] for path, reasons in reasons_of.items() if name_of(path) in reasons}
 
 
 def results_folder(logs: Logs, name: str) -> Path:
@@ -251,8 +251,8 @@ def _of_others(folder: Path, files: Sequence[Path]) -> bool:
     """Say whether a folder holds a report of a study to which none of the logs went in."""
     try:
         held = json.loads((folder / "report.json").read_bytes())["provenance"]["inputs"]
-        known = {str(entry["sha256"]) for entry in held}
-        return bool(known) and all(path.is_file() and sha256(path) not in known for path in files)
+        hashes = {str(entry["sha256"]) for entry in held}
+        return bool(hashes) and all(path.is_file() and sha256(path) not in hashes for path in files)
     except (OSError, ValueError, KeyError, TypeError):  # no report, or not one of a study
         return False
 

@@ -81,8 +81,8 @@ class Checked(Shown):
         """What failed; of a good run its speed, slip ratio and the grade of its estimate."""
         if not self.good:
             return "; ".join(f"{check.name}: {check.found}" for check in self.checks if not check.good)
-        told = [check.found for check in self.checks if check.name in ("speed", "slip")]
-        return "; ".join([*told, f"estimate {self.grade}"])
+        parts = [check.found for check in self.checks if check.name in ("speed", "slip")]
+        return "; ".join([*parts, f"estimate {self.grade}"])
 
     @property
     def error(self) -> LabError | None:
@@ -136,8 +136,8 @@ def _log(trial: Trial, path: Path) -> Check:
     if dead and not is_bag(path):  # messages of ROS hold zeros where nothing is measured
         return Check("log", False, "; ".join(dead), "check plug and driver of the sensor")
     doubts = f"; warnings: {len(trial.warnings)}, see granite-lab inspect" if trial.warnings else ""
-    found = f"read, {seconds:.1f} s, layout {trial.layout}{doubts}"
-    return Check("log", bool(seconds > 0), found, "log a whole run")
+    finding = f"read, {seconds:.1f} s, layout {trial.layout}{doubts}"
+    return Check("log", bool(seconds > 0), finding, "log a whole run")
 
 
 def _sensors(trial: Trial) -> Iterator[Check]:
@@ -151,27 +151,27 @@ def _sensors(trial: Trial) -> Iterator[Check]:
         dead = [n for n, x in zip(names, values, strict=True) if np.isfinite(x).any() and not _travel(x)]
         size = float(np.nanmedian(np.linalg.norm(imu.specific_force, axis=1)))
         heavy = imu.gravity_removed or not math.isfinite(size) or GRAVITY[0] < size < GRAVITY[1]
-        found = f"constant: {', '.join(dead)}" if dead else f"{_rate(imu.t)}, all channels change"
-        found += "" if heavy else f"; magnitude at rest {size:.2f} m/s², not 9.81"
-        yield Check("IMU", not dead and heavy, found, "check plug, range and unit of the IMU")
+        finding = f"constant: {', '.join(dead)}" if dead else f"{_rate(imu.t)}, all channels change"
+        finding += "" if heavy else f"; magnitude at rest {size:.2f} m/s², not 9.81"
+        yield Check("IMU", not dead and heavy, finding, "check plug, range and unit of the IMU")
     if wheels is None:
         yield Check("encoders", False, "not in the log", "check plugs and driver of the encoders")
     else:
         travel = {n: _travel(angle) for n, angle in zip(WHEELS, wheels.angle.T, strict=True)}
         still = [n for n, x in travel.items() if not x > SHARE * max(travel.values())]
-        found = f"no motion: {', '.join(still)}" if still else f"{_rate(wheels.t)}, all four wheels turn"
+        finding = f"no motion: {', '.join(still)}" if still else f"{_rate(wheels.t)}, all four wheels turn"
         advice = "check plugs of the encoders, and whether the robot drove"
-        yield Check("encoders", not still, found, advice)
+        yield Check("encoders", not still, finding, advice)
     if currents is not None:
         flat = [n for n, c in zip(WHEELS, currents.current.T, strict=True) if not _travel(c)]
-        found = f"constant: {', '.join(flat)}" if flat else f"{_rate(currents.t)}, all four motors draw"
-        yield Check("currents", not flat, found, "check the current sensors")
+        finding = f"constant: {', '.join(flat)}" if flat else f"{_rate(currents.t)}, all four motors draw"
+        yield Check("currents", not flat, finding, "check the current sensors")
 
 
 def _travel(value: Array) -> float:
     """Return how far the known values of a channel reach, 0 where fewer than two are known."""
-    known = value[np.isfinite(value)]
-    return float(np.ptp(known)) if known.size else 0.0
+    finite = value[np.isfinite(value)]
+    return float(np.ptp(finite)) if finite.size else 0.0
 
 
 def _rate(t: Array) -> str:
@@ -180,31 +180,31 @@ def _rate(t: Array) -> str:
 
 def _motion(motion: Motion, trial: Trial) -> Iterator[Check]:
     """Say of the motion what a trial needs to be of use."""
-    for said in (line for line in motion.warnings if f": {OFF}; " in line):
-        yield Check("course", False, said.split(f": {OFF}; ")[0], said.split("; ")[-1])
+    for warning in (line for line in motion.warnings if f": {OFF}; " in line):
+        yield Check("course", False, warning.split(f": {OFF}; ")[0], warning.split("; ")[-1])
     step, pace = np.gradient(motion.t), np.abs(mean_known(motion.v_wheel))
     stands = inside(motion.t, motion.health.rests) | (pace < COAST)
     middle = np.nan_to_num(0.5 * sum(motion.steady), nan=0.5 * float(motion.t[0] + motion.t[-1]))
     first, last = (float(step[stands & side].sum()) for side in (motion.t < middle, motion.t >= middle))
-    found = f"{first:.1f} s before the run, {last:.1f} s after it, {REST:g} s are needed"
+    finding = f"{first:.1f} s before the run, {last:.1f} s after it, {REST:g} s are needed"
     advice = "let the robot stand still for 2 s before and after the run"
-    yield Check("standstills", min(first, last) >= REST, found, advice)
+    yield Check("standstills", min(first, last) >= REST, finding, advice)
     speeds = motion.v_wheel[(motion.t >= motion.steady[0]) & (motion.t <= motion.steady[1])]
     speeds = speeds[np.isfinite(speeds)]
     speed = float(speeds.mean()) if speeds.size else math.nan
     measured = motion.variant_source == "measured"
     wanted = trial.info.v_desired or (None if measured else motion.variant.velocity)
-    said = f", desired {wanted:g} m/s" if wanted else "; the log does not say which is desired"
-    found = f"wheels {speed:.3f} m/s{said}, for {motion.steady[1] - motion.steady[0]:.1f} s"
+    desired = f", desired {wanted:g} m/s" if wanted else "; the log does not say which is desired"
+    finding = f"wheels {speed:.3f} m/s{desired}, for {motion.steady[1] - motion.steady[0]:.1f} s"
     good = math.isfinite(speed) and (wanted is None or abs(speed - wanted) <= SPEED * wanted)
     advice = "check the command, the battery and the current limit"
-    yield Check("speed", good, found if math.isfinite(speed) else "no part at constant speed", advice)
+    yield Check("speed", good, finding if math.isfinite(speed) else "no part at constant speed", advice)
     slip = motion.slip_ratio
     low, high = slip.interval()
     usual = f"usual: {100 * SLIP[0]:.0f} to {100 * SLIP[1]:.0f} %"
-    known = f"λ_R {percent_of(slip)}, {usual}"
+    finding = f"λ_R {percent_of(slip)}, {usual}"
     advice = "check wheel radius, unit of the encoders and mounting of the IMU"
     good = bool(low <= SLIP[1] and high >= SLIP[0])
-    yield Check("slip", good, known if math.isfinite(slip.value) else "not known", advice)
+    yield Check("slip", good, finding if math.isfinite(slip.value) else "not known", advice)
     health = motion.health
     yield Check("estimate", health.grade != "poor", health.verdict, "look at the report of granite-lab study")

@@ -65,7 +65,7 @@ def check(
     """
     given = at_hand(locals())
     with progress("checking", quiet=quiet, total=count_of(given["logs"])) as watch:
-        checked = gl.check_logs(**given, jobs=jobs, done=watch.done)
+        checked = gl.check(**given, done=watch.done)
     printer = Printer(as_json)
     if len(checked) == 1:
         _show_checks(printer, checked[0])
@@ -79,14 +79,14 @@ def _check_as_json(checked: Checked) -> dict[str, Any]:
 
 def _show_sheet(printer: Printer, checked: Records[Checked]) -> None:
     """Print one line a run, and end with the exit code of the worst."""
-    errors = [one.error for one in checked if one.error is not None]
-    printer.json("check/2", {"good": not errors, "runs": [_check_as_json(one) for one in checked]})
-    width = max(len(printable(name_of(one.log))) for one in checked)
-    for one in checked:
-        mark, style = ("good", "green") if one.good else ("BAD ", "red")
-        virtual = " (virtual)" if one.virtual else ""
-        name = printable(name_of(one.log))
-        printer.line(f"{mark}  {name:<{width}}  {printable(one.reason)}{virtual}", style)
+    errors = [run.error for run in checked if run.error is not None]
+    printer.json("check/2", {"good": not errors, "runs": [_check_as_json(run) for run in checked]})
+    width = max(len(printable(name_of(run.log))) for run in checked)
+    for run in checked:
+        mark, style = ("good", "green") if run.good else ("BAD ", "red")
+        virtual = " (virtual)" if run.virtual else ""
+        name = printable(name_of(run.log))
+        printer.line(f"{mark}  {name:<{width}}  {printable(run.reason)}{virtual}", style)
     if errors:
         kind = InputError if any(isinstance(error, InputError) for error in errors) else EstimateError
         hint = "check one of them alone to see all of its checks and what to do"
@@ -141,9 +141,9 @@ def inspect(
     printer = Printer(as_json)
     printer.json("inspect/1", inspection.as_json())
     reporting.terminal.show_inspection(inspection, printer.shown)
-    for what, path in (("column map", write_map), ("plot", plot)):
+    for kind, path in (("column map", write_map), ("plot", plot)):
         if path:
-            printer.line(f"{what}: {path}")
+            printer.line(f"{kind}: {path}")
 
 
 def ingest(
@@ -190,9 +190,7 @@ def ingest(
     ending = ending_of(None, table_format)
     folder = out or results_folder(given["logs"] or [file for file in (imu,) if file], "ingest")
     with progress("ingesting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
-        ingested = gl.ingest(
-            **given, against_reference=bool(against_reference), strict=strict, jobs=jobs, done=watch.done
-        )
+        ingested = gl.ingest(**given, against_reference=bool(against_reference), done=watch.done)
     written = [(item.motion, folder / f"{item.name}{ending}", item.judgement) for item in ingested]
     tables = {item.log: path for item, (_, path, _) in zip(ingested, written, strict=True)}
     refuse_others(folder, tables.values())
@@ -206,12 +204,12 @@ def ingest(
         | ({} if judged is None else {"judgement": judged, "judged_without_reference": m.trial in referred})
         for m, path, judged in written
     ]
-    failures = [one for one in ingested.origin.left_out if not one.excluded]
+    failures = [failure for failure in ingested.origin.left_out if not failure.excluded]
     printer = Printer(as_json)
     printer.json("ingest/2", {"trials": documents, "failures": failures} | warn_of(ingested.origin))
     reporting.terminal.show_motions(written, printer.shown, referred)
-    for one in failures:
-        printer.say(f"left out: {one.trial}: {one.message}", "red")
+    for failure in failures:
+        printer.say(f"left out: {failure.trial}: {failure.message}", "red")
 
 
 def view(

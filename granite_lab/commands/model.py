@@ -203,7 +203,7 @@ def robot(
     asked = questions(analysis)
     given = changes_of(changes)
     if sys.stdin.isatty() and not as_json and not new.exists():
-        given |= _answers([one for one in asked if one.key not in given])
+        given |= _answers([question for question in asked if question.key not in given])
     made, printer = gl.robot(new, changes=given, like=like), Printer(as_json)
     printer.json("robot/1", vars(made))
     printer.line(f"robot: {made.path}")
@@ -212,19 +212,19 @@ def robot(
 
 
 def _answers(asked: Sequence[Question]) -> dict[str, float]:
-    """Ask for numbers on the terminal, each until it is one or nothing."""
-    found: dict[str, float] = {}
-    for one in asked:
-        while text := typer.prompt(one.text, default="", show_default=False, err=True).strip():
+    """Ask for numbers on the terminal, each until the answer is a valid number or empty."""
+    answers: dict[str, float] = {}
+    for question in asked:
+        while text := typer.prompt(question.text, default="", show_default=False, err=True).strip():
             try:
-                found |= changes_of([f"{one.key}={text}"])
-                checked({one.key: found[one.key]})
+                answers |= changes_of([f"{question.key}={text}"])
+                checked({question.key: answers[question.key]})
             except (UsageError, InputError) as error:
-                found.pop(one.key, None)
+                answers.pop(question.key, None)
                 typer.echo(f"{error.message}; {error.hint}", err=True)
             else:
                 break
-    return found
+    return answers
 
 
 effects = typer.Typer(
@@ -289,13 +289,13 @@ def check_effect(
     from granite_lab.effects.contract import CHECKS, contract, refuse_failed
     from granite_lab.effects.library import read_effects
 
-    own = effect.endswith(".py") or "/" in effect
-    known = read_effects(effect) if own else {effect: get(effect)}
-    checks = {name: contract(one) for name, one in known.items()}
+    is_file = effect.endswith(".py") or "/" in effect
+    effects = read_effects(effect) if is_file else {effect: get(effect)}
+    checks = {name: contract(described) for name, described in effects.items()}
     printer = Printer(as_json)
     printer.json("effect-check/1", {"effects": checks})
-    for name, one in known.items():
-        printer.say(f"{name}: {one.title}", "bold")
+    for name, described in effects.items():
+        printer.say(f"{name}: {described.title}", "bold")
         printer.rows(CHECKS, checks[name])
     refuse_failed(checks, effect)
 
@@ -306,8 +306,8 @@ def _draw(effect: Effect, path: Path) -> str:
     from granite_lab.planning.imprint import imprint
 
     jobs = min(4, os.cpu_count() or 1)
-    found = imprint(typical(effect), load_robot(), load_soil(), load_variants(), jobs=jobs)
-    drawing = reporting.pictures.effect_drawing(found)
+    drawn = imprint(typical(effect), load_robot(), load_soil(), load_variants(), jobs=jobs)
+    drawing = reporting.pictures.effect_drawing(drawn)
     write_picture(path, drawing.draw())
     return drawing.caption
 

@@ -17,7 +17,10 @@ from granite_lab.estimate import Estimate
 T = TypeVar("T")
 
 AS_GIVEN = ("robot", "soil", "column_map", "use_reference", "ref_v_std", "ref_x_std")
-"""Options whose values are those of the API."""
+"""What is said of logs in the words of the API."""
+
+PASSED = ("drive", "model", "effects", "tolerance", "strict", "jobs", "scheduler", "cache")
+"""Further options whose names and values are those of the API."""
 
 TRIALS = "Logs (CSV, ROS bag, MCAP), or folders of them."
 CATALOGUE = "a name of the catalogue or a .toml file"
@@ -100,9 +103,9 @@ def picture(text: str, **more: Any) -> Any:
 
 
 def said_of(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return logs and what is said of them, out of all options of a command, as keywords of the API.
+    """Return the options of a command that several have as keywords of the API.
 
-    What was not given is left to it.
+    What was not said of the logs is left to it.
 
     Raises:
         UsageError: a text cannot be understood, or the window ends before it begins.
@@ -124,19 +127,24 @@ def said_of(options: Mapping[str, Any]) -> dict[str, Any]:
         "changes": changes_of(options["changes"]),
     }
     given = {name: value for name, value in keywords.items() if value not in (None, False, [], {})}
+    given |= {name: options[name] for name in PASSED if name in options}
+    if "exclude" in options:
+        given["exclude"] = excluded_of(options["exclude"])
+    if "latency" in options:
+        given["latency"] = options["latency"] / 1e3
     return {"logs": list(options["logs"] or ()), **given}
 
 
 def at_hand(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what `said_of` does; where no logs are named with those at hand, which stderr tells."""
+    """Return what `said_of` returns; where no logs are named, those at hand are taken and named on stderr."""
     from granite_lab.api.at_hand import logs_at_hand
 
     keywords = said_of(options)
     if keywords["logs"]:
         return keywords
-    found = logs_at_hand()
-    print(printable(found.line), file=sys.stderr)
-    return {**found.said, **keywords, "logs": list(found.logs)}
+    taken = logs_at_hand()
+    print(printable(taken.line), file=sys.stderr)
+    return {**taken.keywords, **keywords, "logs": list(taken.logs)}
 
 
 def count_of(logs: Sequence[Path]) -> int | None:
@@ -164,11 +172,11 @@ def read_all(option: str, texts: Sequence[str], read: Callable[[str], T], hint: 
 def read_pairs(
     option: str, texts: Sequence[str] | None, read: Callable[[str], tuple[str, T]], hint: str
 ) -> dict[str, T]:
-    """Return names and what they stand for, each once; raise as `read_all`."""
-    found = dict(read_all(option, texts or (), read, hint))
-    if len(found) < len(texts or ()):
+    """Return names with their values; raise as `read_all`, also where a name occurs twice."""
+    pairs = dict(read_all(option, texts or (), read, hint))
+    if len(pairs) < len(texts or ()):
         raise UsageError(f"{option} {' '.join(texts or ())}: cannot be understood", hint)
-    return found
+    return pairs
 
 
 def number_of(text: str) -> tuple[str, float]:
@@ -208,11 +216,11 @@ def topics_of(texts: Sequence[str]) -> dict[str, str]:
 def effects_of(texts: Sequence[str] | None) -> dict[str, dict[str, float]]:
     """Return effects and their parameters, from texts as ``bulldozing.strength=0.5``."""
     hint = "write id.parameter=number"
-    found: dict[str, dict[str, float]] = {}
+    effects: dict[str, dict[str, float]] = {}
     for name, value in read_all("--effect", texts or (), number_of, hint):
         effect, _, parameter = name.partition(".")
-        found.setdefault(effect, {})[parameter] = value
-    return found
+        effects.setdefault(effect, {})[parameter] = value
+    return effects
 
 
 def interval_of(text: str) -> tuple[float, float]:
@@ -226,10 +234,10 @@ def interval_of(text: str) -> tuple[float, float]:
 def measured(text: str) -> Estimate:
     """Return a positive number with its std, from a text as ``2.03±0.01``."""
     value, _, std = text.replace("+-", "±").partition("±")
-    found = Estimate(float(value), float(std) if std else 0.005)
-    if not (found.value > 0 and found.std > 0):
+    tape = Estimate(float(value), float(std) if std else 0.005)
+    if not (tape.value > 0 and tape.std > 0):
         raise ValueError
-    return found
+    return tape
 
 
 def slips_of(text: str) -> list[float]:

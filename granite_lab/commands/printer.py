@@ -35,7 +35,7 @@ class Printer:
         self.as_json, self.shown = as_json, console(quiet=as_json)
 
     def json(self, schema: str, document: Mapping[str, Any]) -> None:
-        """Print one JSON document on stdout where it is asked for; `schema` is its name and version."""
+        """Print a JSON document on stdout if --json was given; `schema` is its name and version."""
         if not self.as_json:
             return
         whole = jsonable({"schema": f"granite-lab/{schema}"} | dict(document))

@@ -41,7 +41,6 @@ from granite_lab.commands.options import (
     UseReference,
     at_hand,
     count_of,
-    excluded_of,
     said_of,
 )
 from granite_lab.commands.printer import Printer, progress, provenance, warn, warn_of
@@ -81,10 +80,7 @@ def fit_k92(
     """
     given = at_hand(locals())
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
-        fits = gl.fit_k92(
-            **given, drive=drive, model=model, effects=effects, strict=strict, jobs=jobs, scheduler=scheduler,
-            cache=cache, done=watch.done,
-        )  # fmt: skip
+        fits = gl.fit_k92(**given, done=watch.done)
     if out is not None:
         write_text(out, reporting.tables.k92_table(list(fits)).to_csv())
     rows = [
@@ -120,11 +116,7 @@ def fit_atheta(
     """
     given = said_of(locals()) if published else at_hand(locals())
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
-        fit = gl.fit_a_theta(
-            **given, exclude=excluded_of(exclude),
-            published=published, drive=drive, model=model, effects=effects, strict=strict, jobs=jobs,
-            scheduler=scheduler, cache=cache, done=watch.done,
-        )  # fmt: skip
+        fit = gl.fit_a_theta(**given, published=published, done=watch.done)
     if out is not None:
         table = fit.to_frame()
         write_table(out, table.assign(data="virtual") if fit.virtual else table)
@@ -159,10 +151,7 @@ def compare(
     given = at_hand(locals())
     out = out or results_folder(given["logs"], "compare")
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
-        comparisons = gl.compare(
-            **given, out=out, drive=drive, model=model, effects=effects, strict=strict, jobs=jobs,
-            scheduler=scheduler, cache=cache, done=watch.done,
-        )  # fmt: skip
+        comparisons = gl.compare(**given, out=out, done=watch.done)
     rows = [
         {"trial": c.motion.trial, "virtual": c.motion.virtual, "variant_mps": c.fit.variant.velocity}
         | {"misfits": c.misfits}
@@ -216,10 +205,8 @@ def study(
     out = out or results_folder(given["logs"], "study")
     with progress("trials", quiet=quiet, total=count_of(given["logs"])) as watch:
         result = gl.study(
-            **given, exclude=excluded_of(exclude),
-            out=out, discover=discover, recordings=recordings, drive=drive, model=model,
-            effects=effects, tolerance=tolerance, latency=latency / 1e3, strict=strict, jobs=jobs,
-            scheduler=scheduler, cache=cache, done=watch.done, progress=watch.stage,
+            **given, out=out, discover=discover, recordings=recordings,
+            done=watch.done, progress=watch.stage,
         )  # fmt: skip
     warn_of(result.origin)
     finding, written = result.finding, result.written
@@ -310,11 +297,7 @@ def discover(
     given = at_hand(locals())
     out = out or results_folder(given["logs"], "discover")
     with progress("discovering", quiet=quiet) as watch:
-        finding = gl.discover(
-            **given, exclude=excluded_of(exclude),
-            out=out, drive=drive, effects=effects, tolerance=tolerance, latency=latency / 1e3,
-            strict=strict, jobs=jobs, scheduler=scheduler, cache=cache, progress=watch.stage,
-        )  # fmt: skip
+        finding = gl.discover(**given, out=out, progress=watch.stage)
     printer, written = Printer(as_json), finding.origin.written
     printer.json("discovery/3", finding_as_json(finding, written.model) | warn_of(finding.origin))
     reporting.terminal.show_study(of_search(finding, out), printer.shown, str(out), written.model)

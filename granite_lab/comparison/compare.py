@@ -222,7 +222,7 @@ def simulated_channels(run: Run, t: Array) -> dict[str, Array]:
 
 
 def _torque_per_ampere(robot: Robot) -> float:
-    """Return η_d n_d k_m of (24) [N m/A]; 1 of a drive that is not known, whose current is the torque."""
+    """Return η_d n_d k_m of (24) [N m/A]; 1 without a drive, where the current stands for the torque."""
     drive = robot.drive or DIRECT
     return drive.gear_efficiency * drive.gear_ratio * drive.torque_constant
 

@@ -13,7 +13,8 @@ from granite_lab.discovery.description import described, lacking
 from granite_lab.discovery.finding import Ceiling
 from granite_lab.discovery.heldout import closed, predict, predicts_better
 from granite_lab.discovery.pushes import Pushes, pushed
-from granite_lab.discovery.search import Model, Search, good
+from granite_lab.discovery.relevance import good
+from granite_lab.discovery.search import Model, Search
 from granite_lab.discovery.verdict import Judgement, Named, strained_numbers, whole_of
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import LEFT

@@ -10,21 +10,18 @@ import numpy as np
 from granite_lab.discovery.candidates import Score, Screen, rescreened, rivals, scores, screen
 from granite_lab.discovery.carrying import carried, filed, worse
 from granite_lab.discovery.heldout import predict, predicts_better
+from granite_lab.discovery.relevance import good, made, needed, shows, strained
 from granite_lab.discovery.sets import attempts, fit_sets, set_of
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
 from granite_lab.inference.constants import (
     EFFECT_ODDS,
-    FORMULA_ERROR,
-    LEAST_SHARE,
     LEFT,
-    SPREAD,
     TOLERANCE,
     WORTH,
 )
 from granite_lab.inference.fit import LEAST, ROUNDS, Fit, fit, taken, under
-from granite_lab.inference.gap import moved, shares, tolerated
-from granite_lab.inference.normal import Scales
+from granite_lab.inference.gap import moved, tolerated
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
 
@@ -352,72 +349,6 @@ def _where_alone(problem: Problem, point: Point, known: Mapping[tuple[str, ...],
     pairs = zip(problem.trials, point.trials, part.trials, strict=True)
     own = tuple(np.concatenate([theirs[: t.size], x[t.size :]]) for t, x, theirs in pairs)
     return replace(point, shared=part.shared, trials=own)
-
-
-def good(problem: Problem, result: Fit, tolerance: float) -> bool:
-    """Tell whether a fit leaves no discrepancy beyond the tolerance and no louder noise."""
-    return max(shares(problem, result).values(), default=0.0) <= tolerance and not result.scales.loud
-
-
-def strained(problem: Problem, result: Fit) -> bool:
-    """Tell whether numbers of the trials stand in for something that is missing.
-
-    Their scale is then two standard deviations beyond what it was taken for.
-    """
-    first = {s.name: s.std for t in problem.trials for s in t.slacks if s.learnt}
-    return any(result.scales.priors.get(n, std) > np.exp(2 * SPREAD) * std for n, std in first.items())
-
-
-def matters(problem: Problem, alone: Fit, best: Fit, tolerance: float) -> bool:
-    """Tell whether the model alone leaves, or another model changes, more than the tolerance in a channel."""
-    changed = max(moved(problem, alone, best).values(), default=0.0)
-    return changed > tolerance or not good(problem, under(problem, alone, best.scales), tolerance)
-
-
-def needed(
-    problem: Problem, without: Fit, scales: Scales, id_: str, changes: Mapping[str, float], tolerance: float
-) -> Mapping[str, float]:
-    """Return channel to what is left without an effect where all else may be as wrong as it may be.
-
-    The formulas of the others are off by `FORMULA_ERROR` at most, the model by the tolerance, and trials
-    differ as a set with the effect says. An error of a formula is alike in all trials of a command: it cannot
-    stand for an effect that differs from trial to trial.
-
-    Args:
-        problem: the trials.
-        without: fit without the effect.
-        scales: of a set with it.
-        id_: the effect.
-        changes: channel to how far it moves the prediction, as a share of the channel's rms in motion.
-        tolerance: as in `search`.
-    """
-    if any(p.per_trial for p in problem.parameters_of(id_)):
-        return changes
-    alone = under(problem, without, scales)
-    worst = replace(tolerated(alone.scales, tolerance), formula=FORMULA_ERROR[1])
-    return shares(problem, taken(problem, alone, worst))
-
-
-def made(changes: Mapping[str, float], whole: Mapping[str, float], tolerance: float) -> dict[str, float]:
-    """Return channel to the share that an effect makes of what its set changes there, beyond the tolerance.
-
-    Args:
-        changes, whole: channel to how far the effect, and the set, moves the prediction.
-        tolerance: as in `search`.
-    """
-    return {c: own / max(whole[c], own) for c, own in changes.items() if own > tolerance}
-
-
-def shows(made: Mapping[str, float], scales: Scales) -> bool:
-    """Tell whether an effect makes so much of a channel's change that errors of formulas do not.
-
-    That is `LEAST_SHARE`, and two standard deviations of those errors, which are not known at their limit.
-    """
-    formulas = {c: scales.formula_of(c) for c in made}
-    return any(
-        formulas[c] < FORMULA_ERROR[1] and share >= max(LEAST_SHARE, 2 * formulas[c])
-        for c, share in made.items()
-    )
 
 
 def _origins(problem: Problem, result: Fit) -> list[Fit]:

@@ -9,8 +9,9 @@ import numpy as np
 
 from granite_lab.discovery.finding import Verdict
 from granite_lab.discovery.heldout import Predicted, closed, gaps, predict
+from granite_lab.discovery.relevance import good, made, matters, needed, shows
 from granite_lab.discovery.resampling import Competition, by_evidence, compete, nothing_missing
-from granite_lab.discovery.search import Model, Search, good, made, matters, needed, shows
+from granite_lab.discovery.search import Model, Search
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import CERTAIN, CREDIBLE, LEAST_SHARE, LEFT
 from granite_lab.inference.fit import Fit, under

@@ -213,7 +213,7 @@ def _seen(effect: Effect) -> tuple[bool, str]:
 
 
 def _linear(effect: Effect) -> tuple[bool | None, str]:
-    """Compare the trace of the largest expected size, channel by channel, with that of a quarter of it."""
+    """Compare the change by the largest expected size with that by a quarter of it, channel by channel."""
     declared = [p for p in effect.parameters if p.linear]
     if not declared:
         return None, "no parameter is declared linear"

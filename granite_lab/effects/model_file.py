@@ -168,7 +168,7 @@ def _known(where: str, table: dict[str, Any], keys: tuple[str, ...]) -> None:
 
 
 def _catalogued(file: Path, table: dict[str, Any], key: str, load: Any) -> str:
-    """Return the name or path of a robot or a soil after a look whether it can be had."""
+    """Return the name or path of a robot or a soil, which must exist."""
     name = table.get(key)
     if not isinstance(name, str):
         raise InputError(f"{file}: '{key}' is missing", f'add {key} = "<name or path>"')
@@ -279,5 +279,5 @@ def save_model(model: ModelFile, path: Path | str) -> None:
 
 
 def _number(e: Estimate) -> dict[str, float]:
-    """Return value and std as they stand in the file; no std that is not known."""
+    """Return value and std as the file holds them; an unknown std is left out."""
     return {"value": float(e.value)} | ({"std": float(e.std)} if math.isfinite(e.std) else {})

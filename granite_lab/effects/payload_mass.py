@@ -9,7 +9,7 @@ from granite_lab.model.symbols import ModelParameters
 
 
 class PayloadMass(Effect):
-    """A mass at the centre of mass; one that sits elsewhere is this and com_offset together."""
+    """A mass at the centre of mass; for a mass elsewhere com_offset is switched on, too."""
 
     id = "payload_mass"
     title = "additional mass on the robot"

@@ -30,7 +30,7 @@ WHITE, RATE, COUNTS = "accelerometer noise", "gyro noise", "encoder counts and s
 VARYING, SHAKING = "slip that varies along the way", "vibration of the frame"
 SOFT, SCALE = "compliance between wheels and body", "scale error of the accelerometer"
 LATE = "time offset of encoders and IMU"
-STEADY = "steady slip that no standstill shows"
+STEADY_SLIP = "steady slip that no standstill shows"
 
 MEASURED = {
     "specific_force": WHITE, "zero_rate": RATE, "wheel": COUNTS, "zero_velocity": "standstill not perfect",
@@ -66,14 +66,14 @@ def slip_parts(
     towards = np.zeros(model.SIZE)  # λ = slipped / rolled: its gradient towards the difference of the states
     towards[[D, X, P]] = (1.0 - slip) / length, -slip / length, slip / length
     widened = widening(smoothed.innovations)  # as `smooth` did
-    variances = {name: widened * v for name, v in _shares(nodes, smoothed, towards, i, j).items()}
-    variances[STEADY] = float(towards @ (smoothed.common[j] - smoothed.common[i])) ** 2
+    variances = {name: widened * v for name, v in _variances(nodes, smoothed, towards, i, j).items()}
+    variances[STEADY_SLIP] = float(towards @ (smoothed.common[j] - smoothed.common[i])) ** 2
     sources = _sources(nodes, noise, scatter)
     parts = []
     for name, variance in sorted(variances.items(), key=lambda item: -item[1]):
         if variance > 1e-6 * sum(variances.values()):
             kind, unit, std = sources[name]
-            shape = "rectangular" if name in (COUNTS, STEADY) else "normal"
+            shape = "rectangular" if name in (COUNTS, STEADY_SLIP) else "normal"
             parts.append(Part(name, kind, shape, unit, std, math.sqrt(variance)))
     return tuple(parts)
 
@@ -91,7 +91,7 @@ def _sources(nodes: Nodes, noise: Noise, scatter: float) -> Mapping[str, tuple[K
         RATE: ("A", "rad/s/√Hz", math.hypot(noise.gyro, noise.gyro_motion)),
         COUNTS: ("B", "m", float(np.median(ticks)) if ticks.size else 0.0),
         VARYING: ("A", "1", scatter),
-        STEADY: ("B", "1", model.UNKNOWN),
+        STEADY_SLIP: ("B", "1", model.ANY_SLIP),
         SHAKING: ("A", "m/s²", noise.vibration),
         LATE: ("B", "s", float(start[TAU])),
         SOFT: ("B", "s²", float(start[C])),
@@ -106,7 +106,7 @@ def _sources(nodes: Nodes, noise: Noise, scatter: float) -> Mapping[str, tuple[K
 
 
 def _reference(nodes: Nodes) -> tuple[str, float]:
-    """Return unit and std of what an external reference measures; of the velocity where it gives both."""
+    """Return unit and std of an external reference: of its velocity if it has one, else of its place."""
     for kind, unit in (("reference_v", "m/s"), ("reference_x", "m")):
         variances = nodes.updates.R[nodes.updates.kind == kind]
         if variances.size:
@@ -114,7 +114,7 @@ def _reference(nodes: Nodes) -> tuple[str, float]:
     return "m/s", 0.0
 
 
-def _shares(nodes: Nodes, smoothed: Smoothed, towards: Array, i: int, j: int) -> dict[str, float]:
+def _variances(nodes: Nodes, smoothed: Smoothed, towards: Array, i: int, j: int) -> dict[str, float]:
     """Return the variance of ``towards @ (x_j - x_i)`` by source, before any widening.
 
     With the noise w of the step that leads to the next node, the error of the smoothed state is
@@ -159,7 +159,7 @@ def _add_steps(shares: dict[str, float], nodes: Nodes, c: Array) -> None:
     shares[SOFT] += ahead
     shares[VARYING] += share(Q, D, S, G) - ahead
     turning, by_gyro = np.fmax(Q[:, TH, TH] - model.TINY[TH] ** 2, 0.0), np.zeros_like(Q)
-    model.spread(by_gyro, turning, {TH: 1.0, V: F[:, V, TH], X: F[:, V, TH] * dt})
+    model.add_noise(by_gyro, turning, {TH: 1.0, V: F[:, V, TH], X: F[:, V, TH] * dt})
     rate = share(by_gyro, X, V, TH)
     shares[RATE] += rate
     shares[WHITE] += share(Q, X, V, TH) - rate

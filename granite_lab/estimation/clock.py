@@ -242,7 +242,7 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
     parts = [(cut, nominal_of(cut, coarse.value)) for cut in cuts]
 
     def posterior(centre: float, reach: float, spacing: float) -> tuple[float, float]:
-        """Mean and std by offsets that stand for all within half their spacing, by the filter's state TAU."""
+        """Return mean and std by equally spaced offsets; the state TAU covers what lies between them."""
         offsets = np.arange(centre - reach, centre + reach + 0.5 * spacing, spacing)
         score = -0.5 * ((offsets - coarse.value) / coarse.std) ** 2
         cell = (0.5 * spacing) ** -2.0

@@ -14,7 +14,7 @@ SAME = 0.05
 """A logged command that misses a stated trapezoid by less than this share, rms over its own rms, is that one;
 a shift of the start by half of the sampling period, 5 ms, makes 1 %."""
 
-HELD = 3.0
+HELD_PERIODS = 3.0
 """A command without a new value for this many periods is held, not interpolated."""
 
 
@@ -26,7 +26,7 @@ def commanded(
     variant: Variant,
     source: str,
 ) -> tuple[Variant, str, str | None]:
-    """Return what was commanded, the trapezoid or the course that the log tells; its source; a doubt or None.
+    """Return the command, a trapezoid or a logged course, with its source and a doubt or None.
 
     Args:
         trial: with its command, and what its metadata state.
@@ -62,7 +62,7 @@ def _points(command: Series, shift: float) -> tuple[Array, Array]:
     if t.size < 3:
         return t, v
     period = float(np.median(np.diff(t)))
-    late = np.flatnonzero(np.diff(t) > HELD * period)
+    late = np.flatnonzero(np.diff(t) > HELD_PERIODS * period)
     t, v = np.insert(t, late + 1, t[late + 1] - period), np.insert(v, late + 1, v[late])
     driving = np.flatnonzero(np.abs(v) > 1e-6)
     if driving.size == 0:

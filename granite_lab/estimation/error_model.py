@@ -162,13 +162,13 @@ class SlipModel:
         return np.clip(self.steady * resisted + self.per_acceleration * growth, -0.3, 0.5)
 
 
-FAR = SlipModel(
+FAR_FROM_REST = SlipModel(
     steady=0.0, per_acceleration=0.0, onset=0.0, walk=0.0, ramp=0.0, scatter=0.05, time=0.3, limit=0.05,
     far=True,
 )  # fmt: skip
-"""Deviation of slip from the expected where no standstill is near; `UNKNOWN` is beside it."""
+"""Deviation of slip from the expected where no standstill is near; `ANY_SLIP` is beside it."""
 
-UNKNOWN = 3.0**-0.5
+ANY_SLIP = 3.0**-0.5
 """Root mean square of a slip ratio that is anywhere from 0 to 100 %. It is in the std only: in the estimate
 it would give way to every drift of the pitch."""
 
@@ -267,7 +267,7 @@ def resonator(dt: Array, noise: Noise) -> Array:
     )
 
 
-def spread(Q: Array, variance: Array, gains: Mapping[int, Array | float]) -> None:
+def add_noise(Q: Array, variance: Array, gains: Mapping[int, Array | float]) -> None:
     """Add white noise, of the `variance` (K,) in a step, to Q (K, 14, 14) in place.
 
     It enters the first state of `gains`, the second integrates that one, and so on: an impulse at the share s
@@ -286,8 +286,8 @@ def noises(F: Array, course: Course, gyro: Array, size: Array, slip: SlipModel, 
     dt, on, onset = course.dt, course.moving.astype(float), course.onset
     Q = np.tile(np.diag(TINY**2), (dt.size, 1, 1))
     accel = np.hypot(noise.accel, max(noise.accel_motion, noise.accel_stamps))
-    spread(Q, on * accel**2 * dt, {V: 1.0, X: dt})
-    spread(Q, on * gyro**2 * dt, {TH: 1.0, V: course.coupling * dt, X: course.coupling * dt**2})
+    add_noise(Q, on * accel**2 * dt, {V: 1.0, X: dt})
+    add_noise(Q, on * gyro**2 * dt, {TH: 1.0, V: course.coupling * dt, X: course.coupling * dt**2})
     Q[:, BA, BA] += noise.accel_walk**2 * dt
     Q[:, BG, BG] += noise.gyro_walk**2 * dt
     Q[onset, BM, BM] += noise.motion_bias**2
@@ -295,8 +295,8 @@ def noises(F: Array, course: Course, gyro: Array, size: Array, slip: SlipModel, 
     walked = on * np.minimum(walk * dt, slip.limit**2) + onset * slip.onset**2
     scattered = np.where(onset, 1.0, on * (1 - np.exp(-2 * dt / slip.time))) * slip.scatter**2
     turned = np.where(onset, 0.0, course.w * dt)  # a standstill is left with the slip ratio that follows it
-    spread(Q, walked, {S: 1.0, D: turned})
-    spread(Q, scattered, {G: 1.0, D: turned})
+    add_noise(Q, walked, {S: 1.0, D: turned})
+    add_noise(Q, scattered, {G: 1.0, D: turned})
     kept = (size[:, None] / noise.vibration_omega ** np.array([2, 1])) ** 2
     A = F[:, P:, P:]
     shaking = kept[:, :, None] * np.eye(2) - (A * kept[:, None]) @ A.transpose(0, 2, 1)

@@ -18,7 +18,7 @@ from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.trial import WheelStream
 from granite_lab.parameters import GRAVITY, Soil
 
-FAR = 3.0
+CONTRADICTS = 3.0
 """A slip ratio more than this many std outside of what is possible contradicts its std."""
 
 RADIUS = 0.04
@@ -93,14 +93,14 @@ def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
     for slip, where in slips_of(motion):
         low = -SlipModel.per_acceleration * GRAVITY * max(_downhill(motion), 0.0)
         beyond = max(low - slip.value, slip.value - 1.0)
-        contradicted = beyond > FAR * math.hypot(slip.std, RADIUS)
+        contradicted = beyond > CONTRADICTS * math.hypot(slip.std, RADIUS)
         if contradicted:
             yield Doubt(
                 f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % {where} is outside of what "
                 "rolling wheels allow",
                 grade="poor", std=0.5 * abs(slip.value - usual),
             )  # fmt: skip
-        elif stated and abs(slip.value - usual) > FAR * math.hypot(slip.std, soil.slip_std):
+        elif stated and abs(slip.value - usual) > CONTRADICTS * math.hypot(slip.std, soil.slip_std):
             yield Doubt(
                 f"a slip ratio of {100 * slip.value:.1f} ± {100 * slip.std:.1f} % {where} contradicts the "
                 f"soil's {100 * soil.slip:.1f} ± {100 * soil.slip_std:.1f} %",

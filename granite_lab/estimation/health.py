@@ -62,7 +62,7 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
         kinds[kind] = Statistics(nis, ratio.size, correlation(ratio), ljung_box(ratio), wild)
     std = np.sqrt(np.maximum(np.diagonal(smoothed.P, axis1=1, axis2=2), 0.0))
 
-    def spread(values: Array) -> Array:
+    def at_stamps(values: Array) -> Array:
         return np.interp(t, nodes.t, values)
 
     grade, reasons, remark = judge_health(
@@ -74,8 +74,8 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
     return Health(
         t=nodes.t[came.updates.node], kind=tuple(came.updates.kind.tolist()), innovation=came.value,
         innovation_std=sigma, nis={kind: statistics.nis for kind, statistics in kinds.items()},
-        accel_bias=spread(smoothed.x[:, BA] + nominal.accel_bias), accel_bias_std=spread(std[:, BA]),
-        gyro_bias=spread(smoothed.x[:, BG] + nominal.gyro_bias), gyro_bias_std=spread(std[:, BG]),
+        accel_bias=at_stamps(smoothed.x[:, BA] + nominal.accel_bias), accel_bias_std=at_stamps(std[:, BA]),
+        gyro_bias=at_stamps(smoothed.x[:, BG] + nominal.gyro_bias), gyro_bias_std=at_stamps(std[:, BG]),
         rests=rests, verdict=sentence(grade, reasons, remark), grade=grade,
         reasons=reasons,
         whiteness={kind: statistics.white for kind, statistics in kinds.items()},
@@ -152,7 +152,7 @@ def judge_health(
 
 
 def _anchor(rests: Sequence[Interval], loose: Sequence[str], *, referred: bool) -> str:
-    """Say what anchors the velocity; `loose` are the ends at which it is not, `referred` with a reference."""
+    """Say what anchors the velocity, by the ends without an anchor and whether there is a reference."""
     several = f"{len(rests)} standstill{'s' * (len(rests) > 1)}"
     if referred:
         text = f"velocity is anchored by the external reference{f' and {several}' if rests else ''}"

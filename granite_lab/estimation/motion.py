@@ -29,7 +29,7 @@ TELLING = 0.05
 """A slip ratio whose std is larger than this tells little of k_92, which falls by 0.3 over 0.17 of slip ratio
 (paper, Table 3) [-]."""
 
-SHORTEST = 0.05
+LEAST_WAY = 0.05
 """A way of the wheels shorter than this tells no slip ratio [m]."""
 
 
@@ -243,7 +243,7 @@ def slips_of(motion: Motion) -> Iterator[tuple[Estimate, str]]:
     if math.isfinite(motion.slip_ratio.value):
         yield motion.slip_ratio, "in the steady part"
     rolled = motion.distance_wheels.value
-    if abs(rolled) > SHORTEST:
+    if abs(rolled) > LEAST_WAY:
         yield Estimate(1.0 - motion.distance.value / rolled, motion.distance.std / abs(rolled)), "over all"
 
 
@@ -298,8 +298,8 @@ def judge(motion: Motion, trial: Trial, reference_std: float = 0.0) -> tuple[Jud
     wheels = mean_known(motion.v_wheel)
     judgements = []
     if trial.reference_v is not None:
-        spread = np.hypot(motion.v_std, reference_std)
-        one = _compare("velocity", motion.t, (motion.v, wheels, spread), trial.reference_v)
+        error_std = np.hypot(motion.v_std, reference_std)
+        one = _compare("velocity", motion.t, (motion.v, wheels, error_std), trial.reference_v)
         judgements.append(replace(one, reference_std=reference_std))
     if trial.reference_x is not None:
         rolled = np.cumsum(np.nan_to_num(wheels) * np.diff(motion.t, prepend=motion.t[0]))
@@ -321,7 +321,7 @@ def _compare(quantity: str, t: Array, series: tuple[Array, Array, Array], refere
     stamps, truth = reference.t[inside], reference.value[inside]
     if stamps.size < 2:
         raise EstimateError(f"the reference's {quantity} does not overlap the log", "check its clock")
-    estimate, wheels, spread = (np.interp(stamps, t, values) for values in series)
+    estimate, wheels, error_std = (np.interp(stamps, t, values) for values in series)
     if quantity == "distance":
         estimate, wheels, truth = (s - s[0] for s in (estimate, wheels, truth))
 
@@ -333,7 +333,7 @@ def _compare(quantity: str, t: Array, series: tuple[Array, Array, Array], refere
 
     rolled = way(wheels)
     error, error_wheels = estimate - truth, wheels - truth
-    ratio = np.abs(error) / np.where(spread > 0, spread, np.inf)
+    ratio = np.abs(error) / np.where(error_std > 0, error_std, np.inf)
     within = np.where(np.isnan(ratio), NAN, ratio <= 2.0)
     rows = np.stack([error**2, error_wheels**2, error, ratio**2, within])
     square, square_wheels, bias, nees, coverage = mean_known(rows).tolist()
@@ -341,5 +341,5 @@ def _compare(quantity: str, t: Array, series: tuple[Array, Array, Array], refere
     return Judgement(
         quantity=quantity, samples=stamps.size, rmse=rmse, bias=bias, rmse_wheels=rmse_wheels,
         improvement=rmse_wheels / rmse if rmse > 0 else NAN, nees=nees, coverage=coverage,
-        slip=1.0 - way(truth) / rolled if abs(rolled) > SHORTEST else NAN,
+        slip=1.0 - way(truth) / rolled if abs(rolled) > LEAST_WAY else NAN,
     )  # fmt: skip

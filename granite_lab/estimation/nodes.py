@@ -90,7 +90,7 @@ def choose(nominal: Nominal, period: float, spacing: float) -> np.ndarray:
     return np.flatnonzero(keep)
 
 
-def slope(values: Array, window: int, order: int, derivative: int = 1) -> Array:
+def derivative_of(values: Array, window: int, order: int, derivative: int = 1) -> Array:
     """Return a derivative of values on the `GRID`, by polynomials through neighbours (Savitzky and Golay).
 
     The first and the last value continue beyond the ends.
@@ -113,7 +113,7 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
         none = np.zeros(t.size)
         return Pace(speed, speed, none, none, none > 0)
     path = np.interp(grid, stamps, rolling.mean[finite])
-    growth = np.where(pace < 0, -1.0, 1.0) * slope(path, window, 3, 2)
+    growth = np.where(pace < 0, -1.0, 1.0) * derivative_of(path, window, 3, 2)
     # std of the second derivative of a cubic through n samples that span T: sqrt(720/n) sigma / T^2
     sample_std = rolling.speed_std * period if rolling.by_rate else rolling.mean_std
     sigma = np.interp(grid, stamps, sample_std[finite]) * np.sqrt(720 * period / (window * GRID))
@@ -123,10 +123,10 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
     memory = np.exp(-np.arange(0, 2.0, GRID) / 0.4)
     lasting = np.convolve(relative, memory / memory.sum())[: grid.size]
     steady = np.interp(t, grid, maximum_filter1d((beyond > 0).astype(float), 3 * window)) == 0
-    quick = np.interp(t, grid, slope(path, window, 2)) if rolling.by_rate else speed
+    quick = np.interp(t, grid, derivative_of(path, window, 2)) if rolling.by_rate else speed
     return Pace(
         speed=speed,
-        calm=np.where(steady, np.interp(t, grid, slope(path, 3 * window, 1)), quick),
+        calm=np.where(steady, np.interp(t, grid, derivative_of(path, 3 * window, 1)), quick),
         unrest=np.interp(t, grid, np.maximum(relative, lasting)),
         growth=np.interp(t, grid, np.where(beyond > 0, growth, 0.0)),
         steady=steady,
@@ -286,7 +286,7 @@ def blur(Q: Array, course: Course, imu: BodyImu, noise: model.Noise) -> None:
             edges = np.flatnonzero(np.diff(mute)) + 1
             Q[np.searchsorted(course.index, edges), state, state] += level**2
             hidden = mute[course.index] & course.moving
-            model.spread(Q, hidden * level**2 * 2.0 * SWAY * dt, gains)
+            model.add_noise(Q, hidden * level**2 * 2.0 * SWAY * dt, gains)
 
 
 def muted(signal: Array, step: float, period: float) -> np.ndarray:

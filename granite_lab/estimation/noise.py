@@ -192,7 +192,7 @@ def silent(still: Array, step: float, density: float, period: float) -> bool:
 
 
 def level_error(values: Array, rest: np.ndarray, step: float, bias: float) -> float:
-    """Std of what the readings (N,) at rest are off alike, and those in motion are not.
+    """Return the std of an error that all readings (N,) at rest share and readings in motion do not have.
 
     Noise of half a step makes rounding errors independent. Below, all readings of a standstill share one. If
     they are muted they say nothing of the `bias`, and motion tells it no better than its mean (else: 0).

@@ -248,8 +248,8 @@ def robot_slip(smoothed: Smoothed, x: Array, d: Array, i: int, j: int) -> Estima
     gradient[[D, X, P]] = travelled, -slipped, slipped
     gradient /= rolled**2
     cross = smoothed.cross(i, j)
-    spread = smoothed.P[i] + smoothed.P[j] - cross - cross.T
-    return Estimate(float(slipped / rolled), float(np.sqrt(max(gradient @ spread @ gradient, 0.0))))
+    covariance = smoothed.P[i] + smoothed.P[j] - cross - cross.T
+    return Estimate(float(slipped / rolled), float(np.sqrt(max(gradient @ covariance @ gradient, 0.0))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,7 +350,7 @@ def first_crossing(t: Array, pace: Array, rest: np.ndarray, begin: int, plateau:
 def _command(
     trial: Trial, start: Estimate, offset: Estimate, course: Phases
 ) -> tuple[Variant, str, str | None]:
-    """Return what was commanded: a course that is told, else the trapezoid; its source; a doubt or None."""
+    """Return the command, a course or else the trapezoid, with its source and a doubt or None."""
     variant, source, doubt = recognise(course, trial.info, load_variants())
     command, of, other = commanded(trial, start, offset, course.steady, variant, source)
     return (command, of, other) if of in ("logged", "stated") else (variant, source, doubt)

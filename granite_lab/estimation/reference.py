@@ -100,7 +100,7 @@ def _readings(kind: Literal["reference_v", "reference_x"], series: Series, std: 
 
 
 def _ahead(speeds: Readings, rolling: Rolling | None, offset: float) -> Readings:
-    """Return speeds with their directions, by the wheels; those that are too slow to be told are left out."""
+    """Return speeds signed by the direction of the wheels; speeds that hide in their noise are left out."""
     kept = speeds.value > TOLD * speeds.std
     t, value = speeds.t[kept], speeds.value[kept]
     if rolling is not None and t.size:
@@ -109,7 +109,7 @@ def _ahead(speeds: Readings, rolling: Rolling | None, offset: float) -> Readings
 
 
 def anchors(readings: Sequence[Readings], t: Array, rests: Sequence[Interval]) -> bool:
-    """Whether a reference, with the standstills, tells the velocity all along the stamps t (N,) [s]."""
+    """Whether reference and standstills together anchor the velocity at all stamps t (N,) [s]."""
     if not readings:
         return False
     grid = np.arange(t[0], t[-1], 0.5 * PAUSE)

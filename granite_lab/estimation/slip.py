@@ -119,7 +119,7 @@ def with_jumps(problem: Problem, offset: float) -> Problem:
 
 
 def stuck(changes: Changes, rests: Sequence[Interval]) -> list[Interval]:
-    """Standstills of the body [s] while its wheels turn: by the IMU alone it is as slow as can be told.
+    """Return intervals [s] in which the wheels turn and the body, by the IMU alone, stands still.
 
     The slip ratio is then known to be 100 % within `SURE`. Wheels that dig themselves in hold the body for
     seconds; one that only turns round stands for less than a second, unless it goes on to stand.
@@ -147,18 +147,18 @@ def between_swings(nominal: Nominal, interval: Interval, rests: Sequence[Interva
     t, edges = nominal.t, [edge for rest in rests for edge in rest]
     shaken = np.abs(nominal.v - uniform_filter1d(nominal.v, round(BIN / float(np.median(np.diff(t))))))
 
-    def moved(edge: float) -> float:
+    def at_calmest(edge: float) -> float:
         near = np.abs(t - edge) < 0.5 * BIN
         return edge if edge in edges else float(t[near][np.argmin(shaken[near])])
 
-    return moved(interval[0]), moved(interval[1])
+    return at_calmest(interval[0]), at_calmest(interval[1])
 
 
 def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:
     """Compare the rolled distance with the one that the IMU alone finds, bin by bin of each motion."""
     nodes, smoothed = alone.nodes, alone.smoothed
     travelled = np.interp(nodes.t, alone.nominal.t, alone.nominal.x) + smoothed.x[:, X] - smoothed.x[:, P]
-    spread = std_of(smoothed.P, {V: 1.0})
+    v_std = std_of(smoothed.P, {V: 1.0})
     pull = std_of(smoothed.P, {TH: GRAVITY, BA: -1.0, BM: -1.0})
     parts = [np.empty((8, 0))]
     for a, b in runs(nodes.moving):
@@ -168,7 +168,7 @@ def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:
         pace = np.diff(joined(edges, rolling.t + offset, rolling.mean)) / width
         slip = pace - np.diff(np.interp(edges, nodes.t, travelled)) / width
         wheel = np.where(pace < 0.0, -1.0, 1.0) * np.maximum(np.abs(pace), COAST)
-        unsure, drift = (np.interp(edges[1:-1], nodes.t, std) for std in (spread, pull))
+        unsure, drift = (np.interp(edges[1:-1], nodes.t, std) for std in (v_std, pull))
         two = (edges[:-2], edges[2:], slip[:-1], slip[1:], wheel[:-1], wheel[1:], unsure, width * drift)
         parts.append(np.array(two))
     begin, end, slip_1, slip_2, wheel_1, wheel_2, unsure, drift = np.concatenate(parts, axis=1)
@@ -264,5 +264,5 @@ def expected(best: int, below: float, here: float, above: float) -> float:
     if bend >= 0.0:
         return float(np.clip(REFERENCE * FACTOR**best, LEAST_SCATTER, MOST_SCATTER))
     peak = best + float(np.clip(0.5 * (above - below) / -bend, -0.5, 0.5))
-    spread = min(float(np.log(FACTOR) / np.sqrt(-bend)), 0.7)
-    return float(np.clip(REFERENCE * FACTOR**peak * np.exp(spread**2), LEAST_SCATTER, MOST_SCATTER))
+    log_std = min(float(np.log(FACTOR) / np.sqrt(-bend)), 0.7)
+    return float(np.clip(REFERENCE * FACTOR**peak * np.exp(log_std**2), LEAST_SCATTER, MOST_SCATTER))

@@ -12,7 +12,7 @@ from scipy.linalg import blas
 from scipy.special import gammaincinv
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.error_model import BA, BG, SIZE, TAU, TH, UNKNOWN, C, D, Places, S, Updates
+from granite_lab.estimation.error_model import ANY_SLIP, BA, BG, SIZE, TAU, TH, C, D, Places, S, Updates
 from granite_lab.estimation.nodes import Nodes, build, pace_of
 from granite_lab.estimation.nominal import AT_REST, Nominal, Start, integrate, quieten
 from granite_lab.estimation.problem import Problem
@@ -54,7 +54,7 @@ class Innovations:
 
     @property
     def log_likelihood(self) -> float:
-        """Log-likelihood, less that of measurements which miss their prediction by their own std.
+        """Log-likelihood minus that of innovations which equal the std of their own measurement.
 
         So it does not depend on how many there are: filters over slightly different sets can be compared.
         """
@@ -164,7 +164,7 @@ def forward(nodes: Nodes) -> Filtered:
 
 
 def merged(nodes: Nodes) -> Nodes:
-    """Return nodes of which each, but for the first, measures something: steps between them are put together.
+    """Return the nodes without those that measure nothing; the first stays, steps in between are joined.
 
     The filter finds the same in them, sooner.
     """
@@ -212,7 +212,7 @@ def smoothed_states(nodes: Nodes, by_filter: Filtered) -> Array:
 
 
 def filtered(nodes: Nodes, innovations: Innovations) -> Filtered:
-    """Filter over all nodes by filterpy: what is published, with the `innovations` that `forward` found.
+    """Filter over all nodes by filterpy, for the published estimate; `innovations` are those of `forward`.
 
     Measurements are scalar: the inverse of their variance is its reciprocal.
     """
@@ -258,15 +258,15 @@ def _inverse(covariance: Array) -> Array:
 
 
 def with_steady_slip(nodes: Nodes, smoothed: Smoothed) -> Smoothed:
-    """Add the effect of a steady slip ratio of the std `UNKNOWN`, which the filter leaves out (Schmidt 1966).
+    """Add the effect of a steady slip ratio, std `ANY_SLIP`, which the filter leaves out (Schmidt 1966).
 
     The estimate is linear in its measurements: it is made again from those that the error alone would give,
     and what it misses of the error is added to the covariance.
     """
     error = np.zeros((nodes.t.size, SIZE))
-    error[:, S] = UNKNOWN
+    error[:, S] = ANY_SLIP
     slipped = np.where(nodes.moving, nodes.w, 0.0) * np.diff(nodes.t, prepend=nodes.t[0])
-    error[:, D] = UNKNOWN * np.cumsum(slipped)
+    error[:, D] = ANY_SLIP * np.cumsum(slipped)
     given = nodes.updates
     updates = replace(given, z=np.vecdot(given.H, error[given.node]))
     missed = smoothed_states(nodes, forward(replace(nodes, updates=updates, x0=np.zeros((SIZE, 1))))) - error
@@ -325,7 +325,7 @@ def settle(
 
 
 def smooth(last: Settled) -> Solution:
-    """Smooth the last pass; what is too large in it too widens the std of everything."""
+    """Smooth the last pass; innovations larger than expected widen every std."""
     smoothed = backward(last.nodes, filtered(last.nodes, last.by_filter.innovations))
     smoothed = replace(smoothed, P=smoothed.P * widening(smoothed.innovations))
     offset = Estimate(last.near + float(smoothed.x[-1, TAU]), float(np.sqrt(smoothed.P[-1, TAU, TAU])))

@@ -11,7 +11,7 @@ import numpy as np
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.clock import Clock, agreed, find_offset, ramps, slow_offset
-from granite_lab.estimation.error_model import FAR, LOST_PITCH, UNKNOWN, SlipModel
+from granite_lab.estimation.error_model import ANY_SLIP, FAR_FROM_REST, LOST_PITCH, SlipModel
 from granite_lab.estimation.guard import UNMATCHED
 from granite_lab.estimation.noise import identify, with_motion_noise
 from granite_lab.estimation.problem import Problem, Sensors
@@ -180,7 +180,7 @@ def smoothed(problem: Problem, clock: Clock, soil: Soil, distance: Estimate | No
         offset = agreed(clock.shown, solution.offset, solution.compliance)
     applied = 0.0 if problem.far else clock.expected.value
     solution = replace(solution, offset=offset, applied=applied)
-    if problem.far and soil.slip_std >= UNKNOWN:
+    if problem.far and soil.slip_std >= ANY_SLIP:
         solution = replace(solution, smoothed=with_steady_slip(solution.nodes, solution.smoothed))
     return solution
 
@@ -196,8 +196,8 @@ def lacking(problem: Problem, offset: Estimate) -> tuple[Doubt, ...]:
 
 def _slip_of_soil(problem: Problem, offset: float, soil: Soil) -> Problem:
     """Let slow changes of velocity follow the wheels, with the slip ratio of the soil."""
-    any_slip = soil.slip_std >= UNKNOWN
-    model = replace(FAR, steady=soil.slip, limit=FAR.limit if any_slip else soil.slip_std)
+    any_slip = soil.slip_std >= ANY_SLIP
+    model = replace(FAR_FROM_REST, steady=soil.slip, limit=FAR_FROM_REST.limit if any_slip else soil.slip_std)
     noise = replace(with_motion_noise(problem, offset, folding=False), gyro=LOST_PITCH)
     allowed = "0 to 100 %" if any_slip else f"± {100 * soil.slip_std:.2g} %"
     follows = "slow changes of velocity follow the wheels; steady slip is not measured there"

@@ -55,7 +55,7 @@ class Straightness:
 
     @property
     def said(self) -> tuple[str, ...]:
-        """What is to be said of it, in plain words; nothing of a straight course."""
+        """Warning in plain words; empty for a straight course."""
         if not self.bends and not self.back:
             return ()
         turns = [f"{a:.1f} to {b:.1f} s by {abs(np.degrees(angle)):.0f}°" for (a, b), angle in self.bends]

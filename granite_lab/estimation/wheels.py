@@ -77,7 +77,7 @@ def rolling_of(stream: WheelStream, robot: Robot) -> Rolling:
     mean[lost] = np.nan
     quantum = max(*resolution, 1e-6)
     n_live = np.maximum(np.isfinite(increment).sum(axis=1), 1)
-    rough, _ = slope(t, np.nan_to_num(mean, nan=0.0), np.full(t.size, quantum / np.sqrt(12)))
+    rough, _ = derivative_of(t, np.nan_to_num(mean, nan=0.0), np.full(t.size, quantum / np.sqrt(12)))
     jitter = stamp_scatter(t, mean, rough, quantum)
 
     period = float(np.median(np.diff(t)))
@@ -90,7 +90,7 @@ def rolling_of(stream: WheelStream, robot: Robot) -> Rolling:
         shared = np.clip(quantum / np.maximum(np.abs(pace), SLOWEST) / period, 1.0, max(SHARED / period, 1.0))
         return np.asarray(np.sqrt(quantum**2 / 12.0 * shared / wheels + (jitter * pace) ** 2))
 
-    speed, speed_std = slope(t, np.nan_to_num(mean), sigma(n_live, rough))
+    speed, speed_std = derivative_of(t, np.nan_to_num(mean), sigma(n_live, rough))
     mean_std = sigma(n_live, speed)
     velocity, velocity_std = np.full_like(distance, np.nan), np.full_like(distance, np.nan)
     for i in range(distance.shape[1]):
@@ -100,7 +100,7 @@ def rolling_of(stream: WheelStream, robot: Robot) -> Rolling:
         for a, b in runs(use):
             if b - a >= 3:
                 way = np.concatenate([[0.0], np.cumsum(increment[a + 1 : b, i])])
-                velocity[a:b, i], velocity_std[a:b, i] = slope(t[a:b], way, sigma(1, speed[a:b]))
+                velocity[a:b, i], velocity_std[a:b, i] = derivative_of(t[a:b], way, sigma(1, speed[a:b]))
     speed[~np.isfinite(mean)] = np.nan
     first = np.nan_to_num(distance[np.isfinite(distance).argmax(axis=0), np.arange(distance.shape[1])])
     return Rolling(
@@ -190,7 +190,7 @@ def side_mean(values: Array) -> Array:
     return mean_known(np.stack([mean_known(values[:, side::2]) for side in (0, 1)], axis=1))
 
 
-def slope(t: Array, y: Array, sigma: Array) -> tuple[Array, Array]:
+def derivative_of(t: Array, y: Array, sigma: Array) -> tuple[Array, Array]:
     """Differentiate y (M,) by local straight lines, the window as wide as the motion allows.
 
     At each sample the windows of 5, 9 and 17 samples are tried in turn; one is kept as long as
@@ -217,9 +217,9 @@ def _line(t: Array, y: Array, sigma: Array, half: int) -> tuple[Array, Array]:
     tt, yy = (t[index] - t[:, None]) * inside, (y[index] - y[:, None]) * inside
     n = inside.sum(axis=1)
     tc = (tt - (tt.sum(axis=1) / n)[:, None]) * inside
-    spread = (tc**2).sum(axis=1)
-    spread = np.where(spread > 0, spread, np.inf)
-    return (tc * yy).sum(axis=1) / spread, sigma / np.sqrt(spread)
+    squares = (tc**2).sum(axis=1)
+    squares = np.where(squares > 0, squares, np.inf)
+    return (tc * yy).sum(axis=1) / squares, sigma / np.sqrt(squares)
 
 
 def stamp_scatter(t: Array, mean: Array, speed: Array, quantum: float) -> float:

@@ -44,7 +44,7 @@ DIFFERENT = 0.1
 """An interval by the likelihood takes the place of that by the covariance where an end of it is off by more
 than this share of half its width."""
 
-_FAR = 50.0  # of a_θ [s/m]; k_92 at 0.2 m/s would be 5e-5
+_MOST = 50.0  # of a_θ [s/m]; k_92 at 0.2 m/s would be 5e-5
 _LARGEST = 3.0  # relative scatter; beyond it k_92 says nothing about a_θ
 _REACH = 8.0  # stds of a_θ within which the ends of its interval are looked for
 
@@ -150,7 +150,7 @@ def _with_shared(
     parts = []
     for name, std in names.items():
         moves = [np.array([getattr(own[name], side) for own in table]) for side in ("up", "down")]
-        ratios = [math.log(_moved(points, fit, shift) / fit.a) for shift in moves]
+        ratios = [math.log(_with_shift(points, fit, shift) / fit.a) for shift in moves]
         whole = fit.a * math.sqrt(sum(r**2 for r in ratios) / 2)
         parts.append(Part(name, "B", "log-normal", "1", std, whole))
     more = math.hypot(*(part.contribution for part in parts))
@@ -160,7 +160,7 @@ def _with_shared(
     return Estimate(fit.a, math.hypot(fit.std, more)), interval, tuple(parts)
 
 
-def _moved(points: Points, fit: _Weighted, shift: Array) -> float:
+def _with_shift(points: Points, fit: _Weighted, shift: Array) -> float:
     """Return a_θ with other k_92, by the same weights; what leaves the bounds counts as beyond them."""
     low, high = K92_BOUNDS
     k = points.k + shift
@@ -168,7 +168,7 @@ def _moved(points: Points, fit: _Weighted, shift: Array) -> float:
     there = replace(points, k=np.clip(k, low, high), censored=np.where(points.inner, side, points.censored))
     scatter = np.sqrt(np.maximum(np.diag(fit.covariance) - points.sigma**2, 0.0)) / np.exp(-fit.a * points.v)
     a = there.a_theta(lambda m: np.asarray(np.hypot(points.sigma, scatter * m)))
-    return a if 0 < a < _FAR else max(fit.a + float(fit.sensitivity @ shift), fit.a * math.exp(-_LARGEST))
+    return a if 0 < a < _MOST else max(fit.a + float(fit.sensitivity @ shift), fit.a * math.exp(-_LARGEST))
 
 
 def published_fit() -> AThetaFit:
@@ -292,7 +292,7 @@ def _paule_mandel(points: Points) -> _Weighted:
             return np.asarray(np.sqrt(points.sigma**2 + (τ * m) ** 2))
 
         a = points.a_theta(std_of)
-        if not abs(a) < _FAR:
+        if not abs(a) < _MOST:
             raise EstimateError("no finite a_θ fits the k_92 of the trials", "look at their fits")
         m = np.exp(-a * points.v)
         return a, m, std_of(m)
@@ -321,16 +321,16 @@ def _paule_mandel(points: Points) -> _Weighted:
 
 def deviations(fits: Sequence[K92Fit]) -> Callable[[Array | float], Array] | None:
     """Return d of all trials for one k_92 or one each; None where the curve of one is not known."""
-    known = []
+    curves = []
     for fit in fits:
         slope = fit.slip_measured.std / fit.std_measurement if fit.std_measurement > 0 else math.nan
         if len(fit.curve) < 4 or not 0 < slope < math.inf:
             return None
         k, slip = np.array(fit.curve).T
-        known.append((fit.slip_measured.value, PchipInterpolator(k, slip), slope))
+        curves.append((fit.slip_measured.value, PchipInterpolator(k, slip), slope))
 
     def d(k: Array | float) -> Array:
-        pairs = zip(known, np.broadcast_to(k, len(known)), strict=True)
+        pairs = zip(curves, np.broadcast_to(k, len(curves)), strict=True)
         return np.array([(λ - of(np.clip(x, *of.x[[0, -1]]))) / slope for (λ, of, slope), x in pairs])
 
     return d
@@ -398,7 +398,7 @@ def a_theta_interval(
 
 
 def _chosen(linear: Interval, likelihood: Interval) -> Interval:
-    """Return the interval by the likelihood where it differs from that by the covariance, else the latter."""
+    """Return the interval by the covariance, or that by the likelihood where both differ."""
     off = max(abs(a - b) for a, b in zip(linear, likelihood, strict=True))
     half = (linear[1] - linear[0]) / 2
     return likelihood if math.isfinite(off) and off > DIFFERENT * half else linear

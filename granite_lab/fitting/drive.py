@@ -82,7 +82,7 @@ def _apart(motion: Motion) -> tuple[str, ...]:
 
 
 def _reason(motion: Motion, robot: Robot, soil: Soil | None) -> str:
-    """Return why the wheels drive where it is left to the tool; empty where the command does."""
+    """Return why, with "auto", the wheels drive the simulation; empty where the command does."""
     if of_robot := _unlike(robot):
         return of_robot
     if not np.isfinite(motion.v_wheel).any():
@@ -207,18 +207,18 @@ def _refuse_reversed(trial: str, t: Array, v: Array) -> None:
 
 
 def _std(std: Array) -> Array:
-    """Return std of speeds without gaps; those of a log that tells none are those of its best sensor."""
-    known = std[np.isfinite(std) & (std > 0)]
-    return np.nan_to_num(std, nan=float(np.median(known)) if known.size else 1e-3)
+    """Return std of speeds, gaps filled with the median; 1 mm/s where the log gives none."""
+    stated = std[np.isfinite(std) & (std > 0)]
+    return np.nan_to_num(std, nan=float(np.median(stated)) if stated.size else 1e-3)
 
 
 def goes_by_command(effect: Effect) -> bool:
-    """Say whether an effect changes how k_92 goes by the command, which is to be known for that."""
+    """Say whether an effect changes k_92 as a function of the command, so that the command must be known."""
     return effect.by_command or type(effect).desired_velocity is not Effect.desired_velocity
 
 
 def drives(effect: Effect) -> bool:
     """Say whether an effect acts on the drive or its encoders, which wheels that are turned replace."""
-    own, plain = type(effect), Effect
+    kind, plain = type(effect), Effect
     hooks = ("voltages", "shaft", "reading")
-    return effect.of_encoders or any(getattr(own, hook) is not getattr(plain, hook) for hook in hooks)
+    return effect.of_encoders or any(getattr(kind, hook) is not getattr(plain, hook) for hook in hooks)

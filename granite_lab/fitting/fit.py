@@ -152,7 +152,7 @@ class K92Fit(Shown):
 
     @property
     def tells(self) -> bool:
-        """Whether `k92` is a number that means something: an inner optimum by a λ_R that is known."""
+        """Whether `k92` may be used: its optimum lies inside the bounds and λ_R is known."""
         return self.status == "ok" and self.slip_known
 
     @property
@@ -172,17 +172,17 @@ class K92Fit(Shown):
     def to_frame(self) -> pd.DataFrame:
         """Return the fit as one row, units in the column names."""
         row = {"trial": self.trial, "virtual": self.virtual, "variant_mps": self.variant.velocity}
-        found = {"k92": self.k92, "k92_trajectory": self.k92_trajectory, "slip_ratio": self.slip_measured}
+        estimates = {"k92": self.k92, "k92_trajectory": self.k92_trajectory, "slip_ratio": self.slip_measured}
         if self.status in BOUNDS:
-            found["k92"] = Estimate(math.nan)
-        for name, one in found.items():
-            row |= {name: one.value, f"{name}_std": one.std}
+            estimates["k92"] = Estimate(math.nan)
+        for name, estimate in estimates.items():
+            row |= {name: estimate.value, f"{name}_std": estimate.std}
         row |= {"slip_ratio_simulated": self.slip_simulated}
         return frame([row | picked(self, "status", "status_trajectory")])
 
 
 def _cell(value: Estimate, status: FitStatus, known: bool = True) -> Cell:
-    """Return k_92, or why it is no number: a bound is none, and what is not known tells nothing."""
+    """Return k_92 as a cell, or the reason why there is no number: a bound, or an unknown value."""
     if status in BOUNDS:
         return Cell(STATUS_NAMES[status], (math.nan, math.nan, STATUS_NAMES[status]), "fair")
     if status == "not_converged":  # the curvature where a fit stopped is no std
@@ -338,11 +338,11 @@ class View:
 
 def views_of(fit: AThetaFit) -> tuple[View, ...]:
     """Return a_θ by the files as they are, and with their uncertainty where the trials say what that does."""
-    found = (View("files", fit.a_theta, fit.ci95),)
+    views = (View("files", fit.a_theta, fit.ci95),)
     if not fit.shared:
-        return found
-    own = Part(TRIALS, "A", "normal", "s/m", fit.a_theta.std, fit.a_theta.std)
-    return (*found, View("uncertain", fit.total, fit.total_ci95, _ranked([own, *fit.shared])))
+        return views
+    of_trials = Part(TRIALS, "A", "normal", "s/m", fit.a_theta.std, fit.a_theta.std)
+    return (*views, View("uncertain", fit.total, fit.total_ci95, _ranked([of_trials, *fit.shared])))
 
 
 @dataclass(frozen=True)
@@ -382,17 +382,17 @@ def of_mean(
         return None
     n = len(trials)
     weighed = zip(weights or [1 / n] * n, trials, strict=True)
-    parts = _pooled(part.times(w) for w, own in weighed for part in own)
+    parts = _pooled(part.times(w) for w, of_trial in weighed for part in of_trial)
     beyond = mean.std**2 - sum(part.contribution**2 for part in parts)
     if beyond > 1e-6 * mean.std**2:
-        one = math.sqrt(beyond * n)
-        parts.append(Part(SCATTER, "A", f"Student, {n - 1} d.o.f.", "1", one, math.sqrt(beyond)))
+        per_trial = math.sqrt(beyond * n)
+        parts.append(Part(SCATTER, "A", f"Student, {n - 1} d.o.f.", "1", per_trial, math.sqrt(beyond)))
     return Budget(speed, mean, _ranked(parts))
 
 
 def of_a_theta(fit: AThetaFit, fits: Sequence[K92Fit]) -> Budget | None:
     """Return the budget of a_θ; None where it was not fitted to the k_92 of these trials, in this order."""
-    weighed = [(c, own.parts) for c, own in zip(fit.sensitivity, fits, strict=False) if c]
+    weighed = [(c, k92_fit.parts) for c, k92_fit in zip(fit.sensitivity, fits, strict=False) if c]
     if len(fit.sensitivity) != len(fits) or not all(parts for _, parts in weighed):
         return None
     trials = _pooled(part.times(c) for c, parts in weighed for part in parts)
@@ -406,11 +406,11 @@ def _pooled(parts: Iterable[Part]) -> list[Part]:
         by_name.setdefault(part.name, []).append(part)
     return [
         replace(
-            own[0],
-            std=math.sqrt(sum(part.std**2 for part in own) / len(own)),
-            contribution=math.hypot(*(part.contribution for part in own)),
+            same[0],
+            std=math.sqrt(sum(part.std**2 for part in same) / len(same)),
+            contribution=math.hypot(*(part.contribution for part in same)),
         )
-        for own in by_name.values()
+        for same in by_name.values()
     ]
 
 

@@ -270,7 +270,7 @@ def _shared(
 
     λ_R is measured with the radius of the robot's file, too.
     """
-    slope, found = curve.slope(k92), []
+    slope, shifts = curve.slope(k92), []
 
     def slip_of(factor: float, name: str) -> float:
         of, on = robot, soil
@@ -286,12 +286,12 @@ def _shared(
         for factor in (math.exp(std), math.exp(-std)):
             seen = (1 - motion.slip_ratio.value) * (1 - 1 / factor) if name == "radius" else 0.0
             moved.append((seen - (slip_of(factor, name) - curve[k92])) / slope)
-        found.append(Shift(SHARED_AS[name], std, *moved))
-    return tuple(found)
+        shifts.append(Shift(SHARED_AS[name], std, *moved))
+    return tuple(shifts)
 
 
 def _with_trajectory(
-    found: K92Fit, trial: Trial, motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
+    by_slip: K92Fit, trial: Trial, motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
 ) -> K92Fit:
     """Add the fit to the whole time history.
 
@@ -312,7 +312,7 @@ def _with_trajectory(
         return Estimate(float(g @ x), float(np.sqrt(g @ fit.posterior.covariance @ g)))
 
     log, start, latency = total(0, common), total(RAKED, late), total(late)
-    v, a_theta = reference_velocity(found.variant), load_paper().a_theta * float(np.exp(log.value))
+    v, a_theta = reference_velocity(by_slip.variant), load_paper().a_theta * float(np.exp(log.value))
     k92 = math.exp(-a_theta * v)  # (5)
     side = "behind" if latency.value > 0 else "ahead of"
     shares = {c: fit.scales.share_of(c) for c in problem.counts}
@@ -331,10 +331,10 @@ def _with_trajectory(
         lead = total(*(common + SHARED.index(name) for name in LEADS))
         notes.append(f"the command leads the wheels by {1e3 * lead.value:.0f} ± {1e3 * lead.std:.0f} ms.")
     return replace(
-        found,
+        by_slip,
         k92_trajectory=Estimate(k92, k92 * v * a_theta * log.std),
         t_start=Estimate(problem.trials[0].observation.t_start + start.value, start.std),
         latency=latency,
         status_trajectory="ok" if fit.converged else "not_converged",
-        notes=(*found.notes, *(f"Trajectory: {note}" for note in notes)),
+        notes=(*by_slip.notes, *(f"Trajectory: {note}" for note in notes)),
     )

@@ -172,16 +172,16 @@ def fit_laws(points: Points) -> tuple[tuple[Law, ...], list[str]]:
         the laws, and notes on what could not be compared.
     """
     notes, groups = [], points.by_speed()
-    own = np.zeros((points.v.size, len(groups)))
+    columns = np.zeros((points.v.size, len(groups)))
     for column, group in enumerate(groups.values()):
-        own[group, column] = 1.0
+        columns[group, column] = 1.0
     constants = {f"k_92 at {speed:.3g} m/s": "" for speed in groups}
     laws = [
         _fit(
             points, "exponential", {"a_theta": "s/m"}, points.exponential, points.start,
             lambda θ: f"k_92 = exp(-{θ[0]:.3f} v)",
         ),
-        _fit(points, "free", constants, *_linear(points, own), lambda _: "k_92 = a constant per speed"),
+        _fit(points, "free", constants, *_linear(points, columns), lambda _: "k_92 = a constant per speed"),
     ]  # fmt: skip
     if np.isfinite(points.slip).all() and np.ptp(points.slip) > 1e-3:
         laws.append(_over_slip(points))
@@ -192,11 +192,11 @@ def fit_laws(points: Points) -> tuple[tuple[Law, ...], list[str]]:
             )
     else:
         notes.append("The line over λ_R was not fitted: slip ratios are missing or equal.")
-    known = [law.aicc for law in laws if math.isfinite(law.aicc)]
-    if few := len(laws) - len(known):
+    aiccs = [law.aicc for law in laws if math.isfinite(law.aicc)]
+    if few := len(laws) - len(aiccs):
         notes.append(f"{points.v.size} values of k_92 are too few for the AICc of {few} of the laws.")
-    best = min(known, default=math.nan)
-    total = sum(math.exp(-(aicc - best) / 2) for aicc in known) if len(known) > 1 else math.nan
+    best = min(aiccs, default=math.nan)
+    total = sum(math.exp(-(aicc - best) / 2) for aicc in aiccs) if len(aiccs) > 1 else math.nan
     weighted = [replace(law, weight=math.exp(-(law.aicc - best) / 2) / total) for law in laws]
     weighted.sort(key=lambda law: (math.isnan(law.aicc), law.rms if math.isnan(law.aicc) else law.aicc))
     return tuple(weighted), notes

@@ -30,7 +30,7 @@ of a load cell over its range."""
 
 
 def towed(motion: Motion, trial: Trial, robot: Robot) -> Motion:
-    """Return the motion whose runs tow the trial's load, with a line on it; as it is where there is none.
+    """Return the motion with the trial's towed load in its command, and a line on it.
 
     Args:
         motion: with what drives its runs.

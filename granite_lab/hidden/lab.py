@@ -247,7 +247,7 @@ def _with_sensors(rng: np.random.Generator, filed: Robot) -> Robot:
 
 
 def _at_rates(filed: Robot, real: Robot) -> Robot:
-    """Return a filed robot with the rates of its real sensors, which its laboratory knows."""
+    """Return a robot of the catalogue with the sensor rates of the real robot, which its laboratory knows."""
     assert filed.imu_grade is not None
     assert real.imu_grade is not None
     return replace(

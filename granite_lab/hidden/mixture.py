@@ -45,7 +45,7 @@ SMOOTH = 0.3
 def reopened(
     made: Callable[[Sequence[str]], Sequence[Trial]], names: Sequence[str], robot: Robot
 ) -> dict[str, float]:
-    """Return by which share of the squared gap each cause alone opens the gap again when it is absent.
+    """Return for each cause the share of the squared gap that opens again when that cause alone is left out.
 
     No parameter is fitted. The logs have the same random numbers, so their noise cancels.
 

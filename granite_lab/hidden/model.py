@@ -35,7 +35,7 @@ X, Z, PITCH, VX, VZ, Q = range(6)
 ANGLE, OMEGA, CURRENT = slice(6, 8), slice(8, 10), slice(10, 12)
 """Places in the state: centre of mass in O, pitch, their rates; then front and rear wheel of each kind."""
 
-HELD = 5e4
+LOCKING_RATE = 5e4
 """Rate at which a locked gear stops its wheel [1/s]: under the torques at hand it gives by 1 mm/s at most."""
 
 
@@ -255,7 +255,7 @@ class Truth:
         dy[OMEGA] = (self.torque(y) + self.load(y, wheel)) / self.rim_inertia  # (23)
         if locked is not FREE:
             voltage = voltage * (1 - locked)
-            dy[OMEGA] -= HELD * locked * y[OMEGA]
+            dy[OMEGA] -= LOCKING_RATE * locked * y[OMEGA]
         back_emf = self.emf * self.shaft(y)[1]
         dy[CURRENT] = (voltage - back_emf - self.resistance(y) * y[CURRENT]) / self.drive.inductance  # (24)
         return dy

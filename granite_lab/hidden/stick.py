@@ -15,7 +15,7 @@ LASTS = 5.0, 10.0
 MOVED = 0.3, 1.5
 """A hand takes this long to move the stick from one place to another [s]; an assumption."""
 
-HELD = 0.5, 3.0
+REST = 0.5, 3.0
 """It rests there for this long [s], at zero in a pause too; an assumption."""
 
 PAUSE, DRIFT = 0.2, 0.5
@@ -104,7 +104,7 @@ def draw_stick(rng: np.random.Generator, number: int, top: float) -> Stick:
             place = 0.0
         go(place, MOVED)
         drift = float(rng.uniform(-BY, BY)) if rng.random() < DRIFT else 0.0
-        go(min(place * (1 + drift), top), HELD)
+        go(min(place * (1 + drift), top), REST)
         last = place
     if speeds[-1] > 0.0:
         go(0.0, MOVED)

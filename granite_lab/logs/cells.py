@@ -152,7 +152,7 @@ def _blocks(text: bytes) -> Iterator[tuple[int, bytes]]:
 def _parse(
     table: Table, block: bytes, wanted: Sequence[int], dates: Sequence[int]
 ) -> tuple[pd.DataFrame, bool]:
-    """Return the wanted columns as numbers and dates, or else all as texts; and whether they are numbers."""
+    """Return the wanted columns as numbers and dates, or as texts where one is neither; and which it is."""
     numbers = [place for place in wanted if place not in dates]
     try:
         frame = _read(table, block, wanted, dates)

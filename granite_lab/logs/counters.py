@@ -73,7 +73,7 @@ def short_way(steps: Array, width: Array | float) -> Array:
 
 
 def quantum(raw: Array) -> float:
-    """Return the smallest step of a quantised signal (N,), of which 20000 samples are seen; 0: none shows."""
+    """Return the step of a quantised signal (N,) by its first 20000 samples; 0 where there is none."""
     levels = np.unique(raw[:20000])
     steps = np.diff(levels)
     steps = steps[steps > 1e-9 * (levels[-1] - levels[0])] if len(levels) > 1 else steps

@@ -326,7 +326,7 @@ def _unused(table: Table, columns: Mapping[int, Array], place: int) -> ColumnRep
 
 
 def _bound(report: FileReport, table: Table) -> Match:
-    """Bind the columns as they were guessed, if a clock is among them and the header tells them apart."""
+    """Bind the guessed columns, if there is a clock and all names of the header differ."""
     used = [e for e in report.entries if e.to]
     columns = tuple(Column(to=e.to, name=e.name, unit=e.unit) for e in used)
     fit = match(Layout(name=report.path.stem, column=columns), table)

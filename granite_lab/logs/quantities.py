@@ -69,7 +69,7 @@ def find_unit(text: str) -> Unit | None:
 
 
 def factors(kind: str) -> dict[str, float]:
-    """Return the units of a quantity, that of SI first, with the number of SI units that one is."""
+    """Return the units of a quantity with their factors to the SI unit, which comes first."""
     return {name: factor for name, (factor, _) in _TABLE[kind].items()}
 
 

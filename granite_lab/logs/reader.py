@@ -33,7 +33,7 @@ from granite_lab.logs.sensors.wheels import (
     without_free_wheels,
 )
 from granite_lab.logs.source import Source, read_source, recognise
-from granite_lab.logs.streams import Streams, interval, read_streams
+from granite_lab.logs.streams import Streams, read_streams, window_in_words
 from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, name_of, part, parts_of, sidecar
 from granite_lab.parameters import Robot, load_robot
 
@@ -121,7 +121,7 @@ def read_trial(
         return trial
     if look(trial, load_robot(robot or trial.info.robot or "granite", changes=trial.info.changes)) is None:
         hint = "granite-lab inspect --plot FILE.png shows when they do; choose --from and --to around it"
-        raise InputError(f"{first}: no motion {interval(window)}: the wheels do not turn there", hint)
+        raise InputError(f"{first}: no motion {window_in_words(window)}: the wheels do not turn there", hint)
     return trial
 
 
@@ -196,7 +196,7 @@ def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
 def _robot(
     sources: Sequence[Source], given: str | Path | None, info: TrialInfo | None, doubts: list[Doubt]
 ) -> tuple[str | None, Robot]:
-    """Decide which robot the log is of; without a word from anyone it is the laboratory's own."""
+    """Return the robot of the log: as given, else as the log says, else granite."""
     named = [_beside(source, source.metadata.get("robot", "")) for source in sources]
     named += [source.match.layout.robot for source in sources]
     changes = info.changes if info else ()

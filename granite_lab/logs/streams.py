@@ -80,7 +80,7 @@ def read_streams(source: Source, robot: Robot, window: tuple[float, float] | Non
         if not inside.any():
             runs_from = f"the log runs from {np.nanmin(t):.10g} to {np.nanmax(t):.10g} s"
             hint = "--from and --to are seconds of the log's own time, as granite-lab inspect shows it"
-            raise source.refuse(f"no sample {interval(window)}, {runs_from}", hint)
+            raise source.refuse(f"no sample {window_in_words(window)}, {runs_from}", hint)
         source, t = source.only(inside), t[inside]
     t, doubts = one_line(source, t)
     source.doubts.extend(doubts)
@@ -109,7 +109,7 @@ def _series(samples: Samples) -> Series:
     return Series(samples.t, samples.values[:, 0])
 
 
-def interval(window: tuple[float, float]) -> str:
+def window_in_words(window: tuple[float, float]) -> str:
     """Return a window in words: ``between 2 and 9 s``, ``after 2 s``, ``before 9 s``."""
     start, end = (f"{x:.10g}" for x in window)
     if math.isinf(window[0]):
@@ -249,17 +249,17 @@ def _reference(
         if globe is not None:
             x, y = _metres(latitude=x, longitude=y)
         # Speed over a few samples in each direction: the noise of places at rest adds up to no distance.
-        speeds = np.hypot(slope(stamps, x), slope(stamps, y))
+        speeds = np.hypot(slope_of_line(stamps, x), slope_of_line(stamps, y))
         way, along = (Series(stamps, s, WINDOW) for s in (integral(stamps, speeds), speeds))
         path = {"reference_x": way, "reference_v": along}
     elif plane is not None:
         path["reference_x"] = way = _series(plane)
         if len(plane.t) > WINDOW:
-            path["reference_v"] = Series(way.t, slope(way.t, way.value), WINDOW)
+            path["reference_v"] = Series(way.t, slope_of_line(way.t, way.value), WINDOW)
     return path if speed is None else path | {"reference_v": _series(speed)}
 
 
-def slope(t: Array, x: Array, window: int = WINDOW) -> Array:
+def slope_of_line(t: Array, x: Array, window: int = WINDOW) -> Array:
     """Return the slope (N,) of a line through `window` neighbouring samples (an odd number).
 
     Of values (N,) at stamps (N,) [s]; at the ends the last sample counts again.

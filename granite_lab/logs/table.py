@@ -24,7 +24,7 @@ from granite_lab.logs.trial import Array
 _LARGEST = 2 << 30  # a compressed log may hold this much [bytes]
 _LOOKED_AT = 4 << 20  # the layout of a text is found from so many bytes
 _LOST = 64  # so many zero bytes in a row are a block of the memory card that was not written, no binary data
-_SHORTEST = 10  # vectors of a MATLAB file with fewer values are no samples; matrices have at most as many
+_FEWEST = 10  # vectors of a MATLAB file with fewer values are no samples; matrices have at most as many
 _MAGIC = {
     b"#ROSBAG": "a ROS bag", b"\x89MCAP": "an MCAP file", b"PK\x03\x04": "a zip archive or Excel workbook",
     b"\x1f\x8b": "gzip-compressed", b"PAR1": "a Parquet file", b"\x89HDF": "an HDF5 file",
@@ -255,9 +255,9 @@ def _vectors(held: dict[str, Any], prefix: str) -> Iterator[tuple[str, Array]]:
     for key, value in held.items():
         if isinstance(value, dict):
             yield from _vectors(value, f"{prefix}{key}.")
-        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and max(value.shape) >= _SHORTEST:
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and max(value.shape) >= _FEWEST:
             rows = np.atleast_2d(value.T if value.ndim == 2 and value.shape[0] >= value.shape[1] else value)
-            if rows.ndim == 2 and len(rows) <= _SHORTEST:
+            if rows.ndim == 2 and len(rows) <= _FEWEST:
                 usual = {1: [""], 3: ["_x", "_y", "_z"]}
                 ends = usual.get(len(rows), [f"_{k + 1}" for k in range(len(rows))])
                 yield from zip((f"{prefix}{key}{end}" for end in ends), rows.astype(np.float64), strict=True)

@@ -25,7 +25,7 @@ LEAST_TURN = 1e-3
 """Wheels that turn less than this share of what was desired stand still."""
 
 LARGEST_GIFT = 0.02
-"""Share of the energy through the contact that may come back over a run: what integration leaves."""
+"""Largest share of the contact's energy that may come back over a run, as an error of integration."""
 
 _TROUBLE = {
     "TOO_MUCH_WORK": "it needs too many steps",

@@ -34,7 +34,7 @@ FASTER, SLOWER = 1.25, 0.6
 SHARPER = 2.0
 """Factor of the accelerations so far."""
 
-STEADY = 2.5
+STEADY_TIME = 2.5
 """Time at constant speed of a proposed command [s], where the room allows it: slip is steady after 0.35 s."""
 
 PAYLOAD = 0.2
@@ -204,19 +204,19 @@ def _judged(asked: Question, option: Option, now: Outlook, after: Outlook) -> Pr
 
 
 def _outlook(stage: Stage, models: Sequence[Setting], informations: Sequence[Array]) -> Outlook:
-    """Return what trials tell; an information for each of the first models, which may be false."""
+    """Return the expected outcome of trials by their information under each model that may be false."""
     if len(models) == 1:
         return _stds(stage, models[0], informations[0])
     k = len(models) - 1
     names = [m[-1][0] if m else "nothing" for m in models]
-    found: Outlook = {}
+    factors_of: Outlook = {}
     for b, information in enumerate(informations):
         # half of what remains of a difference when all numbers of the false one are fitted to it
         factors = np.fmax(0.0, np.diag(fitted(information, k).rest) / 2)
         for a, factor in zip((n for n in range(len(models)) if n != b), factors, strict=True):
             pair = f"{names[max(a, b)]} from {names[min(a, b)]}"
-            found[pair] = min(found.get(pair, np.inf), float(factor))
-    return found
+            factors_of[pair] = min(factors_of.get(pair, np.inf), float(factor))
+    return factors_of
 
 
 def _stds(stage: Stage, named: Setting, information: Array) -> Outlook:
@@ -225,12 +225,12 @@ def _stds(stage: Stage, named: Setting, information: Array) -> Outlook:
     problem = stage.problem(0)
     point = stage.point(problem, named)
     strengths = problem.parameters(point.effects, per_trial=False)
-    found = {
+    stds = {
         f"{id_}.{p.name}": float(s / abs(x - p.neutral))
         for (id_, p), x, s in zip(strengths, point.common, std[std.size - len(strengths) :], strict=True)
         if not p.shape and x != p.neutral
     }
-    return found or {name: float(std[k]) for k, name in enumerate(SAND)}
+    return stds or {name: float(std[k]) for k, name in enumerate(SAND)}
 
 
 def options(
@@ -251,23 +251,23 @@ def options(
     if drive is not None:  # what the voltage allows, with a reserve for torque
         free = 0.8 * drive.voltage_max / (drive.emf_constant * drive.gear_ratio) * design.robot.wheels.radius
     top = max_speed or max(speeds[-1], min(FASTER * speeds[-1], free))
-    found = [
+    proposed = [
         Option(d.variant, d.conditions, d, "averages noise and scatter of the sand", repeats=True)
         for d, v in zip(ranked, speeds, strict=True)
         if d.variant.distance <= room and v <= top
     ]
 
-    known = {(o.variant, o.conditions) for o in found}
+    listed = {(o.variant, o.conditions) for o in proposed}
 
     def add(like: Driven, v: float, a: float, why: str, way: float = 0.0) -> None:
         """Add a command on raked, level sand if the room suffices and it is new."""
         digit = 10.0 ** (math.floor(math.log10(v)) - 1)  # speeds are rounded down, to two digits
         v, a = float(f"{math.floor(min(v, top) / digit + 1e-6) * digit:.2g}"), float(f"{a:.2g}")
-        way = way or min(room, math.ceil(2 * (v * v / a + STEADY * v)) / 2)
+        way = way or min(room, math.ceil(2 * (v * v / a + STEADY_TIME * v)) / 2)
         new = Variant(velocity=v, acceleration=a, distance=way)
-        if v * v / a <= way and duration(new) <= LONGEST and (new, PLAIN) not in known:
-            known.add((new, PLAIN))
-            found.append(Option(new, PLAIN, like, why))
+        if v * v / a <= way and duration(new) <= LONGEST and (new, PLAIN) not in listed:
+            listed.add((new, PLAIN))
+            proposed.append(Option(new, PLAIN, like, why))
 
     add(slow, SLOWER * speeds[0], starts[0], "lower speed than before: sinkage and slip at slow shear")
     if top > 1.02 * speeds[-1]:
@@ -280,12 +280,12 @@ def options(
         add(like, v, min(starts) / SHARPER, "lower acceleration than before: less influence of inertia")
     if room > 1.2 * fast.variant.distance:
         add(fast, speeds[-1], starts[-1], "longer distance: effects of distance or time accumulate", room)
-    plain = [o.like for o in found if o.repeats and o.conditions == PLAIN]
+    plain = [o.like for o in proposed if o.repeats and o.conditions == PLAIN]
     for like in dict.fromkeys(plain[:1] + plain[-1:]):
         for under, why, how in _conditions(design, effects):
-            if (like.variant, under) not in known:
-                found.append(Option(like.variant, under, like, why, how))
-    return found
+            if (like.variant, under) not in listed:
+                proposed.append(Option(like.variant, under, like, why, how))
+    return proposed
 
 
 def _conditions(design: Design, effects: Collection[str]) -> list[tuple[Conditions, str, str]]:

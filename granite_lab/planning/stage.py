@@ -59,7 +59,7 @@ class Question:
 
 
 def question(design: Design, known: Mapping[str, Effect]) -> Question:
-    """Choose what is known worst: twins first, then a verdict that is not final, then the size of a number.
+    """Choose the question of a plan: twins first, then an open verdict, then the least precise number.
 
     Effects whose strengths all differ from trial to trial cannot be foreseen for a new one and are no rivals.
 
@@ -126,9 +126,9 @@ def whitener_of(noise: Noise, trial: Observation, learnt_at: float) -> Whitener:
     """
     t, variant = trial.t, trial.variant
     level = float(np.hypot(noise.rest, FLOOR[noise.channel]))
-    known = np.ones(t.size, dtype=bool)
+    every_row = np.ones(t.size, dtype=bool)
     if not noise.driven:
-        return white(level, known, trial.width)
+        return white(level, every_row, trial.width)
     grid = np.linspace(0, 1, len(noise.driven))
     spectrum = np.interp(np.linspace(0, 1, max(1024, t.size) + 1), grid, noise.driven)
     speed = commanded_share(t, variant) * peak_velocity(variant) / learnt_at
@@ -138,7 +138,7 @@ def whitener_of(noise: Noise, trial: Observation, learnt_at: float) -> Whitener:
         v = speed[own]
         return np.asarray(np.outer(v, v) * toeplitz(shared[: v.size]) + level**2 * np.eye(v.size))
 
-    return whitener(known, trial.width, covariance)
+    return whitener(every_row, trial.width, covariance)
 
 
 class Stage:
@@ -171,7 +171,7 @@ class Stage:
         return point
 
     def information(self, number: int, count: int, model: Setting, others: Sequence[Setting] = ()) -> Array:
-        """Return what `count` trials of one command tell, if the effects of `model` are switched on.
+        """Return the information of `count` trials of one command under a model with the effects of `model`.
 
         Returns:
             (p + k, p + k) information of the p shared parameters, which end like `Point.vector`, then of the
@@ -287,13 +287,13 @@ def _imitating(stage: Stage, others: Setting, truth: Setting, id_: str) -> tuple
     shared = [k for k, p in enumerate(parameters) if not p.per_trial]
     for _ in range(ROUNDS):
         try:
-            found = fitted(stage.at_hand((*others, guess), [(*others, *truth)]), 1)
+            fit = fitted(stage.at_hand((*others, guess), [(*others, *truth)]), 1)
         except EstimateError:
             break
-        if found.misfit >= least:
+        if fit.misfit >= least:
             break
-        least, nearest = found.misfit, guess
+        least, nearest = fit.misfit, guess
         values = np.array(guess[1])
-        values[shared] += found.step[-len(shared) :]
+        values[shared] += fit.step[-len(shared) :]
         guess = id_, _within(parameters, values.tolist())
     return nearest

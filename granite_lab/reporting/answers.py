@@ -40,7 +40,7 @@ from granite_lab.rounding import (
 
 MODEL_QUESTION = "Does the paper's model explain the measurements?"
 
-FAR = 3.0
+DIFFERS = 3.0
 """So many standard deviations from a value a number differs from it."""
 
 SPEEDS = 3
@@ -252,7 +252,7 @@ def _k92_off(fit: AThetaFit) -> dict[float, float]:
         distances[velocity] = (
             abs(k92.value - published.k92) / k92.std if published and k92.std > 0 else math.nan
         )
-    return {velocity: far for velocity, far in distances.items() if far > FAR}
+    return {velocity: far for velocity, far in distances.items() if far > DIFFERS}
 
 
 def _speeds_of(fit: AThetaFit) -> int:

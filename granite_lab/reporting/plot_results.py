@@ -166,7 +166,7 @@ def _over_speed(speeds: Sequence[Speed], value: Callable[[Comparison], Estimate]
     return [
         (Estimate(x, 0.0), value(r.comparison), len(s.results))
         for s in speeds
-        for x, r in zip(spread(s), s.results, strict=True)
+        for x, r in zip(abscissae(s), s.results, strict=True)
     ]
 
 
@@ -201,7 +201,7 @@ def fitted_line(fit: AThetaFit | None) -> tuple[float, float] | None:
     return law.parameters[intercept].value, scale * law.parameters[slope].value
 
 
-def spread(speed: Speed) -> list[float]:
+def abscissae(speed: Speed) -> list[float]:
     """Return the abscissae of a speed's trials, side by side, all of them close to the speed [m/s]."""
     n = len(speed.results)
     step = min(APART, WIDE / max(1, n - 1))

@@ -119,7 +119,7 @@ def _plain(value: Any) -> Any:
 
 
 def _is_effect(value: Any) -> bool:
-    """Say whether a value is an effect, without importing the model: no effect is there before that is."""
+    """Say whether a value is an effect; before the model is imported, which is slow, none exists."""
     module = sys.modules.get("granite_lab.model.effect")
     return module is not None and isinstance(value, module.Effect)
 

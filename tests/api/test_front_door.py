@@ -25,7 +25,6 @@ PACKAGE = ROOT / "granite_lab"
 VERBS = {name: getattr(gl, name) for name in gl.__all__ if inspect.isfunction(getattr(gl, name))}
 
 COMMAND_OF = {
-    "check_logs": "check",
     "fit_a_theta": "fit-atheta",
     "list_effects": "effects",
     "show_effect": "effects show",
@@ -33,8 +32,7 @@ COMMAND_OF = {
 """Commands that are called in another way than their function."""
 
 NO_COMMAND = {
-    "check": "one log", "plot": "inspect --plot", "record": "study", "report": "study",
-    "verify": "study --verify",
+    "plot": "inspect --plot", "record": "study", "report": "study", "verify": "study --verify",
 }  # fmt: skip
 """Functions without a command of their own, and what does it on the command line."""
 

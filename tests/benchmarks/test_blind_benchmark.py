@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 
-from benchmarks.blind import Task, made, one, read, ready, schedule, sizes_of, write
+from benchmarks.blind import Task, made, one, ready, schedule, sizes_of
 from benchmarks.blind_code import code_hash
 from benchmarks.blind_page import figures, group, page, wrong_single
+from benchmarks.lines import read, write
 from granite_lab.api.hidden import hide
 from granite_lab.effects import library
 from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, TWINS, influence

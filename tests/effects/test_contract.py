@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.effects_page import markdown
 from granite_lab.effects import get, library, load_effects
 from granite_lab.effects.contract import CHANNELS, Check, contract, typical
-from granite_lab.effects.documentation import markdown
 from granite_lab.effects.library import neutral_gap, read_effects
 from granite_lab.effects.model_file import FittedEffect, ModelFile, load_model, save_model
 from granite_lab.errors import InputError
@@ -128,7 +128,7 @@ def test_the_command_reports_every_check_and_ends_with_3_on_failure(tmp_path: Pa
 
 def test_the_page_of_effects_is_what_the_effects_say() -> None:
     page = ROOT / "docs" / "effects.md"
-    assert page.read_text(encoding="utf-8") == markdown(), "python -m granite_lab.effects.documentation"
+    assert page.read_text(encoding="utf-8") == markdown(), "python -m benchmarks.effects_page"
 
 
 def test_an_effect_file_is_loaded_and_acts(tmp_path: Path) -> None:

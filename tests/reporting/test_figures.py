@@ -20,7 +20,7 @@ from granite_lab.reporting import write_report
 from granite_lab.reporting.canvas import Figure, envelope, saved, styled
 from granite_lab.reporting.pictures import log_figure
 from granite_lab.reporting.plot_motion import comparison_figure
-from granite_lab.reporting.plot_results import spread
+from granite_lab.reporting.plot_results import abscissae
 from granite_lab.reporting.report import study_report
 from granite_lab.reporting.speeds import speeds_of
 from granite_lab.results import Source, StudyResult
@@ -122,7 +122,7 @@ def test_svg_text_is_what_was_drawn(of_study: list[Figure]) -> None:
 def test_all_trials_of_a_speed_stand_close_to_it(trials: int) -> None:
     """The speeds of the paper are 0.1 m/s apart: trials of one must not stand at another."""
     (speed,) = speeds_of(made_up_study(speeds=(0.2,), repetitions=1), load_paper())
-    x = spread(dataclasses.replace(speed, results=speed.results * trials))
+    x = abscissae(dataclasses.replace(speed, results=speed.results * trials))
     assert len(set(x)) == trials
     assert np.mean(x) == pytest.approx(0.2)
     assert max(x) - 0.2 < 0.03

@@ -120,7 +120,7 @@ def continued(t: Array, short: Array, width: float) -> Array | None:
 def _witness(
     wheels: WheelStream, near: list[int], imu: ImuStream | None, log: Log
 ) -> tuple[str, Array | None]:
-    """Return what else tells how fast the wheels turn, and the speed (M,) [rad/s] at their stamps."""
+    """Return another source of the wheels' speed, and that speed (M,) [rad/s] at their stamps."""
     t = wheels.t
     clear = [i for i in range(len(ENCODERS)) if i not in near and np.isfinite(wheels.angle[:, i]).sum() > 1]
     if clear:

@@ -113,7 +113,7 @@ class Restart:
     gap: bool  # it happened in a gap of the samples
 
     def passed(self, t: Array) -> Array:
-        """(N,) share of the change that has passed: at once in a gap, else gradually."""
+        """(N,) part of the change that has happened by each sample: all at once in a gap, else gradually."""
         return np.asarray(np.clip((t - self.begin) / max(self.end - self.begin, 1e-9), 0.0, 1.0))
 
 

@@ -140,7 +140,7 @@ def _apart(t: Array, values: Array, sensor: str, where: Where, doubts: list[Doub
     different = (np.isfinite(change) & (change != 0)).any(axis=1)
     keep, apart, std = new, t, 0.0
     if spread and different.mean() >= _DIFFER:
-        apart, kept, std = _spread(t, new, f"{where(int(tied[0]))}: {sensor}")
+        apart, kept, std = _share_out(t, new, f"{where(int(tied[0]))}: {sensor}")
         keep = new | kept
     if shared := int(np.count_nonzero(keep & ~new)):
         late = f"; all may be off by {1e3 * std:.3g} ms" if std else ""
@@ -153,8 +153,8 @@ def _apart(t: Array, values: Array, sensor: str, where: Where, doubts: list[Doub
     return Stamps(apart[keep], np.flatnonzero(keep), std)
 
 
-def _spread(t: Array, new: Mask, place: str) -> tuple[Array, Mask, float]:
-    """Spread samples that share a stamp over the time for which it stands; `new` (N,) says where one begins.
+def _share_out(t: Array, new: Mask, place: str) -> tuple[Array, Mask, float]:
+    """Spread samples with equal stamps over the time of their batch; `new` (N,) is True where a batch begins.
 
     A driver that empties the FIFO of a sensor gives all samples the stamp of the read, so they lie between it
     and the one before, evenly. Stamps of the first sample, or of the last tick of a slow clock, stand for the

@@ -39,7 +39,7 @@ MOVING = 0.02
 
 Interval = tuple[float, float]
 
-SHORTEST = 0.3
+LEAST_REST = 0.3
 """A standstill shorter than this [s] says too little about biases to be used."""
 
 CREEP = 1.0e-4
@@ -62,7 +62,7 @@ with which such a window at rest is not calm: it takes one within reach that is.
 GENTLE = 0.05
 """A robot that sets off more gently than this [m/s^2] needs 10 s for 0.5 m/s."""
 
-STEADY = 3.0
+LOUD = 3.0
 """An IMU that is this many times as loud as its grade may be moving."""
 
 SLOW = 0.1
@@ -159,7 +159,7 @@ def find_standstills(
     rests, creep, dt = list[Interval](), np.zeros(t.size), float(np.median(np.diff(t)))
     for a, b in runs(bridged(t, still, max(BRIDGED, 2.5 * dt))):
         begin, end = float(t[a]), float(t[b - 1])
-        if end - begin >= 0.5 * SHORTEST:
+        if end - begin >= 0.5 * LEAST_REST:
             rests.append((begin, end))
             hidden = np.inf if imu is None else unseen_by_imu(imu, a, b)
             creep[a] = 1.0 / np.hypot(1.0 / max(unseen[a], 1e-9), 1.0 / hidden) if unseen[a] > 0 else 0.0
@@ -183,8 +183,8 @@ def wheels_still(wheels: Turning, quiet: Mask | None = None, quiet_t: Array | No
 def _by_counts(wheels: Turning) -> Still:
     """Say where the wheels stand, by distances (M, 4) in whole counts.
 
-    A count is larger than a creep in `SHORTEST`. One that is taken back at once is no motion. What the wheel
-    of the finest counts does not show, the body does not do.
+    A count is larger than a creep in `LEAST_REST`. One that is taken back at once is no motion. What the
+    wheel of the finest counts does not show, the body does not do.
     """
     t, count = wheels.t, np.inf
     turns, logged = np.zeros(t.size, dtype=bool), np.isfinite(wheels.distance)
@@ -193,7 +193,7 @@ def _by_counts(wheels: Turning) -> Still:
     for distance, finite, resolution in zip(wheels.distance.T, logged.T, wheels.resolution, strict=True):
         if not finite.any():
             continue
-        place, smallest = np.flatnonzero(finite), max(resolution, CREEP * SHORTEST)
+        place, smallest = np.flatnonzero(finite), max(resolution, CREEP * LEAST_REST)
         step = np.diff(np.rint((distance[place] - distance[place[0]]) / smallest))
         count = min(count, smallest) if step.any() else count
         changed = np.flatnonzero(step)
@@ -206,7 +206,7 @@ def _by_counts(wheels: Turning) -> Still:
             stands[a:b] = True
         turns |= counted
         stand &= stands
-    count = count if np.isfinite(count) else max(*wheels.resolution, CREEP * SHORTEST)
+    count = count if np.isfinite(count) else max(*wheels.resolution, CREEP * LEAST_REST)
     still, unseen = np.zeros(t.size, dtype=bool), np.full(t.size, np.inf)
     for a, b in runs(stand):
         length, since, left = t[b - 1] - t[a], t[a:b] - t[a], t[b - 1] - t[a:b]
@@ -214,7 +214,7 @@ def _by_counts(wheels: Turning) -> Still:
         waits = min(max(ROUNDED * count / CREEP, 0.5 * WINDOW), 0.5 * length) if a > first else 0.0
         sets_off = max(float(np.sqrt(2.0 * count / GENTLE)), 0.5 * WINDOW)
         leaves = min(sets_off, 0.25 * length) if b < t.size else 0.0
-        still[a:b] = (since >= waits) & (left >= leaves) & (length >= SHORTEST)
+        still[a:b] = (since >= waits) & (left >= leaves) & (length >= LEAST_REST)
         unseen[a:b] = ROUNDED * count / np.maximum(since, 1e-9) if a > first else 0.0
     return Still(still, unseen, turns)
 
@@ -230,9 +230,9 @@ def _without_counts(t: Array, counted: Mask, lasting: float) -> list[tuple[int, 
     for a, b in zip([0, *edges], [*edges, t.size], strict=True):
         length = t[b - 1] - t[a]
         first, parted = stretches[-1] if stretches else (0, -1)
-        if parted == a and t[a - 1] - t[first] >= lasting and (length >= SHORTEST or b == t.size):
+        if parted == a and t[a - 1] - t[first] >= lasting and (length >= LEAST_REST or b == t.size):
             stretches[-1] = (first, b)
-        elif length >= SHORTEST:
+        elif length >= LEAST_REST:
             if parted == a and first > 0:
                 stretches.pop()
             stretches.append((a, b))
@@ -270,7 +270,7 @@ def _by_rates(wheels: Turning, velocity: Array, certain: Mask) -> Still:
         unseen = np.maximum(unseen, np.sqrt(limit / size))
     blind, turns = float(unseen.max(initial=0.0)), ~still
     for a, b in runs(still):
-        if t[b - 1] - t[a] < SHORTEST:
+        if t[b - 1] - t[a] < LEAST_REST:
             still[a:b] = False
         elif a > 0 and blind > CREEP:
             still[a : (a + b) // 2] = False
@@ -283,12 +283,12 @@ def _lasting(t: Array, mask: Mask) -> Mask:
     """(M,) `mask` without what is shorter than a standstill, at stamps t [s]."""
     left = np.zeros(mask.size, dtype=bool)
     for a, b in runs(mask):
-        left[a:b] = t[b - 1] - t[a] >= SHORTEST
+        left[a:b] = t[b - 1] - t[a] >= LEAST_REST
     return left
 
 
 def _noise(power: Array, dof: float, share: float) -> float:
-    """Std of white noise of which a `share` of windows is below that quantile of `power` (N,)."""
+    """Return the std of white noise whose windows have the same quantile, `share`, as `power` (N,)."""
     return float(np.sqrt(np.quantile(np.maximum(power, 0.0), share) * dof / chdtri(dof, 1.0 - share)))
 
 
@@ -381,14 +381,14 @@ def imu_quiet(imu: ImuStream, grade: ImuGrade, stand: Mask | None = None, window
         power = axes.sum(axis=1)
         step = max(step_of(values).max(), 0.0)
         least = max(density / np.sqrt(few * dt), 0.5 * step)
-        pool = power[stand] if stand is not None and stand.sum() * dt > SHORTEST else power
+        pool = power[stand] if stand is not None and stand.sum() * dt > LEAST_REST else power
         # axes of unlike noise count as less than three (Satterthwaite 1946)
         usual = np.median(axes, axis=0)
         unlike = float(usual.sum()) ** 2 / max(float(usual @ usual), 1e-300)
         dof = (max(size // few, 3) - 1) * max(unlike, 1.0)
         base = _noise(pool, dof, 0.25 if pool is not power else 0.05)
         loudest = float(np.sqrt(np.quantile(power, 0.9)))
-        if stand is None and base > STEADY * least and loudest < STEADY * base:
+        if stand is None and base > LOUD * least and loudest < LOUD * base:
             return np.zeros(imu.t.size, dtype=bool)
         chance = FALSE_ALARM if few == 1 else CALM
         quiet &= power <= max(base, least) ** 2 * _highest(dof, chance)
@@ -410,7 +410,7 @@ def without_swings(imu: ImuStream, still: Mask, grade: ImuGrade) -> Mask:
     dt = period_of(imu)
     few, size = max(round(SWING / SAMPLES / dt), 1), max(round(SWING / dt), 3)
     force = np.sqrt(restlessness(imu.specific_force, size, few).sum(axis=1))
-    stands = [(a, b) for a, b in runs(still) if (b - a) * dt >= 0.5 * SHORTEST]
+    stands = [(a, b) for a, b in runs(still) if (b - a) * dt >= 0.5 * LEAST_REST]
     if not stands:
         return still
     a, b = min(stands, key=lambda run: float(np.median(force[slice(*run)])))
@@ -421,7 +421,7 @@ def without_swings(imu: ImuStream, still: Mask, grade: ImuGrade) -> Mask:
     calm = maximum_filter1d(calm, max(round(SWING / dt), 1))
     for a, b in stands:
         begin, end = max(runs(calm[a:b]), key=lambda run: run[1] - run[0], default=(0, 0))
-        left[a : a + begin if (end - begin) * dt >= 0.5 * SHORTEST else b] = False
+        left[a : a + begin if (end - begin) * dt >= 0.5 * LEAST_REST else b] = False
     return left
 
 
@@ -439,7 +439,7 @@ def late_halves(imu: ImuStream, still: Mask) -> Mask:
             begin = (begin + b) // 2
         if b < still.size:
             end -= _unlike(force[begin - a :][::-1], dt)
-        left[begin:end] = (b - a) * dt >= SHORTEST
+        left[begin:end] = (b - a) * dt >= LEAST_REST
     return left
 
 

@@ -167,7 +167,7 @@ def _column_load(w: Writer, node: Node) -> str:
 
 
 def declarations(*, functions: bool = True) -> str:
-    """Return declarations of what stands outside of the text, for a module's head.
+    """Return declarations of external functions, for the head of a module.
 
     Args:
         functions: those of `ELEMENTARY`, too.

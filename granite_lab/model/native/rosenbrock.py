@@ -55,7 +55,7 @@ TABLE[82] = 1.0
 TOO_MANY, TOO_SMALL, NO_NUMBER = -1, -2, -3
 """Reasons to give up: the number of steps, their size, or a right-hand side that is not a number."""
 
-SHORTEST = 1e-11
+LEAST_STEP = 1e-11
 """Shortest step [s]."""
 
 HOPELESS = 1e30
@@ -293,7 +293,7 @@ def piece(
         else:
             grow = max(0.1, min(grow, 0.9))
             rejected = 1
-            if h < SHORTEST:
+            if h < LEAST_STEP:
                 return TOO_SMALL if error < HOPELESS else NO_NUMBER
         h = h * grow
     return int(run[STEPS])

@@ -66,7 +66,7 @@ that receive a quantity as a CasADi expression and return it changed.
 | `rates` | time derivatives of the effect's own states, named in `states` |
 
 `own.p` holds the parameters of the effect, `own.x` its states, `own.t` the time, `own.model` the parameters
-of robot and soil. Written by `python -m granite_lab.effects.documentation`.
+of robot and soil. Written by `python -m benchmarks.effects_page`.
 """
 
 
@@ -113,4 +113,4 @@ if __name__ == "__main__":
 
     from granite_lab.files import write_text
 
-    write_text(Path(__file__).parents[2] / "docs" / "effects.md", markdown())
+    write_text(Path(__file__).parents[1] / "docs" / "effects.md", markdown())

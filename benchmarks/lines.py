@@ -1,0 +1,67 @@
+"""Results of a benchmark as a file with one line a set: read, written, continued, and shown as a page."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from granite_lab.files import write_text
+
+Line = dict[str, Any]
+
+
+def read(path: Path) -> list[Line]:
+    """Return the lines of a results file; one on which a run was killed is dropped."""
+    lines = []
+    for text in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
+        try:
+            lines.append(json.loads(text))
+        except ValueError:
+            continue
+    return lines
+
+
+def write(path: Path, lines: Sequence[Line]) -> None:
+    """Write the results, whole or not at all."""
+    write_text(path, "".join(json.dumps(x, allow_nan=False, separators=(",", ":")) + "\n" for x in lines))
+
+
+def of_code(lines: list[Line], code: str, path: Path, *, afresh: bool, page_only: str) -> list[Line]:
+    """Return the lines that a benchmark continues; end the program where they are of other code.
+
+    Args:
+        lines: of the results file.
+        code: hash of the code that is here.
+        path: of the results file.
+        afresh: drop lines of other code.
+        page_only: option that shows what there is.
+    """
+    if afresh:
+        return [line for line in lines if line["code"] == code]
+    if lines and lines[-1]["code"] != code:
+        sys.exit(
+            f"error: {path} is of code {lines[-1]['code']}, this is {code}\n"
+            f"hint: --afresh begins anew; {page_only} shows what there is"
+        )
+    return lines
+
+
+def add(path: Path, lines: list[Line], judged: Iterable[Line], version: Line) -> None:
+    """Add lines to the results as sets are judged; the file is written after each."""
+    for line in judged:
+        lines.append(line | version)
+        write(path, lines)
+        print(f"{line['key']}: {line.get('outcome') or line['status']}", file=sys.stderr, flush=True)
+
+
+def show(lines: Sequence[Line], page: Callable[[Sequence[Line]], str], out: Path | None) -> None:
+    """Print the page of a benchmark, and write it to `out`; end the program where there is no line."""
+    if not lines:
+        sys.exit("error: no set was judged")
+    text = page(lines)
+    print(text)
+    if out is not None:
+        write_text(out, text)
