@@ -5,14 +5,15 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib import import_module
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 from typer.core import TyperGroup
 
 from granite_lab import __version__
-from granite_lab.errors import LabError
+from granite_lab.errors import LabError, UsageError
 
 COMMANDS = {
     "check": ("logs", "Check whether a log is usable."),
@@ -67,10 +68,39 @@ class _Commands(Mapping[str, Any]):
         return len(COMMANDS)
 
 
+_MISUSED = cast("type[Exception]", typer.BadParameter.__bases__[0])
+"""What the parser raises; Typer gives it no name of its own."""
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """Turn what the parser says of arguments into an error of this package."""
+    try:
+        yield
+    except _MISUSED as error:
+        said: Any = error
+        if type(said).__name__ == "NoArgsIsHelpError":
+            raise
+        message, _, meant = said.format_message().rstrip(".").partition(". ")
+        path = said.ctx.command_path if said.ctx else "granite-lab"
+        hint = f"{meant[:1].lower()}{meant[1:]} " if meant else ""
+        raise UsageError(f"{message[:1].lower()}{message[1:]}", f"{hint}{path} --help lists all") from None
+
+
 class _Group(TyperGroup):
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
         self.commands: Any = _Commands()
+
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        """Read the arguments before the command."""
+        with _told():
+            return super().make_context(*args, **kwargs)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Read the command with its arguments, and call it."""
+        with _told():
+            return super().invoke(ctx)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
         """Print the commands without importing any."""
@@ -117,7 +147,7 @@ def _options(
 def main() -> None:
     """Run the command line; known errors become one line, one hint and an exit code."""
     try:
-        app()
+        app(prog_name="granite-lab")
     except LabError as error:
         print(f"error: {error.message}", file=sys.stderr)
         if error.hint:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shlex
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -227,7 +228,8 @@ def _pool(channel: str, phase: str, size: float, misfits: list[Misfit]) -> Gap:
     rms = math.sqrt(mean([m.rms**2 for m in misfits], misfits))
     normalised = math.sqrt(mean([m.normalised**2 for m in judged], judged)) if judged else math.nan
     bias, peak = mean([m.bias for m in misfits], misfits), max(m.peak for m in misfits)
-    return Gap(channel, misfits[0].unit, phase, rms, bias, peak, normalised, size, len(misfits))
+    trials = max(Counter(m.channel for m in misfits).values())  # of the four wheels of a trial each has one
+    return Gap(channel, misfits[0].unit, phase, rms, bias, peak, normalised, size, trials)
 
 
 def load_report(path: Path) -> dict[str, Any]:

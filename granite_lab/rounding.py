@@ -72,6 +72,12 @@ def tidy_unit(unit: str) -> str:
     return unit.replace("^2", "²").replace("^3", "³").replace("deg", "°").replace("ohm", "Ω")
 
 
+def plural(n: int, noun: str) -> str:
+    """Return a number of things in words: "1 trial", "2 quantities"."""
+    many = f"{noun[:-1]}ies" if noun.endswith("ity") else f"{noun}s"
+    return f"{n} {noun if n == 1 else many}"
+
+
 def plus_minus(estimate: Estimate, unit: str = "", scale: float = 1.0) -> str:
     """Return ``value ± std unit``, both rounded to the place the standard deviation carries.
 

@@ -14,7 +14,6 @@ from granite_lab.columns import Column, Table, words
 from granite_lab.commands.options import Jobs, Json, Quiet, Robot, Soil, number_of, read_pairs
 from granite_lab.commands.printer import Printer, progress, warn
 from granite_lab.hidden.scoring import MEANING, ParameterScore, Score
-from granite_lab.rounding import tidy_unit
 
 PARTS = {"train": "trials in the fit", "held_out": "trials left out of the fit"}
 """Parts of the trials that a discovery tells of, as they are printed."""
@@ -107,10 +106,10 @@ SCORED = Table[ParameterScore](
     "scored",
     "Sizes hidden and found",
     Column("effect", lambda p: p.effect),
-    Column("parameter", lambda p: f"{p.name} [{_unit(p.unit)}]".removesuffix(" []")),
-    Column("hidden", lambda p: p.true, "hidden", form=".4g"),
-    Column("found", lambda p: p.value, "found", form=".4g"),
-    Column("std", lambda p: p.std, "std", form=".2g"),
+    Column("parameter", lambda p: f"{p.name} [{_scale(p)[0]}]".removesuffix(" []")),
+    Column("hidden", lambda p: _sized(p, p.true), "hidden", form=".4g"),
+    Column("found", lambda p: _sized(p, p.value), "found", form=".4g"),
+    Column("std", lambda p: _sized(p, p.std), "std", form=".2g"),
     Column("z", lambda p: p.z, "z", form="+.1f"),
     Column("meaning", lambda p: p.kind),
 )
@@ -122,7 +121,10 @@ def _show_answer(answer: Mapping[str, Any], printer: Printer) -> None:
         rows = []
         for effect in answer["effects"]:
             named = effect["id"] + ("" if effect["library"] else " (not in the library)")
-            values = [(k, p["value"], _unit(p["unit"])) for k, p in effect["parameters"].items()]
+            scales = {
+                k: _printed(effect["id"], k, p["unit"], p["value"]) for k, p in effect["parameters"].items()
+            }
+            values = [(k, p["value"] * scales[k][1], scales[k][0]) for k, p in effect["parameters"].items()]
             rows += [("" if k else named, *cells) for k, cells in enumerate(values or [("", None, "")])]
         printer.rows(HIDDEN, rows)
         for effect in answer["effects"]:
@@ -164,6 +166,17 @@ def _show_score(judged: Score, printer: Printer) -> None:
         )
 
 
-def _unit(unit: str) -> str:
-    """Return a unit as it is printed: nothing for a number without one."""
-    return "" if unit == "-" else tidy_unit(unit)
+def _sized(size: ParameterScore, value: float | None) -> float | None:
+    return None if value is None else value * _scale(size)[1]
+
+
+def _scale(size: ParameterScore) -> tuple[str, float]:
+    return _printed(size.effect, size.name, size.unit, size.true)
+
+
+def _printed(effect: str, name: str, unit: str, size: float) -> tuple[str, float]:
+    """Return the unit in which reports print a number, and the factor to it; nothing for one without."""
+    from granite_lab.reporting.names import scale_of
+
+    shown, factor = scale_of(effect, name, unit, size)
+    return "" if shown == "-" else shown, factor

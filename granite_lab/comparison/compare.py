@@ -237,7 +237,7 @@ def standstill_mean(t: Array, signal: Array) -> tuple[float, int]:
 def _torques(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Measured:
     """Return the driving torque of a wheel by (24), mean of a pair, less the offset at standstill."""
     sensor, torques = robot.currents, {}
-    if trial.currents is None or robot.drive is None:
+    if trial.currents is None or robot.drive is None or robot.motors == "side":
         return {}
     late = motion.clock_left.value if np.isfinite(motion.clock_left.value) else 0.0
     stamps = trial.currents.t + late - (motion.t[0] - t[0])  # time since command start

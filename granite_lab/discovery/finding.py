@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 MODEL, DESIGN = "model.toml", "design.json"
 """Files beside a report: the model with what was found, and what a plan needs of the search."""
 
+UNCONVERGED = "The fit did not converge"
+"""How a note begins that says so of the model with what was found."""
+
 Verdict = Literal["none", "named", "partly named", "unknown"]
 Status = Literal["named", "twin", "described", "small", "less likely", "screened", "at a bound"]
 

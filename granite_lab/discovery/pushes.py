@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -80,7 +80,7 @@ def pushed(problem: Problem, fit: Fit) -> Pushes | None:
                 values = [0.0] * len(PUSHES) + [float(phase)]
                 values[q] = SIZE * float(sizes[q])
                 setting = (*centre.setting, (LatentForce.id, tuple(values)))
-                tasks.append(Task(centre.variant, centre.sand, setting))
+                tasks.append(replace(centre, setting=setting))
     runs = problem.bench.run(tasks, keep=False)
     found = [r for r in runs if r is not None]
     if len(found) < len(runs):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from granite_lab.discovery.finding import FoundEffect, Verdict
+from granite_lab.discovery.finding import UNCONVERGED, FoundEffect, Verdict
 from granite_lab.discovery.heldout import FEWEST_SPEEDS
 from granite_lab.discovery.verdict import Judgement
 from granite_lab.inference.constants import LEAST_SHARE
@@ -122,7 +122,7 @@ def notes(
         found.append(differing(judgement))
     if not (fit := judgement.model.fit).converged:
         found.append(
-            "The fit did not converge: by its derivatives a likelier point lies "
+            f"{UNCONVERGED}: by its derivatives a likelier point lies "
             f"{np.sqrt(fit.promised):.1f} std away, but no step reached it. The shear stress has kinks."
         )
     for n in judgement.named:

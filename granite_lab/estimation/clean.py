@@ -17,7 +17,7 @@ from granite_lab.logs.counters import joined
 from granite_lab.logs.sensors.faults import Restart
 from granite_lab.logs.sensors.standstill import MOVING, Interval, inside
 from granite_lab.logs.sensors.wheels import opposed
-from granite_lab.logs.trial import Correction, CurrentStream, ImuStream, Series, Trial, WheelStream
+from granite_lab.logs.trial import Correction, CurrentStream, ImuStream, Trial, WheelStream
 from granite_lab.parameters import GRAVITY, WHEELS, Robot
 
 AMISS = 0.05
@@ -52,18 +52,14 @@ def clean_trial(
     stream = None
     if problem is not None and solution is not None:
         stream = _imu(made, problem, solution, motion)
-    currents, command = trial.currents, trial.command
+    currents = trial.currents
     if wheels is not None and rolling is not None:
         wheels = _level(made, wheels, rolling, robot)
         if currents is not None:
             currents = _turn_currents(made, currents, rolling, motion.health.rests, motion.clock_offset)
-        wheels = replace(wheels, t=wheels.t + moved)
-    if currents is not None:
-        currents = replace(currents, t=currents.t + moved)
-    if command is not None:
-        command = Series(command.t + moved, command.value)
+    clocked = replace(trial, wheels=wheels, currents=currents).on_its_clock(moved)
     return replace(
-        trial, imu=stream, wheels=wheels, currents=currents, command=command,
+        trial, imu=stream, **clocked,
         info=replace(trial.info, clock_offset=None), corrections=(*trial.corrections, *made),
     )  # fmt: skip
 

@@ -24,6 +24,7 @@ from granite_lab.fitting.fit import K92_BOUNDS, FitStatus, K92Fit, Shift
 from granite_lab.inference.bench import RAKED, SAND, Bench, World
 from granite_lab.inference.constants import RAKING, SAND_STD, TOLERANCE
 from granite_lab.inference.fit import Fit
+from granite_lab.inference.point import SHARED
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.setup import baseline, trial_models
 from granite_lab.inference.stated import radius_std, sand_std
@@ -32,6 +33,7 @@ from granite_lab.model import Run, simulate
 from granite_lab.model.command import duration, reference_velocity, steady_interval, steady_part
 from granite_lab.model.effect import Active
 from granite_lab.model.instants import COAST
+from granite_lab.model.leading import LEADS, is_free
 from granite_lab.parameters import Course, Robot, Soil, Variant, load_paper
 from granite_lab.processes import one_thread
 
@@ -54,10 +56,6 @@ SHARED_AS = {
 
 WIDE = 1.0
 """Std of the prior of log a_θ: flat beside the few percent that one trial tells."""
-
-LEAD = 0.05
-"""By how much a command that nobody states may lead its wheels [s]: motor controllers of mobile robots close
-their speed loop at 2 to 10 Hz, so that wheels follow 16 to 80 ms late."""
 
 COARSE = 0.05
 """Least width of a bin [s]: a seventh of the time in which slip settles."""
@@ -305,7 +303,7 @@ def _with_trajectory(
     problem, fit = _trajectory(trial, motion, robot, soil, effects)
     x = fit.point.vector + fit.posterior.step
     common = fit.point.trials[0].size
-    late = common + len(SAND)
+    late = common + SHARED.index("latency")
 
     def total(*places: int) -> Estimate:
         """Return the sum of some numbers."""
@@ -316,12 +314,6 @@ def _with_trajectory(
     log, start, latency = total(0, common), total(RAKED, late), total(late)
     v, a_theta = reference_velocity(by_slip.variant), load_paper().a_theta * float(np.exp(log.value))
     k92 = math.exp(-a_theta * v)  # (5)
-    unknown = 0.0
-    if isinstance(motion.variant, Course) and not motion.variant.commanded:
-        course = motion.variant
-        sooner = replace(motion, variant=replace(course, path=tuple((t - LEAD, u) for t, u in course.path)))
-        other = _trajectory(trial, sooner, robot, soil, effects)[1]
-        unknown = float((other.point.vector + other.posterior.step)[[0, common]].sum()) - log.value
     side = "behind" if latency.value > 0 else "ahead of"
     shares = {c: fit.scales.share_of(c) for c in problem.counts}
     off = [f"{c} {100 * share:.0f} %" for c, share in shares.items() if share > TOLERANCE]
@@ -335,13 +327,12 @@ def _with_trajectory(
         notes.append(f"residuals over the noise: {', '.join(louder)}.")
     if not fit.converged:
         notes.append("fit not converged.")
-    if unknown:
-        notes.append(
-            f"a command that leads the wheels by {1e3 * LEAD:.0f} ms moves a_θ by {100 * unknown:.1f} %."
-        )
+    if is_free(motion.variant):
+        lead = total(*(common + SHARED.index(name) for name in LEADS))
+        notes.append(f"the command leads the wheels by {1e3 * lead.value:.0f} ± {1e3 * lead.std:.0f} ms.")
     return replace(
         by_slip,
-        k92_trajectory=Estimate(k92, k92 * v * a_theta * math.hypot(log.std, unknown)),
+        k92_trajectory=Estimate(k92, k92 * v * a_theta * log.std),
         t_start=Estimate(problem.trials[0].observation.t_start + start.value, start.std),
         latency=latency,
         status_trajectory="ok" if fit.converged else "not_converged",

@@ -15,6 +15,7 @@ from granite_lab.errors import EstimateError, InputError
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active, Effect, activate
 from granite_lab.model.instants import Accuracy
+from granite_lab.model.leading import LEADS, is_free, led
 from granite_lab.model.simulator import integrate
 from granite_lab.model.symbols import ModelParameters, model_parameters
 from granite_lab.parameters import Robot, Soil, Variant, load_paper
@@ -32,6 +33,10 @@ SAND = (
     "shear_modulus", "friction_angle", "exponent", "tyre_friction",
 )  # fmt: skip
 """Parameters of the sand that are fitted, as logarithms of their ratio to the file's value."""
+
+SIMULATED = (*SAND, *LEADS)
+"""Numbers of a simulation that all trials share: the sand, and how a command that nobody states leads the
+wheels [s]."""
 
 RAKED = 3
 """The first of `SAND` change with the raking from trial to trial."""
@@ -51,11 +56,12 @@ Setting = tuple[tuple[str, Values], ...]
 
 @dataclass(frozen=True)
 class Task:
-    """One simulation: number of the command, sand (logarithms, as `SAND`), effects."""
+    """One simulation: number of the command, sand (logarithms, as `SAND`), effects, leads as `LEADS`."""
 
     variant: int
     sand: Values
     setting: Setting = ()
+    leads: Values = (0.0,) * len(LEADS)
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -81,7 +87,17 @@ class World:
         soil = dataclasses.replace(
             self.soil, **{name: getattr(self.soil, name) * value for name, value in ratio.items()}
         )
-        return model_parameters(self.robot, soil, self.variants[task.variant], a_theta=a_theta)
+        variant = led(self.variants[task.variant], task.leads, self.robot.wheels.radius)
+        return model_parameters(self.robot, soil, variant, a_theta=a_theta)
+
+    def task(self, variant: int, numbers: Array, setting: Setting) -> Task:
+        """Return the simulation of a command at (9,) numbers by `SIMULATED`.
+
+        Leads are those of a command that nobody states: where one is stated, they change no simulation.
+        """
+        sand, leads = tuple(numbers[: len(SAND)].tolist()), tuple(numbers[len(SAND) :].tolist())
+        free = is_free(self.variants[variant])
+        return Task(variant, sand, setting, leads) if free else Task(variant, sand, setting)
 
     def active(self, task: Task) -> tuple[Active, ...]:
         """Return the effects of a run.

@@ -9,7 +9,7 @@ import numpy as np
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
-from granite_lab.logs.trial import Series, Trial
+from granite_lab.logs.trial import Trial
 
 Clocked = tuple[list[Trial], list[Motion]]
 
@@ -46,12 +46,7 @@ def clocks(trials: Sequence[Trial], motions: Sequence[Motion]) -> tuple[Clocked,
 
 def _moved(trial: Trial, motion: Motion, common: float) -> tuple[Trial, Motion]:
     """Return a trial whose stamps of encoders, currents and command are moved by the common offset."""
-    by, wheels, currents, command = common - motion.clock_applied, trial.wheels, trial.currents, trial.command
-    moved = replace(
-        trial,
-        wheels=None if wheels is None else replace(wheels, t=wheels.t + by),
-        currents=None if currents is None else replace(currents, t=currents.t + by),
-        command=None if command is None else Series(command.t + by, command.value),
-    )
+    by = common - motion.clock_applied
+    moved = replace(trial, **trial.on_its_clock(by))
     start = Estimate(motion.t_start.value + by, motion.t_start.std)
     return moved, replace(motion, clock_applied=common, t_start=start)

@@ -176,7 +176,7 @@ class StagedWorld(World):
             setting.pop("ground_slope", None)
             setting[OnABlock.id] = ()
         plain = World(robot, soil, self.variants, self.effects)
-        return plain.respond(Task(task.variant, task.sand, tuple(setting.items())))
+        return plain.respond(dataclasses.replace(task, setting=tuple(setting.items())))
 
 
 def under_conditions(world: World, trials: Sequence[Trial], models: Sequence[TrialModel]) -> World:

@@ -35,6 +35,12 @@ CURRENT_LATENCY_STD = LATENCY_LIMIT / 2
 """Std of the latency of the motor currents behind the encoders, which share a clock [s]: controllers poll
 and filter them."""
 
+LEAD_STD = (0.05, 0.2)
+"""Std of the times by which a command that nobody states leads its wheels [s], as `model.leading.LEADS`.
+
+Motor controllers of mobile robots close loops on the speed at 2 to 10 Hz: wheels follow 16 to 80 ms late.
+Loops on the angle have gains of 3 to 20 per second: it follows 50 to 300 ms late."""
+
 LOW_PASS_STD = 1 / (2 * math.pi * 10) ** 2
 """Std of the variance of the impulse response of the IMU's low-pass [s^2]: that of a first order at 10 Hz.
 Loggers set 10 to 50 Hz; a second order, or a mean over samples, of the same variance shows the same."""

@@ -280,12 +280,14 @@ def _jitter(error: Array, explained: Array, slope: Array) -> Array:
 NOMINAL = {
     "accel_x": 0.05, "accel_z": 0.07, "pitch_rate": 0.003,
     "wheel": 1e-3, "wheel_split": 3e-4, "current_f": 0.05, "current_r": 0.05,
+    "current_side": 0.05,
 }  # fmt: skip
 """Std of a bin with which the first fit weights the channels [unit of the channel]."""
 
 FLOOR = {
     "accel_x": 2e-3, "accel_z": 2e-3, "pitch_rate": 1e-4,
     "wheel": 1e-4, "wheel_split": 1e-4, "current_f": 5e-3, "current_r": 5e-3,
+    "current_side": 5e-3,
 }  # fmt: skip
 """Std below which no agreement is believed, however quiet the sensor: a wheel angle of 1e-4 rad is
 10 µm on the circumference. It enters as white noise beside what the sensor shows."""

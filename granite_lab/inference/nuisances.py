@@ -117,7 +117,7 @@ class TrialModel:
             out["accel_z"] = b["accel_z"] + tilt * b["accel_x"]
         if "wheel_split" in b:
             out["wheel_split"] = b["wheel_split"] + self._of(x, "wheel_split gain") * b["wheel"]
-        for c in ("wheel", "current_f", "current_r"):
+        for c in ("wheel", "current_f", "current_r", "current_side"):
             if c in b:
                 out[c] = (1 + self._of(x, f"{c} gain")) * b[c]
         return out
@@ -231,10 +231,10 @@ def _slacks(observation: Observation, robot: Robot) -> tuple[Slack, ...]:
             Slack("wheel_split gain", SENSOR_STD["wheel_split gain"], "", True),
         ],
     } | {
-        f"current_{axle}": [
-            Slack(f"current_{axle} offset", 2 * currents.offset, "A"),
-            Slack(f"current_{axle} gain", currents.gain, "", True),
+        f"current_{motor}": [
+            Slack(f"current_{motor} offset", 2 * currents.offset, "A"),
+            Slack(f"current_{motor} gain", currents.gain, "", True),
         ]
-        for axle in "fr"
+        for motor in ("f", "r", "side")
     }
     return tuple(slack for c in observation.streams for slack in table[c])

@@ -38,6 +38,7 @@ UNITS = {
     "wheel_split": "rad",
     "current_f": "A",
     "current_r": "A",
+    "current_side": "A",
 }
 """Channel to unit. "wheel" is the mean angle of all wheels and "wheel_split" front minus rear: the
 jitter of the encoders' stamps is common to both axles, so that only these two have independent noise."""
@@ -186,8 +187,21 @@ def _streams(trial: Trial, robot: Robot) -> dict[str, Stream]:
         elif found.keys() & {"wheel_f", "wheel_r"}:
             found["wheel"] = found.pop("wheel_f" if "wheel_f" in found else "wheel_r")
     if trial.currents is not None:
-        found |= _axles("current", trial.currents.t + offset, trial.currents.current, 5)
+        stamps, table = trial.currents.t + offset, trial.currents.current
+        found |= _of_sides(stamps, table) if robot.motors == "side" else _axles("current", stamps, table, 5)
     return found
+
+
+def _of_sides(t: Array, table: Array) -> dict[str, Stream]:
+    """Return the mean current of the motors of both sides, each of which turns a front and a rear wheel.
+
+    By (24) it is the sum of the currents that a motor for each of the two would draw.
+    """
+    axles = _axles("current", t, table, 5)
+    if len(axles) < 2:
+        return {}
+    front, rear = axles["current_f"], axles["current_r"]
+    return {"current_side": replace(front, weights=front.weights + rear.weights)}
 
 
 def _axles(kind: str, t: Array, table: Array, first: int) -> dict[str, Stream]:

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab.inference.bench import SAND
+from granite_lab.inference.bench import SIMULATED, Task
 from granite_lab.inference.nuisances import SENSORS
 from granite_lab.logs.trial import Array
 
 DIRECTIONS = 2
 """Number of `TrialModel.directions`."""
 
-SHARED = (*SAND, *SENSORS)
+SHARED = (*SIMULATED, *SENSORS)
 """Numbers that all trials share, those of effects excepted."""
 
 
@@ -39,12 +39,45 @@ class Point:
     @property
     def sensors(self) -> Array:
         """The numbers of the sensors."""
-        return self.shared[len(SAND) :]
+        return self.shared[len(SIMULATED) :]
 
     @property
     def vector(self) -> Array:
         """All numbers: the trials' own one after the other, then the shared ones."""
         return np.concatenate([*self.trials, self.shared, self.common])
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A difference that stands for a derivative.
+
+    Attributes:
+        step: of the number.
+        central: of both sides.
+        ahead, behind: the simulations a step further and a step back.
+    """
+
+    step: float
+    central: bool
+    ahead: Task
+    behind: Task
+
+    def derivative(self, base: Array | None, runs: Mapping[Task, Array | None]) -> Array | None:
+        """Return the (8, M) derivative, to the side that has a solution; None where neither has one.
+
+        Args:
+            base: the response in between.
+            runs: of the simulations, where they were made.
+        """
+        ahead, behind = runs.get(self.ahead), runs.get(self.behind)
+        if base is None or (ahead is None and behind is None):
+            return None
+        if self.central and ahead is not None and behind is not None:
+            return np.asarray((ahead - behind) / (2 * self.step))
+        if ahead is not None:
+            return np.asarray((ahead - base) / self.step)
+        assert behind is not None
+        return np.asarray((base - behind) / self.step)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +86,8 @@ class Slopes:
 
     Attributes:
         response: per command the (8, M) response.
-        changes: per command (8, M, 9 + o + e) all that `TrialModel.columns` takes: by the two directions of
-            `TrialModel.directions`, the logarithms of the sand, and the effects' own parameters of the trials
+        changes: per command (8, M, 11 + o + e) all that `TrialModel.columns` takes: by the two directions of
+            `TrialModel.directions`, the numbers of `SIMULATED`, and the effects' own parameters of the trials
             and shared ones.
         traces: per command (8, M, s), what each effect changes.
         private: number o of the effects' own parameters.
@@ -65,9 +98,9 @@ class Slopes:
     traces: tuple[Array, ...]
     private: int
 
-    def sand(self, command: int) -> Array:
-        """Return the (8, M, 7) derivatives by the logarithms of the sand."""
-        return self.changes[command][..., DIRECTIONS : DIRECTIONS + len(SAND)]
+    def simulated(self, command: int) -> Array:
+        """Return the (8, M, 9) derivatives by the numbers of `SIMULATED`."""
+        return self.changes[command][..., DIRECTIONS : DIRECTIONS + len(SIMULATED)]
 
 
 @dataclass(frozen=True, eq=False)

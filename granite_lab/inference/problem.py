@@ -3,62 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 
 import numpy as np
 
-from granite_lab.inference.bench import RAKED, SAND, Bench, Setting, Task, Values
-from granite_lab.inference.constants import SAND_STD, TOLERANCE
+from granite_lab.inference.bench import RAKED, SIMULATED, Bench, Setting, Task
+from granite_lab.inference.constants import LEAD_STD, SAND_STD, TOLERANCE
 from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, joined, modulated, scale_of
 from granite_lab.inference.noise import Filter, Whitener, stretches
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
 from granite_lab.inference.nuisances import SENSORS, SENSORS_LEAST, SENSORS_STD, TrialModel
-from granite_lab.inference.point import SHARED, Further, Point, Slopes, stacked
+from granite_lab.inference.point import SHARED, Difference, Further, Point, Slopes, stacked
 from granite_lab.inference.strengths import centre_of, is_central, own_name, step_of, width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 
-STEP = np.array((0.01, 0.01, 0.03, 0.01, 0.01, 0.01, 0.005))
-"""Steps of the differences by `SAND`."""
+STEP = np.array((0.01, 0.01, 0.03, 0.01, 0.01, 0.01, 0.005, 0.005, 0.005))
+"""Steps of the differences by `SIMULATED`."""
 
 KINKED = ("cohesion", "shear_modulus", "friction_angle", "tyre_friction")
 """Sand by which differences are central: (10) has a kink where the other limit of the shear stress begins to
 rule, and a difference to one side shows one of the two."""
-
-
-@dataclass(frozen=True)
-class Difference:
-    """A difference that stands for a derivative.
-
-    Attributes:
-        step: of the number.
-        central: of both sides.
-        ahead, behind: the simulations a step further and a step back.
-    """
-
-    step: float
-    central: bool
-    ahead: Task
-    behind: Task
-
-    def derivative(self, base: Array | None, runs: Mapping[Task, Array | None]) -> Array | None:
-        """Return the (8, M) derivative, to the side that has a solution; None where neither has one.
-
-        Args:
-            base: the response in between.
-            runs: of the simulations, where they were made.
-        """
-        ahead, behind = runs.get(self.ahead), runs.get(self.behind)
-        if base is None or (ahead is None and behind is None):
-            return None
-        if self.central and ahead is not None and behind is not None:
-            return np.asarray((ahead - behind) / (2 * self.step))
-        if ahead is not None:
-            return np.asarray((ahead - base) / self.step)
-        assert behind is not None
-        return np.asarray((base - behind) / self.step)
 
 
 class Problem:
@@ -74,6 +41,7 @@ class Problem:
         self, trials: Sequence[TrialModel], bench: Bench, sand_std: Sequence[float] = SAND_STD
     ) -> None:
         self.trials, self.bench, self.sand_std = tuple(trials), bench, np.array(sand_std)
+        self.simulated_std = np.append(self.sand_std, LEAD_STD)
         self.variants = sorted({t.variant for t in trials})
         self.commands = tuple(tuple(i for i, t in enumerate(trials) if t.variant == v) for v in self.variants)
         self.whiteners: list[list[Whitener]] = []
@@ -142,7 +110,7 @@ class Problem:
                 for own in (True, False)
             )
             own = [np.append(np.full(t.size, sign * np.inf), private) for t in self.trials]
-            sides.append(np.concatenate([*own, 3 * sign * self.sand_std, sensors, common]))
+            sides.append(np.concatenate([*own, 3 * sign * self.simulated_std, sensors, common]))
         return sides[0], sides[1]
 
     def moved(self, point: Point, step: Array) -> Point:
@@ -159,7 +127,7 @@ class Problem:
         own = [scales.priors.get(own_name(id_), width_of(p)) for id_, p in private]
         std = [np.array([*(scales.priors.get(s.name, s.std) for s in t.slacks), *own]) for t in self.trials]
         common = self.parameters(point.effects, per_trial=False)
-        std += [self.sand_std, SENSORS_STD, np.array([width_of(p) for _, p in common])]
+        std += [self.simulated_std, SENSORS_STD, np.array([width_of(p) for _, p in common])]
         size = sum(s.size for s in std[:-1])
         means = np.concatenate([np.zeros(size), [centre_of(p) for _, p in common]])
         return np.concatenate(std), means
@@ -177,20 +145,18 @@ class Problem:
     def task(self, point: Point, trial: int) -> Task:
         """Return the simulation of one trial at its own sand."""
         x = point.trials[trial]
-        sand = point.shared[: len(SAND)].copy()
-        sand[:RAKED] += x[:RAKED]
-        own = x[self.trials[trial].size :]
-        return Task(
-            self.trials[trial].variant, as_values(sand), self.setting(point.effects, point.common, own)
-        )
+        numbers = point.shared[: len(SIMULATED)].copy()
+        numbers[:RAKED] += x[:RAKED]
+        setting = self.setting(point.effects, point.common, x[self.trials[trial].size :])
+        return self.bench.world.task(self.trials[trial].variant, numbers, setting)
 
     def centre(self, point: Point, command: int) -> Task:
         """Return the simulation of a command at the mean of its trials' own numbers."""
         own = self.commands[command]
-        sand = point.shared[: len(SAND)].copy()
-        sand[:RAKED] += np.mean([point.trials[i][:RAKED] for i in own], axis=0)
+        numbers = point.shared[: len(SIMULATED)].copy()
+        numbers[:RAKED] += np.mean([point.trials[i][:RAKED] for i in own], axis=0)
         setting = self.setting(point.effects, point.common, self._own_mean(point, command))
-        return Task(self.variants[command], as_values(sand), setting)
+        return self.bench.world.task(self.variants[command], numbers, setting)
 
     def _own_mean(self, point: Point, command: int) -> Array:
         rows = [point.trials[i][self.trials[i].size :] for i in self.commands[command]]
@@ -211,7 +177,7 @@ class Problem:
             sand_from: slopes whose derivatives by the sand are good enough to be kept.
             central: take differences to both sides where the model has kinks.
         """
-        first = 0 if sand_from is None else len(SAND)
+        first = 0 if sand_from is None else len(SIMULATED)
         commands = range(len(self.variants))
         plans = [self._differences(point, command, central)[first:] for command in commands]
         centres = [self.centre(point, command) for command, _ in enumerate(self.variants)]
@@ -233,8 +199,8 @@ class Problem:
             derived = [found for d in plan if (found := d.derivative(base, runs)) is not None]
             if base is None or len(others) < len(left) or len(derived) < len(plan):
                 return None
-            n = len(SAND) - first
-            sand = stacked(derived[:n], base) if sand_from is None else sand_from.sand(j)
+            n = len(SIMULATED) - first
+            sand = stacked(derived[:n], base) if sand_from is None else sand_from.simulated(j)
             common, own = np.split(stacked(derived[n:], base), [shared], axis=-1)
             traces = stacked([base - other for other in others], base)
             directions = self.trials[self.commands[j][0]].directions(base)
@@ -246,10 +212,10 @@ class Problem:
     def _differences(self, point: Point, command: int, central: bool) -> list[Difference]:
         """Return the differences of a command by the sand and by the effects' parameters."""
         centre, found = self.centre(point, command), []
-        for k, name in enumerate(SAND):
-            ahead, behind = np.array(centre.sand), np.array(centre.sand)
-            ahead[k], behind[k] = ahead[k] + STEP[k], behind[k] - STEP[k]
-            sides = [Task(centre.variant, as_values(values), centre.setting) for values in (ahead, behind)]
+        numbers, task = np.array((*centre.sand, *centre.leads)), self.bench.world.task
+        for k, name in enumerate(SIMULATED):
+            step = STEP * (np.arange(STEP.size) == k)
+            sides = [task(centre.variant, x, centre.setting) for x in (numbers + step, numbers - step)]
             found.append(Difference(float(STEP[k]), central and name in KINKED, *sides))
         shared = [p for _, p in self.parameters(point.effects, per_trial=False)]
         private = [p for _, p in self.parameters(point.effects, per_trial=True)]
@@ -260,7 +226,7 @@ class Problem:
                 values = at.copy()
                 values[k] += sign * step
                 own = self.setting(point.effects, values[: len(shared)], values[len(shared) :])
-                sides.append(Task(centre.variant, centre.sand, own))
+                sides.append(replace(centre, setting=own))
             found.append(Difference(step, central and is_central(p, float(at[k]), step), *sides))
         return found
 
@@ -270,7 +236,7 @@ class Problem:
         for id_ in point.effects:
             left = self.without_effect(point, id_)
             own = self.setting(left.effects, left.common, self._own_mean(left, command))
-            found.append(Task(centre.variant, centre.sand, own))
+            found.append(replace(centre, setting=own))
         return found
 
     def residuals(self, point: Point, responses: Sequence[Array]) -> tuple[Array, ...]:
@@ -503,12 +469,7 @@ class Problem:
         t, x = self.trials[i], point.trials[i]
         command = self.variants.index(t.variant)
         local, sensors, others = t.columns(slopes.changes[command], x, point.sensors)
-        first, private = len(SAND) - RAKED, slopes.private
+        first, private = len(SIMULATED) - RAKED, slopes.private
         rest, own, common = np.split(others, [first, first + private], axis=1)
         more = [t.effect_columns(further.changes[command], x, point.sensors)] if further else []
         return np.column_stack([local, own, local[:, :RAKED], rest, sensors, common, *more])
-
-
-def as_values(values: Array) -> Values:
-    """Return an array as the plain numbers of a task."""
-    return tuple(values.tolist())

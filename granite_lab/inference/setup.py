@@ -9,13 +9,12 @@ import numpy as np
 
 from granite_lab.errors import EstimateError, InputError
 from granite_lab.estimation.motion import Motion
-from granite_lab.inference.bench import SAND
 from granite_lab.inference.constants import LATENCY_STD, REST_SHARE
 from granite_lab.inference.fit import LEAST, LEAST_OF_ROUGH, Fit, fit
 from granite_lab.inference.noise import FAST, FLOOR, NOMINAL, Whitener, at_rest, errors, learn, white
-from granite_lab.inference.nuisances import SENSORS, TrialModel
+from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.observation import BIN, bin_width, observe
-from granite_lab.inference.point import Point
+from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import alike, velocities_at
@@ -129,7 +128,7 @@ def at_first(problem: Problem) -> tuple[Point, float]:
     best = neutral, np.inf
     for late in LATENCIES:
         shared = neutral.shared.copy()
-        shared[len(SAND) + SENSORS.index("latency")] = late
+        shared[SHARED.index("latency")] = late
         point = replace(neutral, shared=shared)
         misfit = (late / LATENCY_STD) ** 2
         for own, table in zip(weights, problem.residuals(point, responses), strict=True):

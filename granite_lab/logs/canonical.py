@@ -89,7 +89,9 @@ def collect(
                 continue
             if where in files and key not in (*CONDITIONS, MADE_BY):
                 unknown = unknown_key(where, key, [*_KEYS, *CONDITIONS])
-                raise InputError(unknown.message, f"{unknown.hint}; notes of your own stand below [{NOTES}]")
+                end = "" if unknown.hint.endswith("?") else "."
+                notes = f"{unknown.hint}{end} Notes of your own stand below [{NOTES}]."
+                raise InputError(unknown.message, notes)
             metadata["extra"][key] = str(value)
             close = difflib.get_close_matches(key, list(_KEYS), n=1, cutoff=0.8)
             if close:
@@ -170,6 +172,7 @@ def _table(trial: Trial) -> pd.DataFrame:
         (trial.wheels, *(("rate", ENCODERS, "_radps") if rates else ("angle", ENCODERS, "_rad"))),
         (trial.currents, "current", CURRENTS, "_A"),
         (trial.command, "value", ("v_cmd",), "_mps"),
+        (trial.tow, "value", ("tow",), "_N"),
         (trial.reference_x, "value", ("ref_x",), "_m"),
         (trial.reference_v, "value", ("ref_v",), "_mps"),
     )

@@ -36,7 +36,7 @@ _KNOWN = 0.95  # how sure a recognised layout is
 _HEAD = """\
 # A column map: edit it, then read the log with --map THIS_FILE.
 # Channels: t, t_add, imu_ax … imu_az, imu_gx … imu_gz, enc_fl … enc_rr, cur_fl … cur_rr,
-# v_cmd, ref_x, ref_y, ref_v, ref_lat, ref_lon. A wrong sign is scale = -1."""
+# v_cmd, tow, ref_x, ref_y, ref_v, ref_lat, ref_lon. A wrong sign is scale = -1."""
 
 # A column without settings, and the keys that may be set.
 _PLAIN, _SETTINGS = Column(to=()), ("scale", "wrap", "counts_per_rev", "increment")
@@ -340,7 +340,8 @@ def _streams(trial: Trial) -> tuple[StreamReport, ...]:
     reports: list[StreamReport] = []
     sensors = {
         "imu": trial.imu, "encoders": trial.wheels, "motor currents": trial.currents,
-        "command": trial.command, "reference": trial.reference_x or trial.reference_v,
+        "command": trial.command, "towing force": trial.tow,
+        "reference": trial.reference_x or trial.reference_v,
     }  # fmt: skip
     for name, stream in sensors.items():
         if stream is not None:

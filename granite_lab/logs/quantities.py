@@ -117,8 +117,8 @@ def words(name: str) -> tuple[list[str], str]:
         parts = name.split("_")
         for count in (2, 1):
             tail = "_".join(parts[-count:])
-            # A single `a` is an acceleration.
-            if len(parts) > count and find_unit(tail) and tail != "a":
+            # A single `a` is an acceleration, a single `n` no force.
+            if len(parts) > count and find_unit(tail) and tail not in ("a", "n"):
                 unit, name = tail, "_".join(parts[:-count])
                 break
     spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", name)
@@ -155,7 +155,8 @@ def by_name(name: str, place: int = 0) -> ColumnReport:
 def _meaning(parts: list[str], unit: Unit | None) -> tuple[tuple[str, ...], float]:
     """Return channels that the words of a name mean, and how sure that is."""
     terms = set(parts)
-    for channel, words_of_it, sure in (("v_cmd", "command", 0.7), *((c, c, 0.8) for c in _GLOBE)):
+    single = (("v_cmd", "command", 0.7), ("tow", "tow", 0.7), *((c, c, 0.8) for c in _GLOBE))
+    for channel, words_of_it, sure in single:
         if terms & WORDS[words_of_it]:
             return (channel,), sure
     if terms & WORDS["reference"]:

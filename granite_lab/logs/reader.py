@@ -40,12 +40,18 @@ from granite_lab.parameters import Robot, load_robot
 # What is taken from a file that was given for one purpose.
 _ROLES: dict[str, tuple[str, ...]] = {
     "imu": ("acceleration", "rate"),
-    "encoders": ("wheels", "currents", "command"),
+    "encoders": ("wheels", "currents", "command", "tow"),
     "currents": ("currents",),
     "reference": ("reference_x", "reference_v"),
-    "": ("acceleration", "rate", "wheels", "currents", "command", "reference_x", "reference_v"),
+    "": ("acceleration", "rate", "wheels", "currents", "command", "tow", "reference_x", "reference_v"),
 }
-_BESIDE = ("currents", "command", "reference_x", "reference_v")  # what a trial takes as a file holds it
+_BESIDE = (
+    "currents",
+    "command",
+    "tow",
+    "reference_x",
+    "reference_v",
+)  # what a trial takes as a file holds it
 _STREAMS = ("imu", "wheels", *_BESIDE)
 
 # The files of a trial, with what each was given for ("": for nothing in particular).

@@ -27,7 +27,9 @@ _MANY = 100  # an axis that is zero in fewer samples than these may just be at r
 _A, _E2 = 6378137.0, 6.69437999014e-3  # semi-major axis [m] and squared eccentricity of WGS 84
 
 # What a file may hold besides its clock.
-_KINDS = ("acceleration", "rate", "wheels", "currents", "command", "globe", "reference_x", "reference_v")
+_KINDS = (
+    "acceleration", "rate", "wheels", "currents", "command", "tow", "globe", "reference_x", "reference_v",
+)  # fmt: skip
 _TIMED = _KINDS[:3]  # of which the estimate needs each sample's time
 
 
@@ -46,7 +48,7 @@ class Streams:
     Attributes:
         acceleration, rate: of the IMU, still apart, for their stamps may differ.
         gravity_removed: the logger took gravity out of the acceleration.
-        wheels, currents, command, reference_x, reference_v: as in a `Trial`.
+        wheels, currents, command, tow, reference_x, reference_v: as in a `Trial`.
     """
 
     acceleration: Samples | None = None
@@ -55,6 +57,7 @@ class Streams:
     wheels: WheelStream | None = None
     currents: CurrentStream | None = None
     command: Series | None = None
+    tow: Series | None = None
     reference_x: Series | None = None
     reference_v: Series | None = None
 
@@ -90,13 +93,14 @@ def read_streams(source: Source, robot: Robot, window: tuple[float, float] | Non
             wheels = _wheels(source, samples, robot)
         logged[kind] = samples
     source.doubts.extend(d.of(f"{source.path.name}: {', '.join(names)}") for d, names in by_stamps.items())
-    currents, command = logged["currents"], logged["command"]
+    currents, command, tow = logged["currents"], logged["command"], logged["tow"]
     removed = source.match.layout.gravity_removed or bool(source.metadata.get("imu_gravity_removed"))
     return Streams(
         acceleration=logged["acceleration"], rate=logged["rate"], wheels=wheels,
         gravity_removed=removed,
         currents=currents and CurrentStream(currents.t, currents.values),
         command=command and _series(command),
+        tow=tow and _series(tow),
         **_reference(source, logged["globe"], logged["reference_x"], logged["reference_v"]),
     )  # fmt: skip
 

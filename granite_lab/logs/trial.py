@@ -201,6 +201,7 @@ class Trial:
         name: stem of the log's file.
         imu, wheels, currents: None where the log has none.
         command: commanded velocity [m/s].
+        tow: force with which a load pulls back [N].
         reference_x, reference_v: external reference [m], [m/s]; it judges the estimate, and enters it
             only where `info.use_reference` says so.
         doubts: every one that the reader had.
@@ -215,6 +216,7 @@ class Trial:
     wheels: WheelStream | None = None
     currents: CurrentStream | None = None
     command: Series | None = None
+    tow: Series | None = None
     reference_x: Series | None = None
     reference_v: Series | None = None
     doubts: tuple[Doubt, ...] = ()
@@ -227,6 +229,11 @@ class Trial:
         streams = {"IMU": self.imu, "wheels": self.wheels, "currents": self.currents}
         samples = ", ".join(f"{name} {len(s.t)}" for name, s in streams.items() if s is not None)
         return f"Trial('{self.name}'{', virtual' if self.info.virtual else ''}: samples {samples or 'none'})"
+
+    def on_its_clock(self, by: float) -> dict[str, Any]:
+        """Return all that the encoders' clock stamps, by its name here, its stamps moved by some time [s]."""
+        streams = {name: getattr(self, name) for name in ("wheels", "currents", "command", "tow")}
+        return {name: s if s is None else replace(s, t=s.t + by) for name, s in streams.items()}
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -127,10 +127,12 @@ def hauling(
 
 
 def alike(a: Variant, b: Variant) -> bool:
-    """Say whether two commands are repetitions of one: nowhere further apart than `ALIKE` allows."""
+    """Say whether two commands are repetitions: velocity and load differ nowhere by more than `ALIKE`."""
     t = np.linspace(0.0, max(duration(a), duration(b)), 500)
     apart = np.abs(velocities_at(t, a) - velocities_at(t, b))
-    return bool(apart.max() <= ALIKE * max(peak_velocity(a), peak_velocity(b)))
+    loads = [v.pull_at(t) if isinstance(v, Course) else np.zeros_like(t) for v in (a, b)]
+    loaded = np.abs(loads[0] - loads[1]).max() <= ALIKE * np.max(loads)
+    return bool(loaded and apart.max() <= ALIKE * max(peak_velocity(a), peak_velocity(b)))
 
 
 def distances_at(t: npt.NDArray[np.float64], variant: Variant) -> npt.NDArray[np.float64]:

@@ -60,7 +60,7 @@ def imprint(
         EstimateError: a simulation does not converge.
         InputError: the robot cannot be simulated.
     """
-    white = tuple(Noise(channel=c, rest=NOMINAL[c]) for c in CHANNELS)
+    white = tuple(Noise(channel=c, rest=NOMINAL[c]) for c in CHANNELS if c != "current_side")
     with Bench(FineWorld(robot, soil, tuple(variants), {active.id: active.effect}), jobs) as bench:
         trials = [trial_model(k, v, Driven(variant=v, noise=white), robot) for k, v in enumerate(variants)]
         problem = Problem(trials, bench)

@@ -23,7 +23,7 @@ from granite_lab.inference.noise import FLOOR, Whitener, white, whitener
 from granite_lab.inference.normal import Posterior, Scales, posterior
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.observation import BIN, CHANNELS, Observation
-from granite_lab.inference.point import Further, Point, Slopes, stacked
+from granite_lab.inference.point import SHARED, Further, Point, Slopes, stacked
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration, peak_velocity
@@ -104,7 +104,7 @@ def trial_model(number: int, variant: Variant, like: Driven, robot: Robot, width
     edges = width * np.arange(first, last + 1, dtype=np.float64)
     rates = {"wheel": robot.encoders.rate, "current": robot.currents.rate}
     unit = np.eye(8)
-    weights = [*unit[:3], (unit[3] + unit[4]) / 2, unit[3] - unit[4], *unit[5:7]]
+    weights = [*unit[:3], (unit[3] + unit[4]) / 2, unit[3] - unit[4], *unit[5:7], unit[5] + unit[6]]
     if "wheel_split" not in names:
         weights[3] = unit[3]
     streams = {}
@@ -164,7 +164,8 @@ class Stage:
     def point(self, problem: Problem, model: Setting) -> Point:
         """Return the fitted numbers, with effects switched on."""
         point = problem.neutral()
-        point.shared[: len(SAND) + 1] = *self.design.sand, self.design.latency
+        point.shared[: len(SAND)] = self.design.sand
+        point.shared[SHARED.index("latency")] = self.design.latency
         for id_, values in model:
             point = problem.with_effect(point, id_, values)
         return point

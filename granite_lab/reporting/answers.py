@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from granite_lab.discovery.finding import Finding
+from granite_lab.discovery.finding import UNCONVERGED, Finding
 from granite_lab.estimate import mean_over
 from granite_lab.fitting.fit import TRIALS, AThetaFit, View, views_of
 from granite_lab.parameters import by_speed, load_paper
@@ -22,6 +22,7 @@ from granite_lab.reporting.names import (
     listed,
     next_steps,
     plain,
+    sensor,
     together,
 )
 from granite_lab.reporting.silence import REMEDY, assumptions, reach_in_words, silent, why_no_k92
@@ -33,12 +34,15 @@ from granite_lab.rounding import (
     decided,
     interval,
     percent,
+    plural,
     significant,
     times,
     with_unit,
 )  # fmt: skip
 
 MODEL_QUESTION = "Does the paper's model explain the measurements?"
+
+LAW = "k_92 falls with the desired velocity v as exp(−a_θ v)."
 
 DIFFERS = 3.0
 """So many standard deviations from a value a number differs from it."""
@@ -270,7 +274,7 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
     if fit is None or number is None:
         return Answer("a_theta", question, "Not known", "a_θ needs a trial in which k_92 could be fitted.")
     text = (
-        f"With soil and robot as in their files, a_θ = {number.with_std} s/m, 95 % interval "
+        f"{LAW} With soil and robot as in their files, a_θ = {number.with_std} s/m, 95 % interval "
         f"{number.interval} s/m, from {plural(len(fit.points), 'trial')}.{depends}"
     )
     if agrees is None and _speeds_of(fit) >= SPEEDS:
@@ -278,15 +282,11 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
         return Answer("a_theta", question, "Not known", text)
     if agrees is None:
         few = _speeds_of(fit)
-        text += f" A test of the law k_92 = exp(−a_θ v) needs {SPEEDS} speeds; these trials have {few}."
+        text += f" A test of this law needs {SPEEDS} speeds; these trials have {few}."
         return Answer("a_theta", question, "Not tested", text)
     if agrees:
-        off = _k92_off(fit)
-        if not off:
-            return Answer("a_theta", question, "Yes", text, "good")
-        where, far = listed([f"{v:g}" for v in off]), listed([significant(x, 2) for x in off.values()])
-        text += f" k_92 itself lies {far} std from the paper's at {where} m/s."
-        return Answer("a_theta", question, f"Yes, but not k_92 at {where} m/s", text, "fair")
+        but, more = _but(fit, views)
+        return Answer("a_theta", question, f"Yes{but}", f"{text}{more}", "fair" if but else "good")
     way = "above" if number.value > fit.published else "below"
     text += f" It is {percent(abs(number.value / fit.published - 1))} {way} the paper's."
     if finding is not None and finding.effects:
@@ -298,6 +298,21 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
     return Answer("a_theta", question, "Not by these files alone" if held else "No", text, "fair")
 
 
+def _but(fit: AThetaFit, views: Sequence[View]) -> tuple[str, str]:
+    """Return what limits the answer that a_θ agrees by the files, and the numbers of it."""
+    but, more = "", ""
+    if off := _k92_off(fit):
+        where, far = listed([f"{v:g}" for v in off]), listed([significant(x, 2) for x in off.values()])
+        but, more = (
+            f", but not k_92 at {where} m/s",
+            f" k_92 itself lies {far} std from the paper's at {where} m/s.",
+        )
+    found = next((v.ci95 for v in views if v.by == "found"), None)
+    if found is not None and not found[0] <= fit.published <= found[1]:
+        but = " by these files, but not with what was found"
+    return but, more
+
+
 def _by_views(question: str, views: Sequence[View], depends: str) -> Answer:
     """Answer of a search alone: by the model with what was found."""
     paper, (low, high) = load_paper().a_theta, views[-1].ci95
@@ -307,7 +322,7 @@ def _by_views(question: str, views: Sequence[View], depends: str) -> Answer:
         number = decided(filed.a_theta.value, filed.a_theta.std, *filed.ci95)
         text = f"With soil and robot as in their files: {number.with_std} s/m, {number.interval} s/m."
     verdict, tone = ("Yes, with what was found", "good") if agrees else ("No", "fair")
-    return Answer("a_theta", question, verdict, f"{text}{depends}".strip(), tone)
+    return Answer("a_theta", question, verdict, f"{LAW} {text.strip()}{depends}", tone)
 
 
 def _depends(views: Sequence[View]) -> str:
@@ -414,6 +429,9 @@ def closes_answer(finding: Finding) -> Answer:
         return Answer("closes", question, verdict, _differ(finding, before))
     text = f"Gap {where}: {times(before)} with the paper's model, {times(after)} with what was found. "
     text += scale_of_gap(finding)
+    remain = sorted((g for g in finding.gaps if g.train[1] > 1.0), key=lambda g: -g.train[1])
+    if remain:
+        text += f" Beyond the tolerance remain: {listed([sensor(g.channel) for g in remain])}."
     closes = 1 - finding.remainder
     verdict = capital(percent(min(max(closes, 0.0), 1.0))) if math.isfinite(closes) else "Not known"
     tested = finding.remainder <= MUCH and math.isfinite(finding.gap.held_out[0])
@@ -442,6 +460,8 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
         doubts += [f"{plain(e.id)} has a twin" for e in finding.effects if e.twins]
         if finding.dropped:
             doubts.append(f"{plural(len(finding.dropped), 'trial')} left out because no model fits")
+        if any(note.startswith(UNCONVERGED) for note in finding.notes):
+            doubts.append("the fit with what was found did not converge")
         grounds.append(f"Probability of the finding: {chance(finding.probability)}.")
         left = ((finding.trials_left_out, "trials"), (finding.speeds_left_out, "speeds"))
         counts = [f"{sum(x.after < x.before for x in f)} of {len(f)} {kind}" for f, kind in left if f]
@@ -477,9 +497,3 @@ def parted(step: str) -> tuple[str, str]:
     """Return the sentence of a step and its command, empty where there is none."""
     text, _, command = step.partition(": granite-lab ")
     return f"{text.rstrip('.')}.", f"granite-lab {command.rstrip('.')}" if command else ""
-
-
-def plural(n: int, noun: str) -> str:
-    """Return a number of things in words: "1 trial", "2 quantities"."""
-    many = f"{noun[:-1]}ies" if noun.endswith("ity") else f"{noun}s"
-    return f"{n} {noun if n == 1 else many}"

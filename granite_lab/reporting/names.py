@@ -26,6 +26,7 @@ SENSORS = {
     "wheel_split": "front − rear wheel angle",
     "current_f": "front motor current",
     "current_r": "rear motor current",
+    "current_side": "motor current of a side",
 }
 """Channels of a search, in the order of the report, as a reader calls them."""
 

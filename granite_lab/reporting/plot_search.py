@@ -171,10 +171,7 @@ def history_figures(finding: Finding) -> list[Figure]:
         title = f"{velocity:g} m/s: {_closer(finding, drawn)}"
         name = f"found_history_{speed_stem(velocity)}"
         count = f"Mean of {n} trials" if n > 1 else "One trial"
-        caption = (
-            f"{count}. Grey: the paper's model disagrees by more than the tolerance. Of wheel angles the "
-            "difference to the paper's model is drawn."
-        )
+        caption = f"{count}. Grey: the paper's model disagrees by more than the tolerance."
         make, lines = partial(_history, finding, drawn), lines_of(speed=velocity, quantity="search")
         figures.append(Figure(name, title, caption, make, finding.virtual, lines))
     return figures

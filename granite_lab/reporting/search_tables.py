@@ -28,6 +28,7 @@ from granite_lab.reporting.names import (
     amount,
     channels_of,
     declared,
+    inside,
     meaning,
     plain,
     scale_of,
@@ -56,6 +57,7 @@ SCALES = {
     "wheel_split gain": ("wheel radius, front against rear", "%", 100.0),
     "current_f gain": ("gain of the front motor currents", "%", 100.0),
     "current_r gain": ("gain of the rear motor currents", "%", 100.0),
+    "current_side gain": ("gain of the motor currents of a side", "%", 100.0),
 }
 """Numbers that differ from trial to trial: words, unit, and factor to it."""
 
@@ -158,7 +160,7 @@ def ceiling_table(finding: Finding) -> FilledTable | None:
         w = largest.get(name)
         if w is None:
             return Cell(NONE, (None, None, None))
-        text = f"{w.start:.1f} to {w.end:.1f} s at {w.variant:.3g} m/s ({w.phase})"
+        text = f"{w.start:.2f} to {w.end:.2f} s at {w.variant:.3g} m/s ({w.phase})"
         return Cell(text, (w.variant, w.start, w.end))
 
     def size(name: str) -> Cell:
@@ -173,8 +175,8 @@ def ceiling_table(finding: Finding) -> FilledTable | None:
         Column("largest", place, "speed start end"),
         Column("size there", size, "size"),
         note="Forces free in time, smooth over about 0.3 s, fitted beside the model to all trials and not "
-        "credited to it. They are no cause and cannot be carried over to another speed; what they do not "
-        "close no force on the robot does.",
+        "credited to it. They are no cause and cannot be carried over to another speed. What they do not "
+        "close, no force on the robot can close.",
     ).fill(["all", *FORCES], virtual=finding.virtual)
 
 
@@ -191,7 +193,7 @@ def ceiling_in_words(finding: Finding) -> str:
         return f"{text}."
     w = most.where[0]
     return (
-        f"{text}, first of all a {FORCES[w.quantity]} from {w.start:.1f} to {w.end:.1f} s at "
+        f"{text}, first of all a {FORCES[w.quantity]} from {w.start:.2f} to {w.end:.2f} s at "
         f"{w.variant:.3g} m/s ({w.phase})."
     )
 
@@ -213,7 +215,7 @@ def gaps_table(finding: Finding) -> FilledTable:
     shares, unknown = discrepancies(finding), (math.nan, math.nan)
     every = (finding.gap, *finding.gaps)
     out = any(math.isfinite(v) for g in every for v in g.held_out)
-    names = {"all": "all channels"} | SENSORS
+    names = {"all": "all sensors"} | SENSORS
 
     def discrepancy(g: Gap, k: int) -> Cell:
         return number(shares.get(g.channel, unknown)[k], 2, "%", 100)
@@ -228,7 +230,7 @@ def gaps_table(finding: Finding) -> FilledTable:
         Column("with", lambda g: g.held_out[1], "held_out_after", unit="–", shown=out),
         Column("discrepancy: without", lambda g: discrepancy(g, 0), "discrepancy_before"),
         Column("with", lambda g: discrepancy(g, 1), "discrepancy_after"),
-        note="All channels: rms of the residuals, divided by the rms that noise and tolerance explain; up to "
+        note="All sensors: rms of the residuals, divided by the rms that noise and tolerance explain; up to "
         "1: explained. A sensor: its largest discrepancy beyond its noise, divided by the tolerance. "
         "Discrepancy: difference to the model that all repetitions have in common, as a share of the "
         "sensor's rms in motion.",
@@ -354,7 +356,7 @@ def fitted_table(finding: Finding) -> FilledTable:
         rows.append((text, "from trial to trial, std", number(std, 2, unit, scale)))
     return Table[tuple[str, str, Cell]](
         "found_fitted",
-        f"Sand and sensors as fitted, compared with {finding.soil.title}",
+        f"Sand and sensors as fitted, compared with {inside(finding.soil.title)}",
         Column("number", lambda r: r[0]),
         Column("difference", lambda r: r[1]),
         Column("size", lambda r: r[2], "size"),

@@ -64,6 +64,11 @@ class Speed:
         return self.results[int(ranked[max(int(np.isfinite(slips).sum()) - 1, 0) // 2])]
 
 
+K92 = (
+    "k_92, the ratio of the contact angles behind and ahead of a wheel, is fitted to the slip; ± is its "
+    "standard error."
+)
+
 AGREES = {True: Cell("yes", (True,), "good"), False: Cell("no", (False,), "fair"), None: Cell(NONE, (None,))}
 
 
@@ -94,7 +99,7 @@ def first_table(speeds: Sequence[Speed], *, silent: bool, virtual: bool) -> Fill
         ),
         Column("paper's k_92", lambda s: s.paper_k92, "k92_paper", unit="–", form="g", shown=not silent),
         Column("trials", lambda s: s.trials, "trials"),
-        note=note if silent else f"{note} k_92 is fitted to the slip; ± is its standard error.",
+        note=note if silent else f"{note} {K92}",
     ).fill(speeds, virtual=virtual)  # fmt: skip
 
 

@@ -22,8 +22,9 @@ TONES = {"good": "green", "fair": "yellow", "bad": "red", "faint": "dim"}
 """Tone of a cell to its colour on a terminal."""
 
 VIRTUAL = "virtual data: written by a simulator"
-SHORT, WHOLE = 9, 27
-"""Lengths up to which a heading stays on one line where there is room, and no word or number is broken."""
+SHORT, WHOLE, NARROW = 9, 27, 18
+"""Lengths up to which a heading stays on one line where there is room, no word or number is broken, and no
+number where there is no room at all: "0.104 (not converged)" then takes two lines."""
 
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]+")
 
@@ -48,19 +49,22 @@ def say(console: Console, sentence: str | Text, style: str = "") -> None:
 
 
 def show_table(table: FilledTable, console: Console, *, only: Sequence[str] = ()) -> None:
-    """Print a table, or `only` the columns of some names; words may be wrapped, numbers are not."""
+    """Print a table, or `only` the columns of some names; words may be wrapped, short numbers are not."""
     from rich.measure import Measurement  # noqa: PLC0415, for terminals alone
 
-    grid, anyhow = _grid(table, only, SHORT), console.options.update(width=1000)
-    if Measurement.get(console, anyhow, grid).minimum > console.width:
-        grid = _grid(table, only, 1)
+    anyhow = console.options.update(width=1000)
+    for short, whole in ((SHORT, WHOLE), (1, WHOLE), (1, NARROW)):
+        grid = _grid(table, only, short, whole)
+        if Measurement.get(console, anyhow, grid).minimum <= console.width:
+            break
     console.print(grid)
     if table.virtual:
         say(console, f"{VIRTUAL}.", "yellow")
 
 
-def _grid(table: FilledTable, only: Sequence[str], short: int) -> Grid:
-    """Lay out a table; a heading longer than its column and than `short` is wrapped."""
+def _grid(table: FilledTable, only: Sequence[str], short: int, whole: int) -> Grid:
+    """Lay out a table; a heading longer than its column and than `short` is wrapped, and so is a number
+    longer than `whole`."""
     from rich import box  # noqa: PLC0415
     from rich import table as rich  # noqa: PLC0415
     from rich.text import Text  # noqa: PLC0415
@@ -78,7 +82,7 @@ def _grid(table: FilledTable, only: Sequence[str], short: int) -> Grid:
             width = max(short, longest, len(column.name) // 2)
             head = textwrap.wrap(column.name.replace(" %", "\u00a0%"), width, break_long_words=False)
             head += [f"[{column.unit}]"] * bool(column.unit)
-        fixed = column.number and longest <= WHOLE
+        fixed = column.number and longest <= whole
         words = [
             w for text in (*head, *texts) for w in ([text] if fixed else text.split()) if len(w) <= WHOLE
         ]

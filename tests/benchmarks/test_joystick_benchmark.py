@@ -80,11 +80,16 @@ def test_the_page_counts_names_by_sort_and_says_what_could_not_be_seen() -> None
     (every, one) = name_rows([null, of_names()])
     assert every[1:] == one[1:]
     assert every[1].startswith("1 of 1 = 100 %")
-    assert every[2].startswith("0 of 1 = 0 %")
+    assert every[2] == "–"
+    assert every[3].startswith("0 of 1 = 0 %")
+    smaller = of_names(reached={"bulldozing": 1.4}, right=False, outcome="missed")
+    assert name_rows([smaller, of_names(reached={"bulldozing": 5.0})])[0][1:3] == [
+        "1 of 1 = 100 % (21–100)", "0 of 1 = 0 % (0–79)",
+    ]  # fmt: skip
     text = page([old, of_law(run(0.0)), null, unseen, of_names()])
     assert "2 sets of four runs" in text
     assert "could be seen in 1 sets: imu_tilt (" in text
-    assert "| 610000 | joystick, not logged, controller of the file | none | false alarm |" in text
+    assert f"| {SEARCHED} | joystick, not logged, controller of the file | none | – | false alarm |" in text
 
 
 def test_a_set_is_made_and_judged_as_json_holds_it(monkeypatch: pytest.MonkeyPatch) -> None:

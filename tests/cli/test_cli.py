@@ -56,6 +56,11 @@ def test_a_virtual_log_is_made_again_to_the_byte(tmp_path: Path) -> None:
 
 NO, MANY = "cannot be understood", "exclude"
 REFUSED: list[tuple[str, int, str, str]] = [
+    ("studdy", 2, "no such command 'studdy'", "did you mean 'study'? granite-lab --help"),
+    ("effects chek", 2, "no such command 'chek'", "did you mean 'check'?"),
+    ("study --foo", 2, "no such option: --foo", "granite-lab study --help"),
+    ("study --jobs many", 2, "invalid value for '--jobs'", "granite-lab study --help"),
+    ("view", 2, "missing argument", "granite-lab view --help"),
     ("simulate --variant 0.4", 2, "unknown variant '0.4'", "0.2, 0.3, 0.5, 0.7"),
     ("simulate", 2, "the motion is not given", "--variant 0.5"),
     ("simulate --variant 0.5 --v 0.5", 2, "--variant excludes", "one or the other"),

@@ -101,7 +101,7 @@ def test_responses_to_pushes_foretell_what_a_term_shows(id_: str) -> None:
     foretold = pushes.changes[1] @ forces(problem, pushes, 1, terms)[k]
     centre, size = problem.centre(base.point, 1), 0.02 * terms[k].parameters[0].prior_high
     setting = (*centre.setting, (id_, (size,)))
-    plain, run = problem.bench.run([centre, Task(centre.variant, centre.sand, setting)])
+    plain, run = problem.bench.run([centre, replace(centre, setting=setting)])
     assert plain is not None
     assert run is not None
     true = (run - plain) / size

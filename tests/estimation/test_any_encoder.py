@@ -98,7 +98,7 @@ CASES: dict[str, tuple[Change, int, str]] = {
     "absolute encoder at 20 Hz": (counter(4096, 4096, 5), 4096, "wrapped 4 times at 4096; unwrapped"),
     "8 bits": (counter(1000, 256, 1), 1000, "wrapped 16 times at 256; unwrapped"),
     "8 bits by two thirds": (counter(4096, 256, 5), 4096, "which the IMU confirms; log faster"),
-    "a wild rate": (rates(wild), 0, "1 readings thrown off or 0 for a lost sample"),
+    "a wild rate": (rates(wild), 0, "1 reading thrown off or 0 for a lost sample"),
     "zeros among rates": (rates(zeros), 0, "40 readings thrown off or 0 for a lost sample"),
     "a rate that dies": (rates(silent), 0, "encoder rl gives no counts for"),
     "rear axle": (without("enc_f"), 0, "no encoder fl, fr in the log"),

@@ -86,15 +86,15 @@ def blanked(truth: TruthTrial, begin: float, end: float, *columns: int) -> Trial
 
 # the fault, by how much it makes the std of v grow at least, and what is said
 SURVIVED: dict[str, tuple[Fault, float, str]] = {
-    "a short gap of the IMU": (lambda d: faults.imu_dropout(d.trial, 5.0, 5.1), 1.02, "1 gaps in the IMU"),
-    "a gap of the IMU": (lambda d: faults.imu_dropout(d.trial, 5.0, 5.3), 1.02, "1 gaps in the IMU"),
-    "over the ramp": (lambda d: faults.imu_dropout(d.trial, ramp(d)[0] + 0.05, ramp(d)[1]), 1.5, "gaps"),
+    "a short gap of the IMU": (lambda d: faults.imu_dropout(d.trial, 5.0, 5.1), 1.02, "1 gap in the IMU"),
+    "a gap of the IMU": (lambda d: faults.imu_dropout(d.trial, 5.0, 5.3), 1.02, "1 gap in the IMU"),
+    "over the ramp": (lambda d: faults.imu_dropout(d.trial, ramp(d)[0] + 0.05, ramp(d)[1]), 1.5, "1 gap"),
     "a long gap at rest": (lambda d: faults.imu_dropout(d.trial, 0.6, 1.3), 0.0, ""),
     "single samples lost": (lambda d: faults.random_dropouts(d.trial, 5, 0.1), 0.0, ""),
     "a gap of the encoders": (lambda d: faults.wheel_dropout(d.trial, 5.0, 5.5), 0.0, ""),
-    "x not a number": (lambda d: blanked(d, 5.0, 5.3, 0), 1.02, "gaps in the IMU"),
-    "pitch rate not a number": (lambda d: blanked(d, 5.0, 5.3, 4), 1.02, "gaps in the IMU"),
-    "the IMU not a number": (lambda d: blanked(d, 5.0, 5.3, *range(6)), 1.02, "gaps in the IMU"),
+    "x not a number": (lambda d: blanked(d, 5.0, 5.3, 0), 1.02, "in the IMU's samples"),
+    "pitch rate not a number": (lambda d: blanked(d, 5.0, 5.3, 4), 1.02, "in the IMU's samples"),
+    "the IMU not a number": (lambda d: blanked(d, 5.0, 5.3, *range(6)), 1.02, "in the IMU's samples"),
     "no pitch gyro": (lambda d: blanked(d, -1.0, 99.0, 4), 3.0, "no pitch rate"),
     "cut at a rail": (lambda d: faults.saturated(d.trial, 0.6 * d.trial.info.a_max), 3.0, "at its limit"),
     "readings thrown off": (lambda d: faults.spikes(d.trial, 3, 8, 30.0), 0.0, "thrown off"),

@@ -87,6 +87,27 @@ def test_wheels_drive_where_no_command_is_known(gains: float) -> None:
     assert abs(a - A_THETA) < 2 * std < 0.6
 
 
+def test_the_fit_finds_by_how_much_a_command_that_nobody_states_leads() -> None:
+    """By (24), (26) it is k_e n_d / k_P of the acceleration, whose transients are left out."""
+    gains, drive = 0.4, ROBOT.drive
+    assert drive is not None
+    trial, motion = seen(JOYSTICK, gains=gains, command=False)
+    fit = fit_k92(driven(motion, ROBOT, "auto"), trial, ROBOT, SOIL)
+    (note,) = [n for n in fit.notes if "leads the wheels" in n]
+    lead, std = (float(x) for x in note.split(" by ")[1].removesuffix(" ms.").split(" ± "))
+    assert abs(lead - 1e3 * drive.emf_constant * drive.gear_ratio / (gains * drive.gain_p)) < 3 * std < 120
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.01, -0.03, 0.03])
+def test_sides_at_different_speed_are_told(apart: float) -> None:
+    motion = seen(JOYSTICK, command=False)[1]
+    turned = motion.v_wheel * np.array([1 - apart, 1 + apart, 1 - apart, 1 + apart])
+    lines = driven(dataclasses.replace(motion, v_wheel=turned), ROBOT, "wheels").warnings
+    told = [line for line in lines if "faster than the others: their mean is simulated" in line]
+    assert len(told) == (abs(apart) > 0.02)
+    assert not told or f"the {'right' if apart > 0 else 'left'} wheels are 6 % faster" in told[0]
+
+
 def test_wheels_drive_where_they_do_not_follow_the_command() -> None:
     _, motion = seen(JOYSTICK, gains=0.3)
     assert deviation(motion, motion.variant) > FOLLOW > 1.5 * deviation(seen(JOYSTICK)[1], JOYSTICK)

@@ -13,10 +13,11 @@ from granite_lab.errors import EstimateError, InputError
 from granite_lab.fitting import driven, fit_k92
 from granite_lab.fitting.tow import KEY, towed
 from granite_lab.hidden.parts import Push
+from granite_lab.inference.observation import observe
 from granite_lab.logs import write_canonical
-from granite_lab.logs.trial import Trial
+from granite_lab.logs.trial import Series, Trial
 from granite_lab.model import Accuracy, Run, simulate
-from granite_lab.model.command import hauling
+from granite_lab.model.command import alike, hauling
 from granite_lab.model.virtual import virtual_trial
 from granite_lab.options import Options
 from granite_lab.parameters import (
@@ -155,6 +156,61 @@ def test_a_list_of_forces_needs_the_start_of_the_command(tmp_path: Path) -> None
         towed(lost, trial, robot)
 
 
+def logged_force(folder: Path, unit: str = "N", factor: float = 1.0) -> tuple[Path, float]:
+    """Write the log of a run whose load grows, with a load cell; return when its command begins, too."""
+    course = hauling(variant_of(0.3), ((0.0, 2.0), (3.0, 2.0), (3.3, 12.0), (9.0, 12.0)), 0.0)
+    of = simulate(course, ROBOT, SOIL, a_theta=A_THETA, accuracy=FINE)
+    trial, truth = virtual_trial(of, 1, "growing")
+    start = float(truth.attrs["t_start_s"])
+    t = np.arange(0.1, start + of.variant.distance / 0.3 + 2, 0.0125)
+    force = np.interp(t - start, *np.array([p[:2] for p in course.tow]).T)
+    force += 0.3 * np.random.default_rng(1).standard_normal(t.size)
+    info = dataclasses.replace(trial.info, v_desired=0.3, a_max=1.2, distance=2.0)
+    path = folder / "growing.csv"
+    write_canonical(path, dataclasses.replace(trial, info=info, command=None, tow=Series(t, factor * force)))
+    path.write_text(path.read_text("utf-8").replace("tow_N", f"tow_{unit}"), encoding="utf-8")
+    return path, start
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("N", 1.0), ("kN", 1e-3)])
+def test_a_logged_force_enters_as_it_was_measured(unit: str, factor: float, tmp_path: Path) -> None:
+    path, start = logged_force(tmp_path, unit, factor)
+    trial, robot, motion = simulable(path, Options())
+    assert "N is in the model" in motion.warnings[-1]
+    assert isinstance(motion.variant, Course)
+    t = np.linspace(0.2, 6.0, 100)
+    wanted = np.interp(t, (3.0, 3.3), (2.0, 12.0))
+    pulled = motion.variant.pull_at(t + start - motion.t_start.value)
+    level = np.abs(t - 3.15) > 0.25
+    assert pulled[level] == pytest.approx(wanted[level], abs=0.4)
+    assert pulled == pytest.approx(wanted, abs=1.5)  # the ramp, averaged over 0.05 s
+    fit = fit_k92(motion, trial, robot, SOIL, trajectory=False)
+    assert -math.log(fit.k92.value) / 0.3 == pytest.approx(A_THETA, abs=3 * fit.k92.std / fit.k92.value / 0.3)
+    bare = corrected(path, Options())[2]
+    assert fit_k92(bare, trial, robot, SOIL, trajectory=False).k92.value < 0.95 * fit.k92.value
+
+
+def test_a_stated_force_counts_before_a_logged_one_and_a_logged_one_is_checked(tmp_path: Path) -> None:
+    path, _ = logged_force(tmp_path)
+    trial, robot, motion = corrected(path, Options())
+    stated = dataclasses.replace(trial, info=dataclasses.replace(trial.info, extra={KEY: "7"}))
+    assert "a towed load of 7 N" in towed(motion, stated, robot).warnings[-1]
+    assert trial.tow is not None
+    turned = dataclasses.replace(trial, tow=dataclasses.replace(trial.tow, value=-trial.tow.value))
+    with pytest.raises(InputError, match="negative while the robot is driven"):
+        towed(motion, turned, robot)
+    late = dataclasses.replace(trial, tow=dataclasses.replace(trial.tow, t=trial.tow.t + 100))
+    with pytest.raises(InputError, match="no samples while the robot is driven"):
+        towed(motion, late, robot)
+
+
+def test_trials_under_other_loads_are_no_repetitions() -> None:
+    light, heavy = (hauling(variant_of(0.3), ((0.0, f), (math.inf, f)), 0.0) for f in (5.0, 12.0))
+    assert not alike(light, heavy)
+    assert alike(light, light)
+    assert alike(hauling(variant_of(0.3), (), 0.0), variant_of(0.3))
+
+
 def changed_robot(folder: Path, *lines: str, wheels: str = "") -> Path:
     """Write the paper's robot with more lines."""
     text = (Path(__file__).parents[2] / "granite_lab/catalogue/robots/granite.toml").read_text("utf-8")
@@ -196,12 +252,31 @@ def test_wheels_of_several_radii_give_the_slip_of_wheels_that_are_alike(
     assert -math.log(fit.k92.value) / motion.variant.velocity == pytest.approx(A_THETA, abs=0.4)
 
 
-def test_motors_of_a_side_leave_the_drive_to_the_wheels_and_their_currents_out(tmp_path: Path) -> None:
+def test_motors_of_a_side_show_the_torque_of_both_their_wheels(tmp_path: Path) -> None:
+    """Power balances: a motor for each side draws what a motor for each of its wheels would, (24)."""
     path = written(tmp_path, run(0.0))
+    trial = read(path, Options())[0]
+    assert trial.currents is not None
+    sides = trial.currents.current[:, :2] + trial.currents.current[:, 2:]
+    logged = np.hstack([sides, np.full_like(sides, np.nan)])  # a column for each motor
+    currents = dataclasses.replace(trial.currents, current=logged)
+    write_canonical(path, dataclasses.replace(trial, currents=currents))
     robot = changed_robot(tmp_path, 'motors = "side"')
     trial, found, motion = simulable(path, dataclasses.replace(Options(), robot=str(robot)))
-    assert trial.currents is None
     assert "for a motor drives both wheels of a side" in motion.warnings[-1]
+    assert any("compared with the sum of both torques" in line for line in motion.warnings)
+    seen = observe(trial, found, motion.variant, motion.t_start.value)
+    assert "current_side" in seen.streams
+    assert not {"current_f", "current_r"} & seen.streams.keys()
+    turned = simulate(motion.variant, found, SOIL, a_theta=A_THETA, accuracy=FINE)
+    signals = np.zeros((8, turned.t.size))
+    signals[5:7] = turned["current_f_A"], turned["current_r_A"]
+    shown = seen.binned(turned.t, signals, 0.0)["current_side"]
+    t1, t2 = motion.variant.stretch
+    steady = (seen.t > t1) & (seen.t < t2)
+    mean = float(np.nanmean(seen.values["current_side"][steady]))
+    assert float(shown[steady].mean()) == pytest.approx(mean, rel=0.03)
+    assert mean > 1.5 * 2  # the sum, no mean of both
     fit = fit_k92(motion, trial, found, SOIL, trajectory=False)
     assert -math.log(fit.k92.value) / motion.variant.velocity == pytest.approx(A_THETA, abs=0.4)
     with pytest.raises(InputError, match="no command can be simulated"):

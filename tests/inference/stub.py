@@ -15,8 +15,8 @@ from granite_lab.inference.bench import ACCURACY, SAND, SIGNALS, Bench, Task, Wo
 from granite_lab.inference.bench import Respond as Answers
 from granite_lab.inference.binning import Stream
 from granite_lab.inference.nuisances import TrialModel
-from granite_lab.inference.observation import UNITS, Observation
-from granite_lab.inference.point import Point
+from granite_lab.inference.observation import Observation
+from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.setup import nominal
 from granite_lab.logs.trial import Array
@@ -117,7 +117,7 @@ class Respond:
 
 
 def problem_of(
-    commands: Sequence[int] = (0, 0, 1, 1), channels: Sequence[str] = tuple(UNITS), *,
+    commands: Sequence[int] = (0, 0, 1, 1), channels: Sequence[str] = tuple(PLACE), *,
     respond: Answers | None = None, effects: Mapping[str, Effect] = EFFECTS,
 ) -> Problem:  # fmt: skip
     """Return trials in which nothing was measured yet (all zero), with the nominal noise."""
@@ -173,7 +173,7 @@ def drawn(problem: Problem, rng: np.random.Generator, *, common: float = 0.5, ow
     point = problem.neutral()
     shared = point.shared.copy()
     shared[: len(SAND)] = common * problem.sand_std * rng.normal(size=len(SAND))
-    shared[len(SAND)] = 0.004 * common * rng.normal()
+    shared[SHARED.index("latency")] = 0.004 * common * rng.normal()
     trials = tuple(
         own * np.array([s.std for s in t.slacks]) * rng.normal(size=t.size) for t in problem.trials
     )

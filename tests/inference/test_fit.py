@@ -60,11 +60,11 @@ def test_a_fit_begins_near_the_latency_of_the_stamps(late: float, commands: tupl
     rng = np.random.default_rng(8)
     problem = problem_of(commands)
     truth = drawn(problem, rng)
-    truth.shared[len(SAND)] = late
+    truth.shared[SHARED.index("latency")] = late
     measure(problem, truth, rng)
     start, _ = at_first(problem)
-    assert start.shared[len(SAND)] == pytest.approx(late, abs=0.02)
-    assert fit(problem, start).point.shared[len(SAND)] == pytest.approx(late, abs=1e-3)
+    assert start.shared[SHARED.index("latency")] == pytest.approx(late, abs=0.02)
+    assert fit(problem, start).point.shared[SHARED.index("latency")] == pytest.approx(late, abs=1e-3)
 
 
 @pytest.mark.parametrize("share", PLAIN)
@@ -251,7 +251,7 @@ def test_slopes_are_taken_backwards_where_a_step_has_no_solution() -> None:
     point = replace(free.neutral(), shared=np.where(np.arange(len(SHARED)) == 0, 0.095, 0.0))
     one_way = problem_of(FOUR, respond=Respond(bound=0.1)).slopes(point)
     for command, _ in enumerate(free.commands):
-        np.testing.assert_allclose(expected.sand(command), one_way.sand(command), atol=1e-9)
+        np.testing.assert_allclose(expected.simulated(command), one_way.simulated(command), atol=1e-9)
 
 
 @pytest.mark.parametrize("size", [0.02, 0.3])

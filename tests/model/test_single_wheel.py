@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from granite_lab.effects import get
 from granite_lab.errors import EstimateError, InputError, UsageError
 from granite_lab.model import Accuracy, simulate
 from granite_lab.model.effect import activate
 from granite_lab.model.single_wheel import Ratio, SingleWheel, WheelPoint, rolling
-from granite_lab.parameters import Soil, Wheels, load_robot, load_soil, variant_of
+from granite_lab.parameters import GRAVITY, Soil, Wheels, load_robot, load_soil, variant_of
 from tests.corpus.cli import SAND as SAND_FILE
 from tests.corpus.cli import succeeded
 from tests.truth.simulator import forces
@@ -173,3 +174,25 @@ def test_a_dollar_in_the_name_of_a_soil_begins_no_formula(tmp_path: Path) -> Non
         )
         succeeded(*args, cwd=tmp_path)
         assert (tmp_path / name).stat().st_size > 1000
+
+
+@pytest.mark.parametrize(("apart", "most"), [(0.01, 0.3), (0.02, 0.8), (0.05, 4.5)])
+def test_the_mean_of_left_and_right_stands_for_both_within_what_the_limits_say(
+    apart: float, most: float
+) -> None:
+    """Where a body goes straight, its wheels at (1 ± apart) of their mean: how far that moves a_θ [%]."""
+    assert ROBOT.chassis is not None
+    load, wheel = ROBOT.chassis.total_mass * GRAVITY / 4, SingleWheel(ROBOT.wheels, SAND)
+
+    def pull(slip: float, k92: float) -> float:
+        return float(wheel.at_load(load, rolling(slip, ROBOT.wheels.radius), Ratio(k92)).drawbar_pull)
+
+    for v in (0.2, 0.5):
+        k92 = math.exp(-4.9 * v)
+
+        def both(slip: float, k92: float = k92) -> float:
+            return pull(1 - (1 - slip) / (1 - apart), k92) + pull(1 - (1 - slip) / (1 + apart), k92)
+
+        seen = brentq(both, 0.005, 0.5)
+        by_mean = brentq(lambda k, slip=seen: pull(slip, k), 1e-3, 1.0)
+        assert 0 < 100 * (-math.log(by_mean) / (4.9 * v) - 1) < most

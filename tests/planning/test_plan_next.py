@@ -42,7 +42,7 @@ LEVEL = {"accel_x": 0.05, "accel_z": 0.07, "pitch_rate": 3e-3, "wheel": 1e-3, "w
 
 
 def driven_of(variant: Variant = SLOW, **told: Any) -> Driven:
-    noise = tuple(Noise(channel=c, rest=LEVEL.get(c, 0.05)) for c in CHANNELS)
+    noise = tuple(Noise(channel=c, rest=LEVEL.get(c, 0.05)) for c in CHANNELS if c != "current_side")
     return Driven(**{"variant": variant, "noise": noise, **told})
 
 

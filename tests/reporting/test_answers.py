@@ -149,6 +149,17 @@ def test_a_theta_is_stated_by_the_files_with_their_uncertainty_and_with_what_was
     assert "With soil and robot as in their files: 6.60 ± 0.10 s/m" in kept_as_spaces(alone.text)
 
 
+def test_a_law_that_holds_by_the_files_alone_is_no_plain_yes(twelve: StudyResult) -> None:
+    views = (
+        View("files", Estimate(4.9, 0.1), (4.7, 5.1)),
+        View("found", Estimate(3.3, 0.2), (3.0, 3.6)),
+    )
+    agrees = replace(twelve.a_theta, a_theta=Estimate(4.9, 0.1), ci95=(4.7, 5.1))
+    answer = law_answer(agrees, replace(made_up_finding(), a_theta=views))
+    assert answer.verdict == "Yes by these files, but not with what was found"
+    assert answer.tone == "fair"
+
+
 def kept_as_spaces(text: str) -> str:
     return text.replace("\u00a0", " ")
 

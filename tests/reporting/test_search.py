@@ -319,7 +319,7 @@ def test_the_ceiling_is_said_with_its_place_and_stands_in_the_table_and_the_docu
     said = spaced(search_tables.ceiling_in_words(finding))
     assert "leaves 62 % of the gap" in said
     assert "close 41 % of the gap" in said
-    assert "force along the robot from 3.3 to 4.2 s at 0.7 m/s (brake)" in said
+    assert "force along the robot from 3.30 to 4.20 s at 0.7 m/s (brake)" in said
     table = search_tables.ceiling_table(finding)
     assert table is not None
     assert len(table.rows) == 6

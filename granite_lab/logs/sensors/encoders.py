@@ -16,6 +16,7 @@ from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.stamps import GAP_PERIODS
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import Robot
+from granite_lab.rounding import plural
 
 _TURN = 2 * math.pi
 _FASTEST_WHEEL = 300.0  # no wheel of a ground robot turns faster [rad/s]; a step that needs more is a fault
@@ -214,7 +215,8 @@ def _without_jumps(t: Array, angle: Array, fastest: float, doubts: list[Doubt]) 
     ):
         if flags.any():
             at = ", ".join(f"{x:.3f}" for x in t[1:][flags][:3])
-            doubts.append(Doubt(f"{np.count_nonzero(flags)} readings {kind} (t = {at} s)", remedy=done))
+            n = int(np.count_nonzero(flags))
+            doubts.append(Doubt(f"{plural(n, 'reading')} {kind} (t = {at} s)", remedy=done))
     return angle - np.concatenate(([0.0], np.cumsum(np.where(wild, steps - usual, 0.0))))
 
 
@@ -234,7 +236,8 @@ def _measured(t: Array, rate: Array, step: float, wheel: Wheel, doubts: list[Dou
     for flags, kind in ((wild, "thrown off or 0 for a lost sample"), (stuck, "that repeat the last one")):
         if flags.any():
             at = ", ".join(f"{t[a]:.3f}" for a, _ in runs(flags)[:3])
-            doubts.append(Doubt(f"{np.count_nonzero(flags)} readings {kind} (t = {at} s)", remedy="left out"))
+            n = int(np.count_nonzero(flags))
+            doubts.append(Doubt(f"{plural(n, 'reading')} {kind} (t = {at} s)", remedy="left out"))
     return np.where(wild | stuck, np.nan, rate)
 
 

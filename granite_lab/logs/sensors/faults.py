@@ -16,6 +16,7 @@ from granite_lab.logs.sensors.stamps import gaps_in
 from granite_lab.logs.sensors.standstill import Interval, bridged, inside
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, ImuGrade
+from granite_lab.rounding import plural
 
 UNSEEN = 1.5
 """Acceleration that may go unseen while samples are missing and no wheel tells [m/s^2]."""
@@ -40,13 +41,14 @@ class Faults:
         doubts = []
         if self.gaps:
             total = sum(end - begin for begin, end in self.gaps)
-            doubts.append(
-                Doubt(f"{len(self.gaps)} gaps in the IMU's samples, {total:.3f} s in all", remedy=grows)
-            )
+            count = plural(len(self.gaps), "gap")
+            doubts.append(Doubt(f"{count} in the IMU's samples, {total:.3f} s in all", remedy=grows))
         if self.plateaus:
-            doubts.append(Doubt(f"the IMU stands at its limit {len(self.plateaus)} times", remedy=grows))
+            times = plural(len(self.plateaus), "time")
+            doubts.append(Doubt(f"the IMU stands at its limit {times}", remedy=grows))
         if self.spikes.any():
-            thrown = f"{np.count_nonzero(self.spikes)} single readings of the IMU are thrown off"
+            n = int(np.count_nonzero(self.spikes))
+            thrown = f"{plural(n, 'single reading')} of the IMU thrown off"
             doubts.append(Doubt(thrown, remedy="replaced"))
         for restart in self.restarts:
             place = f"in the gap at {restart.begin:.2f} s" if restart.gap else f"after {restart.begin:.2f} s"

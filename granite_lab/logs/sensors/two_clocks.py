@@ -13,7 +13,7 @@ from granite_lab.logs.sensors import mounting
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.imu import despike, mounted
 from granite_lab.logs.sensors.mounting import BodyImu
-from granite_lab.logs.trial import Array, Correction, Series, Trial, WheelStream
+from granite_lab.logs.trial import Array, Correction, Trial, WheelStream
 from granite_lab.parameters import Robot
 
 LARGEST, FARTHEST = 0.4, 1.0
@@ -64,13 +64,10 @@ def together(trial: Trial, robot: Robot) -> tuple[Trial, float]:
         apart = f"the clocks of encoders and IMU are {abs(by):.1f} s apart"
         doubts = (*doubts, Doubt(apart, remedy="brought together by the ramps that both show"))
     made = Correction(f"offset of their clock, {how}", "stamps of encoders and currents", by, offset.std, "s")
-    wheels, currents, command = trial.wheels, trial.currents, trial.command
     moved = replace(
         trial,
         info=replace(trial.info, clock_offset=None if given is None else 0.0),
-        wheels=wheels and replace(wheels, t=wheels.t + by),
-        currents=currents and replace(currents, t=currents.t + by),
-        command=command and Series(command.t + by, command.value),
+        **trial.on_its_clock(by),
         doubts=doubts,
         corrections=(*trial.corrections, made),
     )

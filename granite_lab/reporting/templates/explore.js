@@ -89,14 +89,14 @@
     const narrow = innerWidth < 560;
     const [a, b] = chosen.length ? chosen[0].steady : [null, null];
     return {
-      margin: {l: narrow ? 44 : 58, r: 8, t: 8, b: 36}, paper_bgcolor: "transparent", plot_bgcolor: "transparent",
+      margin: {l: narrow ? 44 : 58, r: 8, t: 28, b: 36}, paper_bgcolor: "transparent", plot_bgcolor: "transparent",
       font: {color: ink, size: narrow ? 11 : 12, family: getComputedStyle(document.body).fontFamily}, hovermode: "x unified", dragmode: narrow ? false : "zoom",  // a finger scrolls the page
       modebar: {bgcolor: "transparent", color: colour("--muted"), activecolor: colour("--text")},
       hoverlabel: {bgcolor: colour("--card"), bordercolor: grid, font: {color: ink, size: 12}},
       xaxis: {...time, anchor: "y", matches: "x2", showticklabels: false}, xaxis2: {...time, anchor: "y2", title: {text: "time since the start of the command [s]"}},
       yaxis: {...axis, domain: [.36, 1], title: {text: `[${what.unit}]`}, zeroline: false}, yaxis2: {...axis, domain: [0, .3], title: {text: `difference [${what.gap}]`}},
       shapes: a === null ? [] : [{type: "rect", xref: "x2", yref: "paper", x0: a, x1: b, y0: 0, y1: 1, layer: "below", line: {width: 0}, fillcolor: faded(colour("--grey"), .12)}],
-      annotations: data.kind === "virtual" ? [{text: "virtual data", xref: "paper", yref: "paper", x: 0, y: 1, xanchor: "left", yanchor: "top", showarrow: false, font: {size: 11, color: colour("--muted")}}] : [],
+      annotations: data.kind === "virtual" ? [{text: "virtual data", xref: "paper", yref: "paper", x: 0, y: 1, xanchor: "left", yanchor: "bottom", showarrow: false, font: {size: 11, color: colour("--muted")}}] : [],
     };
   }
 

@@ -1,0 +1,61 @@
+"""A command that nobody states: by how much it leads the wheels that it turned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from granite_lab.parameters import Course, Variant
+
+Array = npt.NDArray[np.float64]
+
+LASTS = 1 / 3
+"""Time over which the error of a loop on the angle of a wheel comes and goes [s]: k_D/k_P of (26), of the
+paper's robot."""
+
+LEADS = ("lead", "lasting lead")
+"""Times by which v_d leads the wheels [s]: of the acceleration at once, as in a loop on the speed, and of the
+acceleration low-passed by `LASTS`, as in a loop on the angle, too."""
+
+
+def is_free(variant: Variant) -> bool:
+    """Say whether the wheels are turned and nobody states what was commanded."""
+    return isinstance(variant, Course) and bool(variant.wheels) and not variant.commanded
+
+
+def led(variant: Variant, leads: Sequence[float], radius: float) -> Variant:
+    """Return a course whose desired velocity leads its wheels; what was commanded stays as it is.
+
+    A loop on the speed with a gain leaves an error that is proportional to the acceleration. One that holds
+    the angle, too, takes it away: for wheels whose voltage goes by the EMF (24), (26) give
+
+        v_d - v_o = k_e n_d / k_P · (acceleration, low-passed by k_D / k_P).
+
+    Args:
+        variant: a course that `is_free`; any other is returned as it is.
+        leads: times by `LEADS` [s].
+        radius: r [m].
+    """
+    if not is_free(variant) or not any(leads):
+        return variant
+    assert isinstance(variant, Course)
+    t, ahead = _ahead(variant, radius)
+    v = variant.velocity_at(t) + np.asarray(leads) @ ahead
+    v[[0, -1]] = 0.0
+    return replace(variant, path=tuple(zip(t.tolist(), v.tolist(), strict=True)))
+
+
+@lru_cache(maxsize=64)
+def _ahead(course: Course, radius: float) -> tuple[Array, Array]:
+    """Return the (K,) instants of the wheels [s], and (2, K) their acceleration there, by `LEADS` [m/s^2]."""
+    t = np.array([instant for instant, *_ in course.wheels])
+    a = radius * np.array([(front.acceleration + rear.acceleration) / 2 for _, front, rear in course.wheels])
+    slow = np.zeros_like(a)
+    for k in range(1, t.size):  # exact for an acceleration that is linear between the instants
+        rise = LASTS * (a[k] - a[k - 1]) / (t[k] - t[k - 1])
+        slow[k] = a[k] - rise + (slow[k - 1] - a[k - 1] + rise) * np.exp(-(t[k] - t[k - 1]) / LASTS)
+    return t, np.stack([a, slow])

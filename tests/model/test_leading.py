@@ -1,0 +1,80 @@
+"""A command that nobody states leads its wheels: what (26) says, and a second way to integrate it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from granite_lab.inference.bench import SAND, World
+from granite_lab.model import simulate
+from granite_lab.model.leading import LASTS, is_free, led
+from granite_lab.model.turning import turned
+from granite_lab.parameters import Course, course_of, variant_of
+from tests.model.box import ROBOT, SOIL
+
+RADIUS = ROBOT.wheels.radius
+STICK = course_of(
+    np.array([0.0, 0.6, 2.0, 2.4, 4.0, 4.6, 5.2]), np.array([0.0, 0.45, 0.45, 0.2, 0.3, 0.3, 0.0])
+)
+
+
+def free(t: np.ndarray, v: np.ndarray) -> Course:
+    """Return wheels that turn at v [m/s], with a command that nobody states."""
+    return turned(t, (v, v), (np.zeros(t.size), np.zeros(t.size)), RADIUS)
+
+
+def test_the_lead_is_what_a_differential_equation_gives() -> None:
+    t = np.arange(0, 4.0025, 0.005)
+    speed, rise = 0.2 * (1 - np.cos(np.pi * t / 2)), 0.1 * np.pi * np.sin(np.pi * t / 2)
+    late = solve_ivp(
+        lambda x, y: (0.1 * np.pi * np.sin(np.pi * x / 2) - y) / LASTS, (0, t[-1]), [0.0],
+        t_eval=t, rtol=1e-8, atol=1e-10,
+    ).y[0]  # fmt: skip
+    course = led(free(t, speed), (0.03, 0.2), RADIUS)
+    wanted = speed + 0.03 * rise + 0.2 * late
+    assert course.velocity == free(t, speed).velocity  # that of the slip stays
+    assert isinstance(course, Course)
+    at, v = course.corners  # where the wheels are told, it is linear in between
+    assert v[1:-1] == pytest.approx(np.interp(at, t, wanted)[1:-1], abs=1e-3)  # of paths, by `ENOUGH`
+
+
+def test_the_paper_s_controller_leads_as_its_gains_say() -> None:
+    """Of the speeds that the EMF needs, (24), the loop (26) leaves k_e n_d / k_P of the acceleration."""
+    assert ROBOT.drive is not None
+    run = simulate(STICK, ROBOT, SOIL)
+    use = run.t >= 0
+    t, axles = run.t[use], [run[f"v_wheel_{axle}_mps"][use] for axle in "fr"]
+    wheels = turned(t, (axles[0], axles[1]), (np.zeros(t.size), np.zeros(t.size)), RADIUS)
+    lasting = ROBOT.drive.emf_constant * ROBOT.drive.gear_ratio / ROBOT.drive.gain_p
+    course = led(wheels, (0.0, lasting), RADIUS)
+    assert isinstance(course, Course)
+    moving = (t > 0.3) & (t < 5.0)
+    behind, left = (
+        float(np.std((STICK.velocity_at(t) - c.velocity_at(t))[moving])) for c in (wheels, course)
+    )
+    assert left < 0.2 * behind
+    gaps = []
+    for c in (wheels, course):
+        back = simulate(c, ROBOT, SOIL)
+        gaps.append(float(np.std((np.interp(t, back.t, back["v_mps"]) - run["v_mps"][use])[moving])))
+    assert gaps[1] < 0.3 * gaps[0]
+
+
+def test_what_was_commanded_is_not_led() -> None:
+    t = np.arange(0, 4.0025, 0.005)
+    wheels = free(t, 0.2 * (1 - np.cos(np.pi * t / 2)))
+    stated = dataclasses.replace(wheels, commanded=True)
+    assert is_free(wheels)
+    for variant in (variant_of(0.3), STICK, stated):
+        assert not is_free(variant)
+        assert led(variant, (0.05, 0.1), RADIUS) is variant
+    world = World(ROBOT, SOIL, (wheels, stated), {})
+    numbers = np.append(np.zeros(len(SAND)), (0.05, 0.1))
+    tasks = [world.task(k, numbers, ()) for k in range(2)]
+    assert tasks[0].leads == (0.05, 0.1)
+    assert tasks[1] == world.task(1, 0 * numbers, ())  # one simulation, whatever the leads
+    first, other = world.respond(tasks[0]), world.respond(world.task(0, 0 * numbers, ()))
+    assert first is not None
+    assert other is not None
+    assert np.abs(first[7] - other[7]).max() > 1e-3
