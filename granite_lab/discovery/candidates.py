@@ -137,7 +137,7 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int = 99) ->
     changes: dict[int, Array] = {}
     for command, everyone in enumerate(problem.commands):  # the responses of all would take gigabytes
         base, *moved = problem.bench.run(_tasks(problem, fit, probes, command), keep=False)
-        sound &= [base is not None and run is not None for run in moved]
+        sound &= np.array([base is not None and run is not None for run in moved], dtype=bool)
         if base is None:
             break
         found = stacked([base * 0 if run is None else run - base for run in moved], base)

@@ -85,7 +85,7 @@ def test_the_files_are_saved_where_nothing_is_named_and_all_else_predicts_worse(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     problem, base, _ = pushed()
-    found = search(problem, base, ("push", "pull"), TOLERANCE)
+    found = search(problem, base, ("push",), TOLERANCE)  # a library of one effect
     judgement = judge(problem, found, TOLERANCE)
     monkeypatch.setattr(stage, "worse", lambda *_: True)
     assert savable(problem, found, judgement, TOLERANCE) is judgement  # what is named is saved
