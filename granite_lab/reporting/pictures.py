@@ -155,7 +155,6 @@ ROWS = (
     Row("wheel", "wheel speed", "°/s", 180 / np.pi, 0.5),
     Row("current_f", "front current", "A", 1.0, 0.05),
     Row("current_r", "rear current", "A", 1.0, 0.05),
-    Row("current_side", "current of a side", "A", 1.0, 0.05),
 )
 
 WIDE, PANEL = 9.2, 1.02

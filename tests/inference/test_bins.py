@@ -21,7 +21,7 @@ from granite_lab.inference.clocks import clocks
 from granite_lab.inference.constants import LOW_PASS_STD
 from granite_lab.inference.noise import STRETCH, at_rest, errors, learn, stretches
 from granite_lab.inference.nuisances import SENSORS, TrialModel
-from granite_lab.inference.observation import UNITS, Observation, bin_width, observe
+from granite_lab.inference.observation import Observation, bin_width, observe
 from granite_lab.inference.point import SHARED
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.setup import start_of, variant_of_trial
@@ -32,7 +32,7 @@ from granite_lab.model.simulator import integrate
 from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import GRAVITY, Variant, load_paper, load_robot, load_soil, load_variants
 from tests.fitting.made_up import made_up_trial
-from tests.inference.stub import predicted, problem_of
+from tests.inference.stub import PLACE, predicted, problem_of
 from tests.truth import faults
 
 VARIANT = load_variants()[3]
@@ -491,6 +491,6 @@ def test_a_tilted_imu_turns_forces_and_keeps_their_size(logged: TrialModel, show
 
 def test_a_trial_without_a_sensor_has_none_of_its_numbers() -> None:
     names = {s.name for s in problem_of((0,), ("wheel", "current_f")).trials[0].slacks}
-    everything = {s.name for s in problem_of((0,), tuple(UNITS)).trials[0].slacks}
+    everything = {s.name for s in problem_of((0,), tuple(PLACE)).trials[0].slacks}
     assert {"tilt", "accel_x gain", "current_r gain"} <= everything - names
     assert {*SAND[:RAKED], "start", "wheel gain", "current_f gain"} <= names
