@@ -198,12 +198,13 @@ def _strained(problem: Problem, judgement: Judgement) -> tuple[str, ...]:
     found = [f"{n.id}.{name}" for n in named for name in n.strained]
     point = judgement.model.fit.point
     sand = zip(SAND, point.shared, problem.sand_std, strict=False)
-    every: dict[tuple[str, float], list[float]] = {}
+    every: dict[str, list[float]] = {}
     for t, x in zip(problem.trials, point.trials, strict=True):
         for slack, value in zip(t.slacks, x, strict=False):
             if slack.learnt:
-                every.setdefault((slack.name, slack.std), []).append(float(value))
-    own = [name for (name, std), values in every.items() if abs(np.mean(values)) > 2 * std]
+                every.setdefault(slack.name, []).append(float(value))
+    first = problem.learnt_std
+    own = [name for name, values in every.items() if abs(np.mean(values)) > 2 * first[name]]
     return (*found, *dict.fromkeys([*(n for n, value, std in sand if abs(value) > 2 * std), *own]))
 
 

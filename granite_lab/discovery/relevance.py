@@ -24,8 +24,8 @@ def strained(problem: Problem, result: Fit) -> bool:
 
     Their scale is then two standard deviations beyond what it was taken for.
     """
-    first = {s.name: s.std for t in problem.trials for s in t.slacks if s.learnt}
-    return any(result.scales.priors.get(n, std) > np.exp(2 * SPREAD) * std for n, std in first.items())
+    first, now = problem.learnt_std, result.scales.priors
+    return any(now.get(n, std) > np.exp(2 * SPREAD) * std for n, std in first.items())
 
 
 def matters(problem: Problem, alone: Fit, best: Fit, tolerance: float) -> bool:

@@ -71,10 +71,8 @@ def _better(problem: Problem, alone: Fit, before: Fit, after: Fit, tolerance: fl
     same = under(problem, before, after.scales)
     if not predicts_better(problem, predict(problem, same, tolerance), predict(problem, after, tolerance)):
         return False
-    others, own = (
-        (carried(problem, before, tolerance), filed(problem, alone)),
-        carried(problem, after, tolerance),
-    )
+    own = carried(problem, after, tolerance)
+    others = carried(problem, before, tolerance), filed(problem, alone)
     return not any(worse(own, other, tolerance) for other in others)
 
 

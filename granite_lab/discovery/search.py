@@ -14,12 +14,7 @@ from granite_lab.discovery.relevance import good, made, needed, shows, strained
 from granite_lab.discovery.sets import attempts, fit_sets, set_of
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
-from granite_lab.inference.constants import (
-    EFFECT_ODDS,
-    LEFT,
-    TOLERANCE,
-    WORTH,
-)
+from granite_lab.inference.constants import EFFECT_ODDS, LEFT, TOLERANCE, WORTH
 from granite_lab.inference.fit import LEAST, ROUNDS, Fit, fit, taken, under
 from granite_lab.inference.gap import moved, tolerated
 from granite_lab.inference.point import Point
@@ -250,12 +245,13 @@ class _Steps:
         changes = moved(problem, model.fit, other.fit)
         if max(changes.values(), default=0.0) <= self.tolerance:
             return False
-        for id_ in set(other.effects) - set(model.effects) if model.effects else ():
+        if model.effects:
+            (id_,) = set(other.effects) - set(model.effects)
             left = needed(problem, model.fit, scales, id_, changes, self.tolerance)
             share = made(changes, moved(problem, self.models[()].fit, other.fit), self.tolerance)
             if max(left.values(), default=0.0) <= self.tolerance and not shows(share, scales):
                 return False
-        alone = under(problem, model.fit, other.fit.scales)
+        alone = under(problem, model.fit, scales)
         before, after = (predict(problem, f, self.tolerance) for f in (alone, other.fit))
         return predicts_better(problem, before, after)
 
@@ -380,7 +376,7 @@ def _screened(
     screened = screen(problem, origin, candidates, most=sizes)
     looks = [Look(origin, screened, tuple(scores(problem, screened)))]
     if tolerance is not None:
-        learnt = {s.name for t in problem.trials for s in t.slacks if s.learnt}
+        learnt = problem.learnt_std
         own = {name: std for name, std in origin.scales.priors.items() if name not in learnt}
         held = taken(problem, origin, replace(tolerated(origin.scales, tolerance), priors=own))
         other = rescreened(problem, screened, held)

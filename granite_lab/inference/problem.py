@@ -261,6 +261,11 @@ class Problem:
         return np.concatenate([w(part) for w, part in zip(self.whiteners[trial], parts, strict=True)])
 
     @property
+    def learnt_std(self) -> dict[str, float]:
+        """Number of the trials whose std is learnt to the first value of that std."""
+        return {s.name: s.std for t in self.trials for s in t.slacks if s.learnt}
+
+    @property
     def counts(self) -> dict[str, int]:
         """Channel to how many bins were measured, over all trials."""
         found: dict[str, int] = {}

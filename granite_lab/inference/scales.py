@@ -57,8 +57,7 @@ def log_prior(problem: Problem, scales: Scales, formula: bool) -> float:
     if formula:
         away += [np.log(share / FORMULA_ERROR[0]) for share in scales.formulas.values()]
     noise = sum(n * np.log(scales.louder.get(c, 1.0)) for c, n in problem.counts.items())
-    first = {s.name: s.std for t in problem.trials for s in t.slacks if s.learnt}
-    wider = np.array([scales.priors.get(name, std) / std for name, std in first.items()])
+    wider = np.array([scales.priors.get(name, std) / std for name, std in problem.learnt_std.items()])
     widths = PSEUDO_TRIALS * float(np.sum(np.log(wider) + (wider**-2.0 - 1) / 2))
     return -0.5 * float(np.sum((np.array(away) / SPREAD) ** 2)) - float(noise) - widths
 
@@ -147,12 +146,10 @@ def learnt_priors(problem: Problem, point: Point, mean: Array, variance: Array) 
         mean, variance: (p,) of the posterior of all numbers.
     """
     squares: dict[str, list[float]] = {}
-    first: dict[str, float] = {}
-    k = 0
+    first, k = problem.learnt_std, 0
     for t, x in zip(problem.trials, point.trials, strict=True):
         for n, slack in ((n, s) for n, s in enumerate(t.slacks) if s.learnt):
             squares.setdefault(slack.name, []).append(float(mean[k + n] ** 2 + variance[k + n]))
-            first[slack.name] = slack.std
         k += x.size
     found = {
         name: float(np.sqrt((sum(q) + PSEUDO_TRIALS * first[name] ** 2) / (len(q) + PSEUDO_TRIALS)))

@@ -37,21 +37,17 @@ from granite_lab.logs.streams import Streams, read_streams, window_in_words
 from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, name_of, part, parts_of, sidecar
 from granite_lab.parameters import Robot, load_robot
 
+# What a trial takes as a file holds it.
+_BESIDE = ("currents", "command", "tow", "reference_x", "reference_v")
+
 # What is taken from a file that was given for one purpose.
 _ROLES: dict[str, tuple[str, ...]] = {
     "imu": ("acceleration", "rate"),
     "encoders": ("wheels", "currents", "command", "tow"),
     "currents": ("currents",),
     "reference": ("reference_x", "reference_v"),
-    "": ("acceleration", "rate", "wheels", "currents", "command", "tow", "reference_x", "reference_v"),
+    "": ("acceleration", "rate", "wheels", *_BESIDE),
 }
-_BESIDE = (
-    "currents",
-    "command",
-    "tow",
-    "reference_x",
-    "reference_v",
-)  # what a trial takes as a file holds it
 _STREAMS = ("imu", "wheels", *_BESIDE)
 
 # The files of a trial, with what each was given for ("": for nothing in particular).

@@ -297,7 +297,7 @@ def test_a_trial_in_stretches_gives_the_numbers_of_the_whole_trial(monkeypatch: 
 
 def test_a_scatter_that_is_as_filed_costs_nothing_and_any_other_does() -> None:
     problem = problem_of(FOUR)
-    first = {s.name: s.std for t in problem.trials for s in t.slacks if s.learnt}
+    first = problem.learnt_std
 
     def cost(factor: float) -> float:
         scales = Scales(0.01, 0.1, {name: factor * std for name, std in first.items()})
