@@ -403,8 +403,9 @@ def test_its_first_screen_says_slip_a_theta_and_what_is_missing(report: dict[str
     for s in report["answers"]["speeds"]:
         low, high = (f"{x:.{2 if s['slip']['std'] < 0.355 else 1}f}" for x in s["slip"]["ci95"])
         assert re.search(rf"\| {s['speed_mps']:g} \| [\d.]+ \| {low} to {high} \|", said)
-    law = r"4\.919 s/m\?\*\* (Yes|No)\b.{,60}\. With soil and .{,30}, a_θ = [\d.]+ ± [\d.]+ s/m"
-    assert re.search(law, said)
+    law = r"k_92 falls with the desired velocity v as exp\(−a_θ v\)\."
+    value = r"With soil and .{,30}, a_θ = [\d.]+ ± [\d.]+ s/m"
+    assert re.search(rf"4\.919 s/m\?\*\* (Yes|No)\b.{{,60}}\. {law} {value}", said)
     if report["discovery"]["verdict"] == "named":
         assert re.search(r"How much of the gap does it close\?\*\* (Over )?\d+ %", said)
 
