@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granite_lab.api.arguments import Changes, File, options_of, path, refuse_outside
+from granite_lab.api.arguments import Changes, File, options, path, refuse_outside
 from granite_lab.api.project import FILE, project_in
 from granite_lab.api.records import Records
 from granite_lab.effects import get, library
@@ -166,8 +166,8 @@ def _of_log(
     from granite_lab.chain import simulable  # noqa: PLC0415, heavy
 
     of_robot, of_soil = (None if isinstance(x, (Robot, Soil)) else x for x in (robot, soil))
-    options = options_of(robot=of_robot, soil=of_soil, drive="wheels", changes=changes)
-    trial, found, motion = simulable(log, options)
+    said = options(robot=of_robot, soil=of_soil, drive="wheels", changes=changes)
+    trial, found, motion = simulable(log, said)
     return motion.variant, robot or found, soil or trial.info.soil
 
 
