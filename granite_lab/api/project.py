@@ -148,7 +148,7 @@ def named_logs(folder: Path) -> tuple[Path, ...]:
 
 
 def _projects_of(files: Sequence[Path]) -> dict[Path, tuple[Path, Project]]:
-    """Return of each log the folder of the project's file that holds for it, and the project."""
+    """Return for each log the project that holds for it, behind the folder in which its file lies."""
     if files and not any(map(os.path.exists, files)):
         refuse_special(files[0])  # which says what is wrong with it
     here = Path()
