@@ -64,8 +64,7 @@ def simulate(
     wheels: Annotated[Path | None, Option(
         help="Log whose measured wheel speeds drive the simulation.")] = None,
     log: Annotated[Path | None, Option(help="File for the log of virtual sensors (CSV).")] = None,
-    seed: Annotated[int, Option(help="Seed of the random numbers of sensors and sand.")] = 0,
-    scatter: Annotated[bool, Option("--scatter", help="Vary the sand at random, as raking does.")] = False,
+    seed: Annotated[int, Option(help="Seed of the random numbers of the sensors.")] = 0,
     k92: K92 = None, a_theta: ATheta = None, robot: ModelRobot = None, soil: ModelSoil = None,
     changes: Changes = None,
     model: ModelFile = None, effects: EffectFile = None, active: Active = None,
@@ -79,7 +78,7 @@ def simulate(
     ending = ending_of(out, table_format)
     run = gl.simulate(
         variant, v=v, a=a, distance=distance, command=command, wheels=wheels, log=log, seed=seed,
-        scatter=scatter, k92=k92, a_theta=a_theta, robot=robot, soil=soil, model=model, effects=effects,
+        k92=k92, a_theta=a_theta, robot=robot, soil=soil, model=model, effects=effects,
         active=effects_of(active), changes=changes_of(changes),
     )  # fmt: skip
     path = out or Path("reports") / "simulate" / f"v{run.variant.velocity:g}{ending}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import json
 import math
 import re
@@ -13,7 +12,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granite_lab.errors import InputError, at
+from granite_lab.errors import InputError, at, nearest
 from granite_lab.files import write_text, writing
 from granite_lab.logs.quantities import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.trial import Stated, Trial, TrialInfo, unsaid
@@ -93,9 +92,8 @@ def collect(
                 notes = f"{unknown.hint}{end} Notes of your own stand below [{NOTES}]."
                 raise InputError(unknown.message, notes)
             metadata["extra"][key] = str(value)
-            close = difflib.get_close_matches(key, list(_KEYS), n=1, cutoff=0.8)
-            if close:
-                warnings.append(f"{where}: metadata key '{key}' is not known; did you mean '{close[0]}'?")
+            if guess := nearest(key, _KEYS, 0.8):
+                warnings.append(f"{where}: metadata key '{key}' is not known; {guess}")
     return metadata
 
 

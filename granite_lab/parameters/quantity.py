@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import hashlib
 import json
 import math
@@ -19,7 +18,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from granite_lab.errors import InputError
+from granite_lab.errors import InputError, nearest
 from granite_lab.files import readable, refuse_special
 
 T = TypeVar("T")
@@ -139,8 +138,7 @@ def toml_line(key: str, value: object) -> str:
 
 def unknown_key(where: str, key: str, keys: list[str]) -> InputError:
     """Say that a key is not known and which known one it resembles."""
-    close = difflib.get_close_matches(key, keys, n=1, cutoff=0.5)
-    hint = f"did you mean '{close[0]}'?" if close else f"allowed here: {', '.join(sorted(keys))}"
+    hint = nearest(key, keys, 0.5) or f"allowed here: {', '.join(sorted(keys))}"
     return InputError(f"{where}: unknown key '{key}'", hint)
 
 

@@ -200,7 +200,7 @@ def band(axis: Axes, t: Array, value: Array, std: Array, label: str) -> None:
 
 
 def key(axis: Axes, text: str) -> None:
-    """Write what lines are above the right end of a panel."""
+    """Write above the right end of a panel what its lines are."""
     axis.text(1, 1.02, text, transform=axis.transAxes, ha="right", va="bottom", fontsize=7.5)
 
 

@@ -151,7 +151,6 @@ def write_small_search(folder: Path, virtual: bool) -> Path:
     return write_report(StudyResult("real", (), (), None, source, finding), folder)
 
 
-@pytest.mark.usefixtures("small")
 @pytest.mark.parametrize("writer", [write_small_study, write_small_search])
 def test_a_real_experiment_is_not_virtual_and_gives_the_same_bytes(writer: Writer, tmp_path: Path) -> None:
     for name in "ab":
@@ -228,7 +227,6 @@ def test_no_text_of_a_table_of_numbers_is_a_formula(tmp_path: Path) -> None:
         assert rows[1][1:] == numbers  # numbers stay numbers
 
 
-@pytest.mark.usefixtures("small")
 def test_what_could_not_be_had_is_a_dash_and_null(tmp_path: Path) -> None:
     """A log without IMU, currents or a usable fit still ends in a report."""
     study = made_up_study(speeds=(0.5,), repetitions=1)
@@ -267,7 +265,6 @@ def test_failures_alone_make_a_report_too(tmp_path: Path) -> None:
     assert "x.csv: is empty (log again)" in page
 
 
-@pytest.mark.usefixtures("small")
 def test_a_second_report_replaces_the_first_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "report"
     (folder / "recordings").mkdir(parents=True)
