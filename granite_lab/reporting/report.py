@@ -26,6 +26,7 @@ from granite_lab.reporting.names import (
     latency_in_words,
     law_formulas,
     lines_of,
+    parted,
     pasted,
     shared,
 )
@@ -332,7 +333,7 @@ def _provenance(source: Source, steps: Sequence[str]) -> Section:
     if len(command) > LONGEST:
         command = f"{command[: LONGEST // 2]} … {command[-LONGEST // 2 :]} (shortened)"
     blocks = (
-        *(Code(p) if p.startswith("granite-lab ") else p for s in steps for p in decide.parted(s)),
+        *(Code(p) if p.startswith("granite-lab ") else p for s in steps for p in parted(s)),
         f"Made by {made_by(source)}. This command repeats it:",
         Code(command),
         _fold("Parameters in force", tables.PARAMETERS.fill(source.parameters)),
