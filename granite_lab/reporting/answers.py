@@ -1,4 +1,4 @@
-"""What a report answers: every number decided and rounded here, and printed from here everywhere."""
+"""The answers of a report: each number is computed and rounded here, and all outputs print it from here."""
 
 from __future__ import annotations
 

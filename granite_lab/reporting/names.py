@@ -1,4 +1,4 @@
-"""Channels, effects and their sizes as a reader calls them, and what to do with a finding."""
+"""Words for channels, effects and their sizes, and the next steps after a finding."""
 
 from __future__ import annotations
 

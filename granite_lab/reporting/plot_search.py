@@ -1,4 +1,4 @@
-"""What is missing: the gap before and after, the candidates, when the model disagrees, what could be seen."""
+"""Figures of a search: the gap without and with effects, candidates, and when model and sensors disagree."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A report as data, and from a study or a search to it: which answers, figures and tables stand where."""
+"""A report as data: the answers, figures and tables of a study or a search, in their order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables of a search for a missing effect: effects, sensors, candidates, what the trials could show."""
+"""The tables of a search for a missing effect: effects, sensors, candidates, detectable sizes."""
 
 from __future__ import annotations
 

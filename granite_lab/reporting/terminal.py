@@ -1,4 +1,4 @@
-"""What commands print at their end: answers, tables and listings, so that they fit 80 columns."""
+"""The output of commands on a terminal: answers, tables and lists, within 80 columns."""
 
 from __future__ import annotations
 

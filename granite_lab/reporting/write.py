@@ -1,4 +1,4 @@
-"""Write a report's files as HTML, Markdown, JSON, PDF and tables: complete, or not at all."""
+"""Write the files of a report (HTML, Markdown, JSON, PDF, tables), either all of them or none."""
 
 from __future__ import annotations
 

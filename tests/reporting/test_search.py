@@ -114,7 +114,7 @@ def test_histories_are_means_over_the_repetitions_with_gaps_left_out(findings: d
 def test_a_history_is_of_all_repetitions_though_their_phases_begin_a_bin_apart() -> None:
     finding = made_up_finding()
     late = [  # by rounding, the phase of one bin of one trial differs
-        dataclasses.replace(r, phase=(r.phase[0], *r.phase[:-1])) if r.trial.endswith("r1") else r
+        dataclasses.replace(r, phase=(r.phase[0], *r.phase[:-1])) if r.trial.endswith("_1") else r
         for r in finding.residuals
     ]
     assert late != list(finding.residuals)
@@ -125,7 +125,7 @@ def test_a_history_is_of_all_repetitions_though_their_phases_begin_a_bin_apart()
 def test_of_two_commands_at_one_speed_the_last_is_drawn() -> None:
     finding = made_up_finding()
     other = [
-        dataclasses.replace(r, discrepancy_before=r.discrepancy_before + 1) if "r1" in r.trial else r
+        dataclasses.replace(r, discrepancy_before=r.discrepancy_before + 1) if r.trial.endswith("_1") else r
         for r in finding.residuals
     ]
     figures = history_figures(dataclasses.replace(finding, residuals=tuple(other)))
