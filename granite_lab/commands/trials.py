@@ -125,7 +125,8 @@ def fit_atheta(
     printer.json("fit-atheta/2", document | {"agrees": reporting.answers.a_theta_of(fit)[1]})
     reporting.terminal.show_a_theta(fit, printer.shown)
     what = "Rows of Table 3" if published else "Virtual trials" if fit.virtual else "Trials"
-    printer.say(f"{what}: {', '.join(point[0] for point in fit.points)}.")
+    names = [f"{velocity:g} m/s" if published else name for name, velocity, *_ in fit.points]
+    printer.say(f"{what}: {', '.join(names)}.")
 
 
 def compare(

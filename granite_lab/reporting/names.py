@@ -17,7 +17,7 @@ from granite_lab.discovery.finding import Finding, FoundEffect, FoundParameter, 
 from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import EffectParameter
-from granite_lab.rounding import decided, plus_minus, tidy_unit
+from granite_lab.rounding import decided, plus_minus, tidy_unit, with_unit
 
 SENSORS = {
     "accel_x": "forward acceleration",
@@ -255,6 +255,16 @@ def amount(effect: FoundEffect, parameter: FoundParameter) -> str:
     """Return a fitted number ± std with its unit."""
     unit, scale = scale_of(effect.id, parameter.name, parameter.unit, parameter.estimate.value)
     return plus_minus(parameter.estimate, unit, scale)
+
+
+def in_units(effect_id: str, values: Mapping[str, float]) -> str:
+    """Return the numbers of an effect that is switched on, as `name = value unit`."""
+    said = []
+    for name, value in values.items():
+        declaration = declared(effect_id, name)
+        unit, scale = scale_of(effect_id, name, declaration.unit if declaration else "", value)
+        said.append(f"{name} = {with_unit(f'{value * scale:.4g}', unit)}")
+    return ", ".join(said)
 
 
 def meaning(effect_id: str, name: str) -> str:

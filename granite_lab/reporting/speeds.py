@@ -1,4 +1,4 @@
-"""Slip and k_92 by speed, with the paper's. Each number is rounded here, and all outputs print it from here."""
+"""Slip and k_92 by speed, with the paper's; each number is rounded here and printed from here everywhere."""
 
 from __future__ import annotations
 
