@@ -412,4 +412,4 @@ def asked(plan: Plan) -> str:
         return f"Which trial distinguishes {', '.join(rivals[:-1])} and {rivals[-1]}?"
     if plan.question.kind == "show":
         return f"Which trial shows {' or '.join(rivals)}, if it is present?"
-    return "Which trial lowers the largest relative standard deviation?"
+    return "Which trial lowers the largest relative standard deviation of a strength?"

@@ -330,7 +330,7 @@ def next_steps(finding: Finding, model: Path | str | None, folder: str, effects:
             f"result: granite-lab simulate --model {pasted(f'{folder}/{Path(model).name}')}{given} "
             f"--variant {speed:g}"
         )
-    return (*steps, *([] if twins else [f"Plan the trial that lowers the largest std: {plan}"]))
+    return (*steps, *([] if twins else [f"Plan the trial that lowers the largest std of an effect: {plan}"]))
 
 
 def parted(step: str) -> tuple[str, str]:

@@ -251,7 +251,7 @@ def _missing(finding: Finding) -> Iterator[Maybe]:
         "difference that remains in all repetitions of a command is compared with the signature of each "
         f"candidate effect. Differences up to {percent(finding.tolerance)} of a sensor's rms are tolerated."
     )
-    yield _gallery(plot_search.gap_figure(finding))
+    yield _gallery(plot_search.gap_figure(finding), plot_search.intervals_figure(finding))
     yield search_tables.effects_table(finding, finding.effects)
     yield tables.A_THETA.fill(finding.a_theta, virtual=finding.virtual) if finding.a_theta else None
     if finding.description:
@@ -274,7 +274,7 @@ def _missing(finding: Finding) -> Iterator[Maybe]:
     ]
     yield _fold(
         "When the model disagrees, sensor by sensor",
-        _gallery(plot_search.intervals_figure(finding), *plot_search.history_figures(finding)),
+        _gallery(*plot_search.history_figures(finding)),
         search_tables.gaps_table(finding),
     )
     yield _fold("Prediction of trials and speeds left out of the fit", search_tables.left_out_table(finding))

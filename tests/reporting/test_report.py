@@ -154,8 +154,12 @@ def write_small_search(folder: Path, virtual: bool) -> Path:
 
 @pytest.mark.usefixtures("small")
 @pytest.mark.parametrize("writer", [write_small_study, write_small_search])
-def test_a_real_experiment_is_not_virtual_and_gives_the_same_bytes(writer: Writer, tmp_path: Path) -> None:
+def test_a_real_experiment_is_not_virtual_and_gives_the_same_bytes(
+    writer: Writer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in "ab":
+        (tmp_path / name).mkdir()
+        monkeypatch.chdir(tmp_path / name)
         writer(tmp_path / name / "report", False)
     files = sorted(p.relative_to(tmp_path / "a") for p in (tmp_path / "a").rglob("*") if p.is_file())
     assert files
