@@ -94,7 +94,7 @@ def ingest(
         reference: file with an external reference of that trial, as GPS or motion capture.
         rows: rows to take from a log of several runs, as ``run_id = 4``.
         variant: desired velocity [m/s], 0.01 to 5, if the log lacks it.
-        against_reference: judge the estimate by the log's reference, which the filter does not use.
+        against_reference: compare the estimate with the log's reference, which the filter does not use.
         robot: the robot: a name of the catalogue or a .toml file; by default as granite-lab.toml or the log
             says, else granite.
         soil: the soil, likewise; by default as granite-lab.toml or the log says, else dry_sand.

@@ -89,10 +89,10 @@ def simulate(
     printer.json("simulate/1", document | {"run": path, "log": log})
     printer.say(f"Simulated run, {run.variant.velocity:g} m/s", "bold")
     reporting.terminal.show_run(run, printer.shown)
-    law = f"k_92 = {run.k92_value:g}" if run.k92_law == "constant" else f"a_θ = {run.k92_value:g} s/m"
+    law = f"k_92 = {run.k92_value:.4g}" if run.k92_law == "constant" else f"a_θ = {run.k92_value:.4g} s/m"
     printer.line(f"slip ratio of the robot λ_R = {100 * run.slip_ratio:.2f} % over the steady part, {law}")
     for name, values_of in run.effects.items():
-        printer.line(f"with {name}: " + ", ".join(f"{k} = {x:g}" for k, x in values_of.items()))
+        printer.say(f"with {name}: {reporting.names.in_units(name, values_of)}")
     printer.line(f"integrated in {run.wall * 1000:.0f} ms; all signals: {path}")
     if log:
         printer.line(f"virtual sensor log: {log}")
@@ -143,7 +143,7 @@ def wheel(
         f"wheel of radius {run.wheels.radius:g} m and width {run.wheels.width:g} m on {run.soil.name}"
     )
     for e in run.effects:
-        printer.say(f"with {e.id}: " + ", ".join(f"{k} = {x:g}" for k, x in e.as_dict().items()))
+        printer.say(f"with {e.id}: {reporting.names.in_units(e.id, e.as_dict())}")
     from granite_lab.model.single_wheel import WHEEL_POINTS
 
     printer.rows(WHEEL_POINTS, run.points)

@@ -18,6 +18,7 @@ from granite_lab.logs.quantities import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.trial import Stated, Trial, TrialInfo, unsaid
 from granite_lab.parameters import parse_path
 from granite_lab.parameters.quantity import (
+    at_line,
     build,
     key_of,
     parse_toml,
@@ -87,7 +88,7 @@ def collect(
                 metadata["extra"] |= {name: str(note) for name, note in value.items()}
                 continue
             if where in files and key not in (*CONDITIONS, MADE_BY):
-                unknown = unknown_key(where, key, [*_KEYS, *CONDITIONS])
+                unknown = at_line(unknown_key(where, key, [*_KEYS, *CONDITIONS]), where, "", key)
                 end = "" if unknown.hint.endswith("?") else "."
                 notes = f"{unknown.hint}{end} Notes of your own stand below [{NOTES}]."
                 raise InputError(unknown.message, notes)

@@ -1,4 +1,4 @@
-"""Figures: one palette with a fixed meaning, panels laid out in inches, the same bytes each time."""
+"""Figures: one palette with fixed meanings, panels sized in inches; the same input gives the same bytes."""
 
 from __future__ import annotations
 
