@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
-from scipy.optimize import lsq_linear
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED, SAND
 from granite_lab.inference.constants import WORTH
-from granite_lab.inference.normal import Normal, Posterior, Scales
+from granite_lab.inference.normal import Normal, Posterior, Scales, least_within
 from granite_lab.inference.point import SHARED, Point, Slopes
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import (
@@ -353,21 +351,11 @@ def simulated(problem: Problem, point: Point) -> tuple[Array, ...] | None:
 
 
 def _aim(problem: Problem, point: Point, M: Array, std: Array, pull: Array, damping: float) -> Point:
-    """Return where the damped step leads: the least of the linear problem within the bounds.
-
-    A step that is only cut off at the bounds may lead uphill.
-    """
+    """Return where the damped step leads: the least of the linear problem within the bounds."""
     p = std.size
-    N = M[:p, :p] + np.diag(std**-2.0)
-    scale = 1 / np.sqrt(np.diag(N))
-    factor = cholesky(N * np.outer(scale, scale) + damping * np.eye(p), lower=True)
-    white = solve_triangular(factor, scale * (M[:p, -1] + pull / std**2), lower=True)
-    step = scale * solve_triangular(factor, white, lower=True, trans="T")
+    N, right = M[:p, :p] + np.diag(std**-2.0), M[:p, -1] + pull / std**2
     low, high = (side - point.vector for side in problem.bounds(point))
-    if np.any((step < low) | (step > high)):
-        within = lsq_linear(factor.T, white, (low / scale, high / scale), method="bvls")
-        step = scale * within.x
-    return problem.moved(point, step)
+    return problem.moved(point, least_within(N, right, low, high, damping))
 
 
 def _linear(M: Array, std: Array, mean: Array, point: Point, aim: Point) -> float:

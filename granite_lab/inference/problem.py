@@ -170,7 +170,8 @@ class Problem:
     def slopes(self, point: Point, sand_from: Slopes | None = None, *, central: bool = True) -> Slopes | None:
         """Differentiate the responses at the centre of each command; None where a run has no solution.
 
-        Where a step leads out of the region with a solution, the opposite one alone is taken.
+        Where a step leads out of the region with a solution, the opposite one alone is taken. What follows
+        from a response itself, as its change in time, is that of each trial.
 
         Args:
             point: where.
@@ -180,34 +181,40 @@ class Problem:
         first = 0 if sand_from is None else len(SIMULATED)
         commands = range(len(self.variants))
         plans = [self._differences(point, command, central)[first:] for command in commands]
-        centres = [self.centre(point, command) for command, _ in enumerate(self.variants)]
-        without = [self._without_each(point, command) for command, _ in enumerate(self.variants)]
+        centres = [self.centre(point, command) for command in commands]
+        without = [self._without_each(point, command) for command in commands]
+        trials = [self.task(point, i) for i in range(len(self.trials))]
         sides = [
             task
             for plan in plans
             for d in plan
             for task in ((d.ahead, d.behind) if d.central else (d.ahead,))
         ]
-        tasks = list(dict.fromkeys([*centres, *chain.from_iterable(without), *sides]))
+        tasks = list(dict.fromkeys([*centres, *trials, *chain.from_iterable(without), *sides]))
         runs = dict(zip(tasks, self.bench.run(tasks), strict=True))
         lost = [d.behind for plan in plans for d in plan if not d.central and runs[d.ahead] is None]
         runs |= zip(lost, self.bench.run(lost) if lost else (), strict=True)
+        responses = [r for task in trials if (r := runs[task]) is not None]
+        if len(responses) < len(trials):
+            return None
         shared = len(self.parameters(point.effects, per_trial=False))
-        parts: list[tuple[Array, Array, Array]] = []
+        changes = [np.zeros(0)] * len(trials)
+        parts: list[tuple[Array, Array]] = []
         for j, (centre, plan, left) in enumerate(zip(centres, plans, without, strict=True)):
             base, others = runs[centre], [run for task in left if (run := runs[task]) is not None]
             derived = [found for d in plan if (found := d.derivative(base, runs)) is not None]
             if base is None or len(others) < len(left) or len(derived) < len(plan):
                 return None
             n = len(SIMULATED) - first
-            sand = stacked(derived[:n], base) if sand_from is None else sand_from.simulated(j)
-            common, own = np.split(stacked(derived[n:], base), [shared], axis=-1)
-            traces = stacked([base - other for other in others], base)
-            directions = self.trials[self.commands[j][0]].directions(base)
-            parts.append((base, np.concatenate([directions, sand, own, common], axis=-1), traces))
+            sand, common, own = np.split(stacked(derived, base), [n, n + shared], axis=-1)
+            for i in self.commands[j]:
+                directions = self.trials[i].directions(responses[i])
+                numbers = sand if sand_from is None else sand_from.simulated(i)
+                changes[i] = np.concatenate([directions, numbers, own, common], axis=-1)
+            parts.append((base, stacked([base - other for other in others], base)))
         private = len(self.parameters(point.effects, per_trial=True))
-        responses, changes, effects = zip(*parts, strict=True)
-        return Slopes(responses, changes, effects, private)
+        centred, effects = zip(*parts, strict=True)
+        return Slopes(centred, tuple(changes), effects, private)
 
     def _differences(self, point: Point, command: int, central: bool) -> list[Difference]:
         """Return the differences of a command by the sand and by the effects' parameters."""
@@ -473,7 +480,7 @@ class Problem:
         """
         t, x = self.trials[i], point.trials[i]
         command = self.variants.index(t.variant)
-        local, sensors, others = t.columns(slopes.changes[command], x, point.sensors)
+        local, sensors, others = t.columns(slopes.changes[i], x, point.sensors)
         first, private = len(SIMULATED) - RAKED, slopes.private
         rest, own, common = np.split(others, [first, first + private], axis=1)
         more = [t.effect_columns(further.changes[command], x, point.sensors)] if further else []
