@@ -22,7 +22,7 @@ class Predicted:
 
     Attributes:
         own: (trials,) with all trials in the fit.
-        left_out: (trials,) each predicted by the others; NaN where there are none.
+        left_out: (trials,) each predicted by the others, see `by_others`; NaN where there are none.
         speed_left_out: (trials,) each predicted by the trials of other commands; NaN where there are none.
         expected: (trials,) what noise and the tolerance leave of a model that is right.
         loss: per part that is left out, see `units`, minus twice the logarithm of its probability density
@@ -105,10 +105,12 @@ def _predict(problem: Problem, equations: Equations, tolerance: float) -> Predic
         own[i] = _misfit(equations, k, i, tolerance, everyone)
         expected[i] = _misfit(equations, k, i, SHARES[-1], flexible)
         expected[i] += equations.held(k, tolerance) - equations.held(k, SHARES[-1])
-    for i in range(n) if n > 1 else ():
-        left[[i]] = by_others(problem, equations, tolerance, [i])
+    everything = range(n)
+    for i in everything if n > 1 else ():
+        left[i] = by_others(equations, tolerance, [k for k in everything if k != parts[i]], [parts[i]])[0]
     for out in problem.commands if len(problem.commands) > 1 else ():
-        speed[list(out)] = by_others(problem, equations, tolerance, out)
+        mine = [parts[i] for i in out]
+        speed[list(out)] = by_others(equations, tolerance, [k for k in everything if k not in mine], mine)
     whole = _density(equations, tolerance, list(range(n)))
     rest = [[k for k, i in enumerate(order) if i not in out] for out in units(problem)]
     parts_left_out = [whole - _density(equations, tolerance, some) for some in rest if some]
@@ -122,16 +124,18 @@ def _density(equations: Equations, share: float, only: Sequence[int]) -> Array:
     return np.array([-2 * found.evidence, found.misfit])
 
 
-def by_others(problem: Problem, equations: Equations, tolerance: float, out: Sequence[int]) -> Array:
-    """Return the misfits of some trials that all others predict.
+def by_others(equations: Equations, tolerance: float, rest: Sequence[int], parts: Sequence[int]) -> Array:
+    """Return the misfits of some parts that others predict, over the covariance of the prediction.
+
+    What the others leave open of the numbers is part of it: of speeds few say how a strength goes on.
 
     Args:
-        problem, equations, tolerance: as in `predict`.
-        out: numbers of the trials that are left out.
+        equations, tolerance: as in `predict`.
+        rest: parts that predict.
+        parts: those predicted, one by one.
     """
-    order = [i for own in problem.commands for i in own]
-    step = shared_step(equations, tolerance, [k for k, i in enumerate(order) if i not in out])
-    return np.array([_misfit(equations, order.index(i), i, tolerance, step) for i in out])
+    known = _density(equations, tolerance, rest)
+    return np.array([(_density(equations, tolerance, [*rest, k]) - known)[1] for k in parts])
 
 
 def shared_step(equations: Equations, share: float, only: Sequence[int]) -> Array:
