@@ -10,7 +10,7 @@ import numpy as np
 from granite_lab.discovery.candidates import Score, Screen, rescreened, rivals, scores, screen
 from granite_lab.discovery.carrying import carried, filed, worse
 from granite_lab.discovery.heldout import predict, predicts_better
-from granite_lab.discovery.relevance import good, made, needed, shows, strained
+from granite_lab.discovery.relevance import good, made, needed, shows, strained, unexplained
 from granite_lab.discovery.sets import attempts, fit_sets, set_of
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
@@ -210,11 +210,15 @@ class _Steps:
         """Return the best set with one more effect, the set itself if none is better, and what was tried.
 
         Beside effects that leave no discrepancy the leaders are fitted one by one until one of them stays,
-        for most often none does.
+        for most often none does. Where errors of the formulas may explain all that is left, only the first is
+        fitted: which of several rivals comes first is then decided by those errors.
         """
-        self.named = len(model.effects)
+        self.named = max(self.named, len(model.effects))
         fine = self.settled(model)
         leaders = self.leaders(model)
+        if model.effects and not fine:
+            left = unexplained(self.problem, model.fit, model.fit.scales, self.tolerance)
+            leaders = leaders if max(left.values(), default=0.0) > self.tolerance else leaders[:1]
         tried: list[_Promise] = []
         for group in [[p] for p in leaders] if fine else [leaders]:
             tried += group

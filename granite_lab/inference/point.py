@@ -86,9 +86,9 @@ class Slopes:
 
     Attributes:
         response: per command the (8, M) response.
-        changes: per trial (8, M, 11 + o + e) all that `TrialModel.columns` takes: its two directions of
-            `TrialModel.directions`, and at the centre of its command the derivatives by the numbers of
-            `SIMULATED`, and by the effects' own parameters of the trials and shared ones.
+        changes: per trial (8, M, 11 + o + e) all that `TrialModel.columns` takes: by the two directions of
+            `TrialModel.directions`, the numbers of `SIMULATED`, and the effects' own parameters of the trials
+            and shared ones; at its own numbers, or at the centre of its command.
         traces: per command (8, M, s), what each effect changes.
         private: number o of the effects' own parameters.
     """

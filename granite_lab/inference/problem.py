@@ -174,8 +174,7 @@ class Problem:
     ) -> Slopes | None:
         """Differentiate the responses; None where a run has no solution.
 
-        Where a step leads out of the region with a solution, the opposite one alone is taken. What follows
-        from a response itself, as its change in time, is that of each trial.
+        Where a step leads out of the region with a solution, the opposite one alone is taken.
 
         Args:
             point: where.
@@ -189,19 +188,18 @@ class Problem:
         middles = [self._middle(point, some) for some in places]
         centres = [self.centre(point, command) for command, _ in enumerate(self.commands)]
         without = [self._without_each(point, command) for command, _ in enumerate(self.commands)]
-        trials = [self.task(point, i) for i, _ in enumerate(self.trials)]
         sides = [
             task
             for plan in plans
             for d in plan
             for task in ((d.ahead, d.behind) if d.central else (d.ahead,))
         ]
-        tasks = list(dict.fromkeys([*centres, *middles, *trials, *chain.from_iterable(without), *sides]))
+        tasks = list(dict.fromkeys([*centres, *middles, *chain.from_iterable(without), *sides]))
         runs = dict(zip(tasks, self.bench.run(tasks), strict=True))
         lost = [d.behind for plan in plans for d in plan if not d.central and runs[d.ahead] is None]
         runs |= zip(lost, self.bench.run(lost) if lost else (), strict=True)
         known = {task: run for task, run in runs.items() if run is not None}
-        if not known.keys() >= {*centres, *middles, *trials, *chain.from_iterable(without)}:
+        if not known.keys() >= {*centres, *middles, *chain.from_iterable(without)}:
             return None
         shared = len(self.parameters(point.effects, per_trial=False))
         changes: dict[int, Array] = {}
@@ -212,10 +210,9 @@ class Problem:
                 return None
             n = len(SIMULATED) - first
             sand, common, own = np.split(stacked(derived, base), [n, n + shared], axis=-1)
-            for i in some:
-                directions = self.trials[i].directions(known[trials[i]])
-                numbers = sand if sand_from is None else sand_from.simulated(i)
-                changes[i] = np.concatenate([directions, numbers, own, common], axis=-1)
+            sand = sand if sand_from is None else sand_from.simulated(some[0])
+            directions = self.trials[some[0]].directions(base)
+            changes |= dict.fromkeys(some, np.concatenate([directions, sand, own, common], axis=-1))
         return Slopes(
             response=tuple(known[centre] for centre in centres),
             changes=tuple(changes[i] for i, _ in enumerate(self.trials)),
