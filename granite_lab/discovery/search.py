@@ -19,12 +19,16 @@ from granite_lab.inference.fit import LEAST, ROUNDS, Fit, fit, taken, under
 from granite_lab.inference.gap import moved, tolerated
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.scales import FORMULAS
 
 MOST = 6
 """Effects in a set at most."""
 
 TRIED, TRIED_HELD = 3, 2
 """Candidates of a screen that are fitted in full: with the discrepancy as learnt, and as tolerated."""
+
+REVISED = 2
+"""Effects that are taken out of a set to be revised, each in turn."""
 
 FINE = 12
 """Most steps of a fit that begins where another one ended: a fine one at a rough one's end, or one of the
@@ -178,33 +182,38 @@ class _Steps:
     def revised(self, best: Model, taken: list[_Extension]) -> tuple[Model, list[_Extension]]:
         """Extend again what is left of a set without one of its effects, and go on with a likelier one.
 
-        What stands in for two effects that are missing may come before either. It is taken out as long as the
-        set predicts trials that are left out worse than a right one would. The effect that is needed least
-        comes first.
+        What stands in for two effects that are missing may come before either. The effects that are needed
+        least are taken out, see `is_strange`.
         """
         for _ in range(MOST):
-            if len(best.effects) < 2 or self.transfers(best):
+            if len(best.effects) < 2 or not self.is_strange(best):
                 break
             self.named = MOST
-            parts = {e: tuple(x for x in best.effects if x != e) for e in best.effects}
             points = [self.problem.without_effect(best.fit.point, e) for e in best.effects]
             self.fitted([(point, best.fit) for point in points])
-            known = [self.models[part] for part in parts.values() if part in self.models]
-            for rest in sorted(known, key=lambda m: -m.log_posterior):
-                if rest.effects in self.looks:
-                    continue
-                other, way = self.path(rest)
-                if other.log_posterior > best.log_posterior + WORTH and other.effects not in self.small:
-                    best, taken = other, way
+            known = [
+                m for key in map(set_of, points) if (m := self.models.get(key)) and key not in self.looks
+            ]
+            for rest in sorted(known, key=lambda m: -m.log_posterior)[:REVISED]:
+                other, tried = self.extended(rest)
+                if other.log_posterior > best.log_posterior + WORTH:
+                    best, way = self.path(other)
+                    taken = [_Extension(rest, other, tried), *way]
                     break
             else:
                 break
         return best, taken
 
-    def transfers(self, model: Model) -> bool:
-        """Tell whether a set predicts trials left out nearly as well as noise and tolerance allow."""
+    def is_strange(self, model: Model) -> bool:
+        """Tell whether a set may hold an effect that stands in for others.
+
+        Errors of its formulas are then as large as they may be in more than one channel, and it predicts
+        trials left out worse than noise and tolerance allow.
+        """
+        if sum(error >= FORMULAS[1] for error in model.fit.scales.formulas.values()) < 2:
+            return False
         predicted = predict(self.problem, model.fit, self.tolerance)
-        return bool(predicted.unseen.sum() < (1 + LEFT**2) * predicted.expected.sum())
+        return bool(predicted.unseen.sum() > (1 + LEFT**2) * predicted.expected.sum())
 
     def extended(self, model: Model) -> tuple[Model, list[Score]]:
         """Return the best set with one more effect, the set itself if none is better, and what was tried.
