@@ -105,16 +105,14 @@ def _predict(problem: Problem, equations: Equations, tolerance: float) -> Predic
         own[i] = _misfit(equations, k, i, tolerance, everyone)
         expected[i] = _misfit(equations, k, i, SHARES[-1], flexible)
         expected[i] += equations.held(k, tolerance) - equations.held(k, SHARES[-1])
-    everything = range(n)
-    for i in everything if n > 1 else ():
-        left[i] = by_others(equations, tolerance, [k for k in everything if k != parts[i]], [parts[i]])[0]
+    for i in range(n) if n > 1 else ():
+        left[[i]] = by_others(problem, equations, tolerance, [i])
     for out in problem.commands if len(problem.commands) > 1 else ():
-        mine = [parts[i] for i in out]
-        speed[list(out)] = by_others(equations, tolerance, [k for k in everything if k not in mine], mine)
+        speed[list(out)] = by_others(problem, equations, tolerance, out)
     whole = _density(equations, tolerance, list(range(n)))
     rest = [[k for k, i in enumerate(order) if i not in out] for out in units(problem)]
-    parts_left_out = [whole - _density(equations, tolerance, some) for some in rest if some]
-    loss, squares = np.array(parts_left_out).reshape(-1, 2).T
+    losses = [whole - _density(equations, tolerance, some) for some in rest if some]
+    loss, squares = np.array(losses).reshape(-1, 2).T
     return Predicted(own, left, speed, expected, loss, squares)
 
 
@@ -124,17 +122,19 @@ def _density(equations: Equations, share: float, only: Sequence[int]) -> Array:
     return np.array([-2 * found.evidence, found.misfit])
 
 
-def by_others(equations: Equations, tolerance: float, rest: Sequence[int], parts: Sequence[int]) -> Array:
-    """Return the misfits of some parts that others predict, over the covariance of the prediction.
+def by_others(problem: Problem, equations: Equations, tolerance: float, out: Sequence[int]) -> Array:
+    """Return the misfits of some trials that all others predict, over the covariance of the prediction.
 
-    What the others leave open of the numbers is part of it: of speeds few say how a strength goes on.
+    What the others leave open of the numbers is part of it: few speeds tell how a strength goes on.
 
     Args:
-        equations, tolerance: as in `predict`.
-        rest: parts that predict.
-        parts: those predicted, one by one.
+        problem, equations, tolerance: as in `predict`.
+        out: numbers of the trials that are left out, each predicted by itself.
     """
+    order = [i for own in problem.commands for i in own]
+    rest = [k for k, i in enumerate(order) if i not in out]
     known = _density(equations, tolerance, rest)
+    parts = [order.index(i) for i in out]
     return np.array([(_density(equations, tolerance, [*rest, k]) - known)[1] for k in parts])
 
 
