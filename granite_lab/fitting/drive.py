@@ -33,8 +33,8 @@ OBEYS = TOLERANCE / 2
 a quarter of the variance that is accepted of any sensor. A start known to 10 ms leaves 0.3 %."""
 
 ALIKE = 0.02
-"""Half of the difference of left and right wheels over their mean that does not matter: with a body that goes
-straight, contacts of both sides in place of one at the mean move a_θ by 0.7 % at most (`docs/limits.md`)."""
+"""Half of the difference of left and right wheels over their mean that does not matter: contacts of both
+sides in place of one at the mean move a_θ by 0.7 % at most (`docs/limits.md`)."""
 
 STILL = 0.02
 """Slower wheels stand [m/s]: the model's floor of slip."""
@@ -58,27 +58,38 @@ def driven(motion: Motion, robot: Robot, by: DriveBy, soil: Soil | None = None) 
     reason = "as asked for" if by == "wheels" else _reason(motion, robot, soil)
     if not reason:
         return motion
-    start, course = _turned(motion, robot)
+    split = _split(motion)
+    apart = _apart(motion, split)
+    start, course = _turned(motion, robot, split if apart else None)
     desired = "the command" if course.commanded else "the mean of r ω, for nothing is commanded"
     line = f"driven by the measured wheel speeds, {reason}; v_d of (5) is {desired}"
-    lines = (line, *_apart(motion))
+    lines = (line, *apart)
     return replace(
         motion, variant=course, variant_source="wheels", t_start=start, warnings=(*motion.warnings, *lines)
     )
 
 
-def _apart(motion: Motion) -> tuple[str, ...]:
-    """Say where left and right wheels turn at different speeds, of which only the mean is simulated."""
-    left, right = (mean_known(motion.v_wheel[:, side::2]) for side in (0, 1))
-    fast = left + right > mean_known(motion.v_wheel).max(initial=0.0, where=np.isfinite(left + right))
+def _split(motion: Motion) -> Array:
+    """Return (N, 2) half of what r ω of the right wheel is above that of the left one, front and rear [m/s].
+
+    An axle of which a side is not known turns as the other one; zero where both do not tell.
+    """
+    split: Array = (motion.v_wheel[:, 1::2] - motion.v_wheel[:, ::2]) / 2
+    return np.nan_to_num(np.where(np.isfinite(split), split, split[:, ::-1]))
+
+
+def _apart(motion: Motion, split: Array) -> tuple[str, ...]:
+    """Say where left and right wheels turn at different speeds, so that each side has contacts of its own."""
+    v = mean_known(motion.v_wheel)
+    fast = v > 0.5 * v.max(initial=0.0, where=np.isfinite(v))
     if not fast.any():
         return ()
-    share = float(np.median((right - left)[fast] / (right + left)[fast]))
+    share = float(np.median(split[fast].mean(axis=1) / v[fast]))
     if abs(share) <= ALIKE:
         return ()
     side = "right" if share > 0 else "left"
-    told = f"the {side} wheels are {200 * abs(share):.0f} % faster than the others: their mean is simulated, "
-    return (told + "which makes a_θ 4 % too high where they are 10 % apart",)
+    told = f"the {side} wheels are {200 * abs(share):.0f} % faster than the others: "
+    return (told + "each side is simulated with its own slip, on a robot that goes straight",)
 
 
 def _reason(motion: Motion, robot: Robot, soil: Soil | None) -> str:
@@ -153,8 +164,13 @@ def deviation(motion: Motion, variant: Variant) -> float:
     return float(np.sqrt(np.mean((v[use] - wanted) ** 2) / np.mean(wanted**2)))
 
 
-def _turned(motion: Motion, robot: Robot) -> tuple[Estimate, Course]:
-    """Return when the wheels set off [s, the log's time], and their motion from then on."""
+def _turned(motion: Motion, robot: Robot, split: Array | None) -> tuple[Estimate, Course]:
+    """Return when the wheels set off [s, the log's time], and their motion from then on.
+
+    Args:
+        motion, robot: as in `driven`.
+        split: as `_split` returns it; None where the sides turn alike.
+    """
     axles = [motion.v_wheel[:, :2], motion.v_wheel[:, 2:]]
     spread = [motion.v_wheel_std[:, :2], motion.v_wheel_std[:, 2:]]
     v, std = [mean_known(a) for a in axles], [mean_known(s) for s in spread]
@@ -190,6 +206,7 @@ def _turned(motion: Motion, robot: Robot) -> tuple[Estimate, Course]:
     course = turned(
         t[part] - begin, (v[0][part], v[1][part]), (_std(std[0][part]), _std(std[1][part])),
         robot.wheels.radius, stretch=stretch if np.isfinite(stretch[0]) else None, command=wanted,
+        split=None if split is None else (split[part, 0], split[part, 1]),
     )  # fmt: skip
     return Estimate(begin, float(np.nan_to_num(motion.clock_offset.std))), course
 

@@ -17,8 +17,12 @@ V_FLOOR = 0.02
 """Velocity [m/s] below which slip and shear fade into standstill; above it the equations are exact."""
 
 
-Kind = Literal["trapezoid", "path", "wheels"]
-"""How a run is driven: motors follow a trapezoid or any path of velocity, or the wheels are turned."""
+Kind = Literal["trapezoid", "path", "wheels", "sides"]
+"""How a run is driven: motors follow a trapezoid or any path of velocity, or the wheels are turned, left and
+right alike or each side by itself."""
+
+TURNED: tuple[Kind, ...] = ("wheels", "sides")
+"""Kinds whose wheels are turned."""
 
 LEVEL, _ABOUT = 0.05, 0.1
 """A velocity is steady that changes by less than this share of the fastest within twice the time [s]."""
@@ -95,7 +99,9 @@ def phase_of(t: npt.NDArray[np.float64], variant: Variant) -> list[str]:
 
 def kind_of(variant: Variant) -> Kind:
     """Return which of the graphs a run needs."""
-    return "trapezoid" if not isinstance(variant, Course) else "wheels" if variant.wheels else "path"
+    if not isinstance(variant, Course):
+        return "trapezoid"
+    return "path" if not variant.wheels else "sides" if variant.split else "wheels"
 
 
 def velocities_at(t: npt.NDArray[np.float64], variant: Variant) -> npt.NDArray[np.float64]:

@@ -7,14 +7,15 @@ Effects rewrite single quantities on the way.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 
 from granite_lab.model import body as bd
 from granite_lab.model.command import (
+    TURNED,
     V_FLOOR,
     Kind,
     contact_angle_ratio,
@@ -35,7 +36,7 @@ from granite_lab.model.drive import control_voltage, current_rate, drive_torque
 from granite_lab.model.effect import Axle, Effect, Own, Shaft
 from granite_lab.model.pieces import desired, pulled, spin, symbols
 from granite_lab.model.symbols import ModelParameters, model_parameters, symbolic, symbols_of
-from granite_lab.parameters import Soil, Variant, load_robot, load_soil, load_variants
+from granite_lab.parameters import Soil, Turning, Variant, load_robot, load_soil, load_variants
 
 BODY_STATES = ("x_cm", "z_cm", "pitch", "x_cm_rate", "z_cm_rate", "pitch_rate")
 AXLE_STATES = ("angle", "rate", "current")
@@ -73,7 +74,7 @@ def states_of(effects: tuple[Effect, ...], kind: Kind) -> tuple[str, ...]:
 
 def own_states(kind: Kind) -> tuple[str, ...]:
     """Return the names of the states without those of effects."""
-    return BODY_STATES if kind == "wheels" else STATES
+    return BODY_STATES if kind in TURNED else STATES
 
 
 @lru_cache(maxsize=64)
@@ -103,10 +104,15 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
         v_k92 = e.desired_velocity(v_k92, v, own)
     k92 = contact_angle_ratio(v_k92, p)
 
-    turned = {name: spin(t, piece, name) for name in "fr"} if kind == "wheels" else {}
+    turned = {name: spin(t, piece, name) for name in "fr"} if kind in TURNED else {}
+    splits = [spin(t, piece, f"split_{name}") if kind == "sides" else None for name in "fr"]
     for name, wheel in turned.items():
         state |= {f"angle_{name}": wheel.angle, f"rate_{name}": wheel.rate}
-    free = [_axle(name, state, body, p, k92, v_d, hooks) for name in "fr"]
+    free = []
+    for name, side, split in zip("fr", (1, -1), splits, strict=True):
+        position = p.chassis.wheel_base / 2 * side
+        wheel = _wheel(name, position, state, body, p, k92, v_d)
+        free.append(_axle(position, wheel, split, p, hooks))
     if turned:
         axles = [_turned(a, turned[n].acceleration, p, hooks) for n, a in zip("fr", free, strict=True)]
     else:
@@ -122,7 +128,7 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
         load = e.body_load(load, body, (front, rear), p, own)
     acceleration = bd.accelerations(p.chassis, load)
 
-    drives = _unasked(axles, p, hooks) if kind == "wheels" else _drives(axles, s_d, v_d, p, hooks)
+    drives = _unasked(axles, p, hooks) if kind in TURNED else _drives(axles, s_d, v_d, p, hooks)
     front, rear = (drive.axle for drive in drives)
     rates = _body_rates(body, acceleration)
     outputs = _shown(reference, v, body) | {"v_desired_mps": v_d, "s_desired_m": s_d, "k92": k92}
@@ -346,23 +352,21 @@ def on_ground(
     return OnGround(wheel, soil, angles, forces, arc_stresses(wheel, angles, soil, laws))
 
 
-def _axle(
+def _wheel(
     name: str,
+    position: Any,
     state: dict[str, Any],
     body: bd.BodyState,
     p: ModelParameters,
     k92: Any,
     v_d: Any,
-    hooks: list[tuple[Effect, Own]],
-) -> Axle:
-    """Kinematics and contact of one wheel pair, (1), (4)-(18), its motors without current."""
-    front = name == "f"
-    position = p.chassis.wheel_base / 2 * (1 if front else -1)
+) -> WheelState:
+    """Kinematics of the wheels of an axle at some place in R [m], (1), (18)."""
     centre = bd.point(body, p.chassis, position, 0)
     velocity, _ = bd.to_robot(body.pitch, centre.x_rate, centre.z_rate)
     rate = state[f"rate_{name}"]
-    wheel = WheelState(
-        front=front,
+    return WheelState(
+        front=name == "f",
         travel=centre.x - position,
         angle=state[f"angle_{name}"],
         rate=rate,
@@ -375,12 +379,52 @@ def _axle(
         v_desired=v_d,
         k92=k92,
     )
-    ground = on_ground(wheel, p.soil, k92, p.chassis.contact_damping, hooks)
-    wheel, forces = ground.state, ground.forces
-    rim_load = forces.moment
+
+
+def _axle(
+    position: Any,
+    wheel: WheelState,
+    split: Turning | None,
+    p: ModelParameters,
+    hooks: list[tuple[Effect, Own]],
+) -> Axle:
+    """Contact of one wheel pair, (4)-(17), its motors without current.
+
+    Args:
+        position: of the axle in R [m].
+        wheel: mean of both wheels.
+        split: half of what the right one turns more than the left one, None where they turn alike.
+        p, hooks: of the graph.
+    """
+    if split is not None:  # the body goes straight: the sides have one velocity
+        left, right = (_axle(position, _side(wheel, split, sign), None, p, hooks) for sign in (-1, 1))
+        return _mean(left, right)
+    ground = on_ground(wheel, p.soil, wheel.k92, p.chassis.contact_damping, hooks)
+    rim_load = ground.forces.moment
     for e, own in hooks:
-        rim_load = e.rim_load(rim_load, wheel, own)
-    return Axle(position, wheel, ground.angles, forces, 0.0, 0.0, rim_load)
+        rim_load = e.rim_load(rim_load, ground.state, own)
+    return Axle(position, ground.state, ground.angles, ground.forces, 0.0, 0.0, rim_load)
+
+
+def _side(wheel: WheelState, split: Turning, sign: int) -> WheelState:
+    """Return the right (1) or the left (-1) wheel of a pair."""
+    angle, rate = wheel.angle + sign * split.angle, wheel.rate + sign * split.rate
+    return replace(wheel, angle=angle, rate=rate, tread_rate=rate)
+
+
+T = TypeVar("T", Axle, WheelState, ContactAngles, WheelForces)
+
+
+def _mean(left: T, right: T) -> T:
+    """Return the mean of both wheels of a pair, field by field: twice its forces are those of the pair."""
+    found = {}
+    for each in fields(left):
+        one, other = getattr(left, each.name), getattr(right, each.name)
+        if is_dataclass(one):
+            found[each.name] = _mean(one, other)
+        else:
+            found[each.name] = one if one is other or isinstance(one, bool) else (one + other) / 2
+    return replace(left, **found)
 
 
 def _axle_outputs(drive: _Drive, radius: Any) -> dict[str, Any]:

@@ -5,6 +5,7 @@ The graph holds symbols for the numbers of one piece; a run gives them new value
 
 from __future__ import annotations
 
+import itertools
 from functools import lru_cache
 from typing import Any
 
@@ -23,10 +24,12 @@ NUMBERS: dict[Kind, tuple[str, ...]] = {
     "trapezoid": (),
     "path": _NAMES,
     "wheels": (*_NAMES, *(f"{name}_{axle}" for axle in "fr" for name in _AXLE)),
+    "sides": (*_NAMES, *(f"{name}_{axle}" for axle in ("f", "r", "split_f", "split_r") for name in _AXLE)),
 }
 """Names of the numbers of a piece: its begin [s], v_d = velocity + slope τ [m/s], s_d [m] there; force of a
 towed load = pull + pull_slope τ [N] and the height at which it pulls [m]; of each axle θ [rad] there and
-ω = rate + linear τ + square τ² + cube τ³ [rad/s], τ the time since the begin."""
+ω = rate + linear τ + square τ² + cube τ³ [rad/s], τ the time since the begin; the same of half the difference
+of its right and its left wheel."""
 
 
 def desired(t: Any, u: dict[str, Any]) -> tuple[Any, Any]:
@@ -41,7 +44,7 @@ def pulled(t: Any, u: dict[str, Any]) -> tuple[Any, Any]:
 
 
 def spin(t: Any, u: dict[str, Any], axle: str) -> Turning:
-    """Return how a wheel of an axle, "f" or "r", turns in a piece at time t."""
+    """Return how an axle, "f" or "r", turns at time t of a piece; "split_f": half of how its sides differ."""
     τ = t - u["begin"]
     angle, rate, a, b, c = (u[f"{name}_{axle}"] for name in _AXLE)
     return Turning(
@@ -81,13 +84,14 @@ def pieces(variant: Variant) -> tuple[Array, Array]:
 
 def _turnings(course: Course) -> list[Array]:
     """Return the numbers of the wheels, for each piece."""
-    first, last = course.wheels[0], course.wheels[-1]
+    splits = course.split or ((),) * len(course.wheels)
+    instants = [(t, (*axles, *split)) for (t, *axles), split in zip(course.wheels, splits, strict=True)]
     rest = [
-        np.array([angle for axle in instant[1:] for angle in (axle.angle, 0, 0, 0, 0)])
-        for instant in (first, last)
+        np.array([angle for axle in axles for angle in (axle.angle, 0, 0, 0, 0)])
+        for _, axles in (instants[0], instants[-1])
     ]
     turnings = [rest[0]]
-    for (t0, *here), (t1, *there) in zip(course.wheels, course.wheels[1:], strict=False):
+    for (t0, here), (t1, there) in itertools.pairwise(instants):
         turnings.append(np.concatenate([_cubic(a, b, t1 - t0) for a, b in zip(here, there, strict=True)]))
     return [*turnings, rest[1]]
 

@@ -31,6 +31,7 @@ def turned(
     *,
     stretch: tuple[float, float] | None = None,
     command: Course | None = None,
+    split: tuple[Array, Array] | None = None,
 ) -> Course:
     """Return a run whose wheels turn as measured, from rest to rest.
 
@@ -44,13 +45,15 @@ def turned(
         radius: r [m].
         stretch: over which λ_R is taken [s]; by default all that moves.
         command: what was commanded; by default v_d is the mean of r ω.
+        split: (N,) half of what r ω of the right wheel is above that of the left one, front and rear [m/s];
+            it has the same std. By default the sides turn alike.
 
     Raises:
         EstimateError: the wheels' speeds are too few.
     """
     if t.size < 8:
         raise EstimateError(f"the wheels have {t.size} speeds only", "a log of more samples is needed")
-    splines = [_spline(t, y, s) for y, s in zip(v, std, strict=True)]
+    splines = [_spline(t, y, s) for y, s in zip((*v, *(split or ())), std * (2 if split else 1), strict=True)]
     begin, end = float(t[0]), float(t[-1])
     if command is None:
         fine = np.linspace(begin, end, max(round((end - begin) / PATH), 2) + 1)
@@ -61,10 +64,12 @@ def turned(
         course = command if stretch is None else course_of(*command.corners, stretch)
     inner = np.concatenate([course.corners[0], *(s.get_knots() for s in splines)])
     knots = np.unique(np.concatenate([[begin, end], inner[(inner > begin) & (inner < end)]]).round(6))
-    axles = [_axle(knots, spline, radius) for spline in splines]
+    front, rear, *apart = (_axle(knots, spline, radius) for spline in splines)
+    wheels = tuple(zip(knots.tolist(), front, rear, strict=True))
     return replace(
-        course, commanded=command is not None, wheels=tuple(zip(knots.tolist(), *axles, strict=True))
-    )
+        course, commanded=command is not None, wheels=wheels,
+        split=tuple(zip(*apart, strict=True)) if split else (),
+    )  # fmt: skip
 
 
 def _spline(t: Array, v: Array, std: Array) -> UnivariateSpline:

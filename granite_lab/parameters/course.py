@@ -49,7 +49,10 @@ class Course(Variant):
     Attributes:
         path: (time since the start [s], desired velocity [m/s]) of each corner, in order.
         stretch: begin and end of the part over which λ_R is taken [s since the start].
-        wheels: (time since the start [s], front, rear) of the wheels; between them ω is a cubic.
+        wheels: (time since the start [s], front, rear) of the wheels, means of left and right; between them
+            ω is a cubic.
+        split: at the same instants (front, rear) half of what the right wheel turns more than the left one;
+            empty where the sides turn alike.
         commanded: False where the desired velocity is that of the wheels, for nobody states another.
         tow: (time since the start [s], force [N], height [m]) with which a load pulls back while the robot
             drives, linear between, none before and after; the height is that above the wheel centres, the
@@ -59,6 +62,7 @@ class Course(Variant):
     path: tuple[tuple[float, float], ...]
     stretch: tuple[float, float]
     wheels: tuple[tuple[float, Turning, Turning], ...] = ()
+    split: tuple[tuple[Turning, Turning], ...] = ()
     commanded: bool = True
     tow: tuple[tuple[float, float, float], ...] = ()
 
@@ -68,7 +72,7 @@ class Course(Variant):
 
     @cached_property
     def _hash(self) -> int:
-        return hash((self.path, self.stretch, self.wheels, self.tow))
+        return hash((self.path, self.stretch, self.wheels, self.split, self.tow))
 
     @cached_property
     def corners(self) -> tuple[Array, Array]:

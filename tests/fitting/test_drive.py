@@ -99,13 +99,39 @@ def test_the_fit_finds_by_how_much_a_command_that_nobody_states_leads() -> None:
 
 
 @pytest.mark.parametrize("apart", [0.0, 0.01, -0.03, 0.03])
-def test_sides_at_different_speed_are_told(apart: float) -> None:
+def test_sides_at_different_speed_are_told_and_turn_apart(apart: float) -> None:
     motion = seen(JOYSTICK, command=False)[1]
     turned = motion.v_wheel * np.array([1 - apart, 1 + apart, 1 - apart, 1 + apart])
-    lines = driven(dataclasses.replace(motion, v_wheel=turned), ROBOT, "wheels").warnings
-    told = [line for line in lines if "faster than the others: their mean is simulated" in line]
+    found = driven(dataclasses.replace(motion, v_wheel=turned), ROBOT, "wheels")
+    told = [line for line in found.warnings if "faster than the others: each side is simulated" in line]
     assert len(told) == (abs(apart) > 0.02)
     assert not told or f"the {'right' if apart > 0 else 'left'} wheels are 6 % faster" in told[0]
+    assert isinstance(found.variant, Course)
+    assert bool(found.variant.split) == bool(told)
+    for (_, *axles), split in zip(found.variant.wheels, found.variant.split, strict=bool(told)):
+        for mean, half in zip(axles, split, strict=True):
+            assert half.rate == pytest.approx(apart * mean.rate, abs=0.01)
+            assert half.angle == pytest.approx(apart * mean.angle, abs=0.05)
+
+
+@pytest.mark.parametrize("known", [[0, 1], [2, 3]])
+def test_an_axle_without_encoders_turns_as_the_other_on_both_sides(known: list[int]) -> None:
+    motion = seen(JOYSTICK, command=False)[1]
+    v = np.full_like(motion.v_wheel, np.nan)
+    v[:, known] = motion.v_wheel[:, known] * [0.95, 1.05]
+    found = driven(dataclasses.replace(motion, v_wheel=v), ROBOT, "wheels").variant
+    assert isinstance(found, Course)
+    assert found.split
+    assert all(front == rear for front, rear in found.split)
+
+
+def test_sides_that_no_axle_tells_turn_alike() -> None:
+    """The left wheel in front and the right one at the rear: who knows which axle is faster?"""
+    motion = seen(JOYSTICK, command=False)[1]
+    v = motion.v_wheel * [0.95, np.nan, np.nan, 1.05]
+    found = driven(dataclasses.replace(motion, v_wheel=v), ROBOT, "wheels").variant
+    assert isinstance(found, Course)
+    assert not found.split
 
 
 def test_wheels_drive_where_they_do_not_follow_the_command() -> None:

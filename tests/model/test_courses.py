@@ -11,11 +11,12 @@ from granite_lab.effects import get, library
 from granite_lab.errors import InputError
 from granite_lab.fitting.drive import drives
 from granite_lab.model import Accuracy, Run, interpreted, simulate
-from granite_lab.model.command import alike, corners, duration, phase_of, velocities_at
+from granite_lab.model.command import alike, corners, duration, kind_of, phase_of, velocities_at
+from granite_lab.model.contact import WheelForces, WheelState, contact_angles, wheel_forces
 from granite_lab.model.effect import Active, activate
 from granite_lab.model.engine import engine_of
 from granite_lab.model.instants import instants
-from granite_lab.model.pieces import pieces
+from granite_lab.model.pieces import NUMBERS, numbers_at, pieces, spin
 from granite_lab.model.simulator import parameter_vector, rest_state
 from granite_lab.model.symbols import model_parameters
 from granite_lab.model.turning import turned
@@ -98,13 +99,50 @@ def test_without_a_command_k92_follows_the_wheels() -> None:
     )
 
 
-@pytest.mark.parametrize("kind", ["path", "wheels"])
+def by_sides(share: float) -> Course:
+    """Return wheels of which the front right one is a share faster than the mean, the rear one half of it."""
+    t = np.linspace(0, 6.5, 400)
+    v = np.interp(t, *JOYSTICK.corners)
+    std, split = (np.full(400, 1e-3),) * 2, (share * v, 0.5 * share * v)
+    return turned(t, (v, 0.97 * v), std, ROBOT.wheels.radius, split=split if share else None)
+
+
+@pytest.mark.parametrize("axle", ["f", "r"])
+def test_each_side_has_the_forces_of_its_own_slip(axle: str) -> None:
+    """The forces of a pair are those of two single wheels of one velocity and one sinkage."""
+    course = by_sides(0.1)
+    run = simulate(course, ROBOT, SOIL)
+    k = int(np.argmin(np.abs(run.t - 3.2)))
+    at = {name: float(signal[k]) for name, signal in run.signals.items()}
+    numbers = dict(zip(NUMBERS["sides"], numbers_at(run.t[[k]], course)[:, 0].tolist(), strict=True))
+    half, rate = spin(at["t_s"], numbers, f"split_{axle}").rate, at[f"omega_{axle}_radps"]
+    assert half == pytest.approx((0.1 if axle == "f" else 0.05) * rate, rel=0.05)
+
+    def forces(rate: float) -> WheelForces:
+        wheel = WheelState(
+            axle == "f", 0.0, 0.0, rate, rate, at["v_mps"], at[f"sinkage_{axle}_m"], 0.0,
+            ROBOT.wheels.radius, ROBOT.wheels.width, at["v_desired_mps"],
+        )  # fmt: skip
+        return wheel_forces(wheel, contact_angles(wheel, at["k92"]), SOIL, 0.0)
+
+    left, right, alike = (forces(rate + sign * half) for sign in (-1, 1, 0))
+    for name, unit in (("thrust", "N"), ("resistance", "N"), ("moment", "Nm")):
+        mean = float(getattr(left, name) + getattr(right, name)) / 2
+        assert at[f"{name}_{axle}_{unit}"] == pytest.approx(mean, rel=1e-3)
+    assert float(left.thrust + right.thrust) < 1.98 * float(alike.thrust)  # (11) is concave
+
+
+def test_sides_that_hardly_differ_are_one_contact() -> None:
+    alike, apart_ = (simulate(by_sides(share), ROBOT, SOIL) for share in (0.0, 1e-4))
+    assert kind_of(alike.variant) == "wheels"
+    assert kind_of(apart_.variant) == "sides"
+    for name in ("v_mps", "current_f_A", "theta_r_rad", "slip_f"):
+        assert np.interp(alike.t, apart_.t, apart_[name]) == pytest.approx(alike[name], abs=2e-5), name
+
+
+@pytest.mark.parametrize("kind", ["path", "wheels", "sides"])
 def test_both_engines_agree(kind: str) -> None:
-    course = JOYSTICK
-    if kind == "wheels":
-        t = np.linspace(0, 6.5, 400)
-        v = np.interp(t, *JOYSTICK.corners)
-        course = turned(t, (v, 0.97 * v), (np.full(400, 1e-3),) * 2, ROBOT.wheels.radius)
+    course = JOYSTICK if kind == "path" else by_sides(0.05 if kind == "sides" else 0.0)
     p = model_parameters(ROBOT, SOIL, course, a_theta=4.919)
     fine, start, vector = Accuracy(1e-8, 1e-10), rest_state(p), parameter_vector(p, ())
     engine = engine_of((), kind)
