@@ -105,19 +105,14 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
     k92 = contact_angle_ratio(v_k92, p)
 
     turned = {name: spin(t, piece, name) for name in "fr"} if kind in TURNED else {}
-    splits = [spin(t, piece, f"split_{name}") if kind == "sides" else None for name in "fr"]
+    splits = {name: spin(t, piece, f"split_{name}") for name in "fr"} if kind == "sides" else {}
     for name, wheel in turned.items():
         state |= {f"angle_{name}": wheel.angle, f"rate_{name}": wheel.rate}
-    free = []
-    for name, side, split in zip("fr", (1, -1), splits, strict=True):
-        position = p.chassis.wheel_base / 2 * side
-        wheel = _wheel(name, position, state, body, p, k92, v_d)
-        free.append(_axle(position, wheel, split, p, hooks))
+    free = [_axle(*_wheel(n, state, body, p, k92, v_d), splits.get(n), p, hooks) for n in "fr"]
     if turned:
         axles = [_turned(a, turned[n].acceleration, p, hooks) for n, a in zip("fr", free, strict=True)]
     else:
         axles = [_driven(a, state[f"current_{n}"], p, hooks) for n, a in zip("fr", free, strict=True)]
-    front, rear = axles
 
     load = bd.ground_load(
         body, p.chassis, [(a.position, a.forces.longitudinal, a.forces.normal) for a in axles]
@@ -125,7 +120,7 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
     if kind != "trapezoid":
         load = _towed(load, v, t, piece, p)
     for e, own in hooks:
-        load = e.body_load(load, body, (front, rear), p, own)
+        load = e.body_load(load, body, (axles[0], axles[1]), p, own)
     acceleration = bd.accelerations(p.chassis, load)
 
     drives = _unasked(axles, p, hooks) if kind in TURNED else _drives(axles, s_d, v_d, p, hooks)
@@ -353,20 +348,16 @@ def on_ground(
 
 
 def _wheel(
-    name: str,
-    position: Any,
-    state: dict[str, Any],
-    body: bd.BodyState,
-    p: ModelParameters,
-    k92: Any,
-    v_d: Any,
-) -> WheelState:
-    """Kinematics of the wheels of an axle at some place in R [m], (1), (18)."""
+    name: str, state: dict[str, Any], body: bd.BodyState, p: ModelParameters, k92: Any, v_d: Any
+) -> tuple[Any, WheelState]:
+    """Return the place of an axle in R [m], and how its wheels move, (1), (18)."""
+    front = name == "f"
+    position = p.chassis.wheel_base / 2 * (1 if front else -1)
     centre = bd.point(body, p.chassis, position, 0)
     velocity, _ = bd.to_robot(body.pitch, centre.x_rate, centre.z_rate)
     rate = state[f"rate_{name}"]
-    return WheelState(
-        front=name == "f",
+    wheel = WheelState(
+        front=front,
         travel=centre.x - position,
         angle=state[f"angle_{name}"],
         rate=rate,
@@ -379,6 +370,7 @@ def _wheel(
         v_desired=v_d,
         k92=k92,
     )
+    return position, wheel
 
 
 def _axle(
