@@ -153,7 +153,7 @@ def noise_in_motion(factor: float, log: Log, rng: Rng) -> Log:
     return replace(log, force=np.where(on, loud.force, log.force), rate=np.where(on, loud.rate, log.rate))
 
 
-def low_pass(corner: float, log: Log, rng: Rng) -> Log:
+def low_pass(corner: float, log: Log, _: Rng) -> Log:
     """A first-order filter in the IMU, of all axes."""
     a = 1 - math.exp(-2 * math.pi * corner * float(np.median(np.diff(log.t))))
 
@@ -168,7 +168,7 @@ def low_pass(corner: float, log: Log, rng: Rng) -> Log:
     return replace(log, force=slow(log.force), rate=slow(log.rate))
 
 
-def imu_at(rate: float, mean: bool, log: Log, rng: Rng) -> Log:
+def imu_at(rate: float, mean: bool, log: Log, _: Rng) -> Log:
     few = max(round(1 / rate / float(np.median(np.diff(log.t)))), 1)
     n = log.t.size // few * few
     if not mean:
@@ -222,7 +222,7 @@ def offset(size: float, log: Log, rng: Rng) -> Log:
     return replace(log, t_wheels=log.t_wheels + size * rng.choice([-1, 1]))
 
 
-def epoch(step: float, log: Log, rng: Rng) -> Log:
+def epoch(step: float, log: Log, _: Rng) -> Log:
     t, t_wheels = (np.round((x + 1.7e9) / step) * step for x in (log.t, log.t_wheels))
     return replace(log, t=t, t_wheels=t_wheels, origin=1.7e9)
 
@@ -259,7 +259,7 @@ def turned(axis: int, degrees: float, log: Log, rng: Rng) -> Log:
     return replace(log, force=log.force @ turn.T, rate=log.rate @ turn.T)
 
 
-def saturated(share: float, log: Log, rng: Rng) -> Log:
+def saturated(share: float, log: Log, _: Rng) -> Log:
     """The accelerometer's range ends at a share of what it reads at most along x."""
     force = log.force.copy()
     top = share * np.abs(force[:, 0]).max()
@@ -271,11 +271,13 @@ def scaled(share: float, log: Log, rng: Rng) -> Log:
     return replace(log, force=log.force * (1 + share * rng.choice([-1, 1])))
 
 
-def rounded(step: float, log: Log, rng: Rng) -> Log:
-    return replace(log, force=np.round(log.force / step) * step, rate=np.round(log.rate / step * 10) * step / 10)
+def rounded(step: float, log: Log, _: Rng) -> Log:
+    return replace(
+        log, force=np.round(log.force / step) * step, rate=np.round(log.rate / step * 10) * step / 10
+    )
 
 
-def without(what: str, log: Log, rng: Rng) -> Log:
+def without(what: str, log: Log, _: Rng) -> Log:
     force, rate, angle = log.force.copy(), log.rate.copy(), log.angle.copy()
     if what == "gyro":
         rate[:] = np.nan
@@ -286,7 +288,7 @@ def without(what: str, log: Log, rng: Rng) -> Log:
     return replace(log, force=force, rate=rate, angle=angle)
 
 
-def ends(begin: float, end: float, log: Log, rng: Rng) -> Log:
+def ends(begin: float, end: float, log: Log, _: Rng) -> Log:
     """Standstills of so many seconds at start and end."""
     turns = np.flatnonzero(np.abs(np.diff(log.angle.mean(axis=1))) > 1e-5)
     a, b = log.t_wheels[turns[0]] - begin, log.t_wheels[turns[-1] + 1] + end
@@ -300,7 +302,9 @@ def ends(begin: float, end: float, log: Log, rng: Rng) -> Log:
 def temperature(drift: float, log: Log, rng: Rng) -> Log:
     """The biases drift: so many m/s² and a tenth of it in rad/s, over the log."""
     share = (log.t - log.t[0]) / (log.t[-1] - log.t[0])
-    force, rate = (x + d * share[:, None] * rng.normal(size=3) for x, d in ((log.force, drift), (log.rate, drift / 30)))
+    force, rate = (
+        x + d * share[:, None] * rng.normal(size=3) for x, d in ((log.force, drift), (log.rate, drift / 30))
+    )
     return replace(log, force=force, rate=rate)
 
 
@@ -316,8 +320,11 @@ def both(*kinds: Kind) -> Kind:
     return change
 
 
+TURNS = ((0, 180), (1, 8), (1, 90), (2, 5), (2, 90), (2, 180))
+RESTS = ((0.5, 0.5), (0.4, 3), (3, 0.4), (0, 3), (3, 0))
+
 KINDS: dict[str, Kind] = {
-    "as logged": lambda log, rng: log,
+    "as logged": lambda log, _: log,
     **{f"{n} counts": partial(counts, n) for n in (256, 512, 1024, 2048, 4096)},
     **{f"counter of {n} a turn": partial(counter, n) for n in (360, 1000)},
     **{f"encoders at {n} Hz": partial(wheels_at, n) for n in (10, 20, 200)},
@@ -339,14 +346,15 @@ KINDS: dict[str, Kind] = {
     "both clocks 2 %": partial(both_clocks, 0.02),
     **{f"offset {s:g} s": partial(offset, s) for s in (0.05, 0.2, 2.0)},
     "epoch, 1 ms": partial(epoch, 0.001), "epoch, 10 ms": partial(epoch, 0.01),
-    "dead wheel": dead, "reversed wheel": reversed_wheel, "encoder dies": dies, "radii 1 %": partial(radius, 0.01),
-    **{f"IMU turned {d} deg about {'xyz'[a]}": partial(turned, a, d) for a, d in ((0, 180), (1, 8), (1, 90), (2, 5), (2, 90), (2, 180))},
+    "dead wheel": dead, "reversed wheel": reversed_wheel, "encoder dies": dies,
+    "radii 1 %": partial(radius, 0.01),
+    **{f"IMU turned {d} deg about {'xyz'[a]}": partial(turned, a, d) for a, d in TURNS},
     "range 70 %": partial(saturated, 0.7), "range 40 %": partial(saturated, 0.4),
     "accelerometer 2 %": partial(scaled, 0.02), "accelerometer 5 %": partial(scaled, 0.05),
     "steps of 0.01": partial(rounded, 0.01), "steps of 0.1": partial(rounded, 0.1),
     "no gyro": partial(without, "gyro"), "one axis each": partial(without, "other axes"),
     "one wheel": partial(without, "wheels"),
-    **{f"rest {a:g} s and {b:g} s": partial(ends, a, b) for a, b in ((0.5, 0.5), (0.4, 3), (3, 0.4), (0, 3), (3, 0))},
+    **{f"rest {a:g} s and {b:g} s": partial(ends, a, b) for a, b in RESTS},
     "drift 0.05": partial(temperature, 0.05), "drift 0.2": partial(temperature, 0.2),
     "cheap": both(partial(counts, 1024), partial(noise, 3), partial(low_pass, 20), partial(jitter, 0.003)),
 }  # fmt: skip
@@ -406,14 +414,23 @@ def judge(kind: str, draw: int, outside: Path) -> Judged:
     )  # fmt: skip
 
 
-HEAD = "| kind | n | good | fair | poor | refused | slip in 2 std | rms z | worst z | mean error [points] | median std [points] | way in 2 std | worst z |"
+HEAD = (
+    "| kind | n | good | fair | poor | refused | slip in 2 std | rms z | worst z | mean error [points] "
+    "| median std [points] | way in 2 std | worst z |"
+)
 
 
 def row(name: str, of_kind: Sequence[Judged]) -> str:
     """Return the row of a kind."""
     usable = [j for j in of_kind if j.grade in ("good", "fair")]
-    cells = [name, str(len(of_kind)), *(str(sum(j.grade == g for j in of_kind)) for g in ("good", "fair", "poor", "refused"))]
-    e = np.array([(j.slip, j.slip_std, j.way, j.way_std) for j in usable if math.isfinite(j.slip)]).reshape(-1, 4)
+    cells = [
+        name,
+        str(len(of_kind)),
+        *(str(sum(j.grade == g for j in of_kind)) for g in ("good", "fair", "poor", "refused")),
+    ]
+    e = np.array([(j.slip, j.slip_std, j.way, j.way_std) for j in usable if math.isfinite(j.slip)]).reshape(
+        -1, 4
+    )
     if len(e):
         z, far = np.abs(e[:, 0] / e[:, 1]), np.abs(e[:, 2] / e[:, 3])
         cells += [

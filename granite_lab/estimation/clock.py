@@ -242,15 +242,15 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
     cuts = [problem.cut(begin, end, coarse.value) for begin, end in windows]
     parts = [(cut, nominal_of(cut, coarse.value)) for cut in cuts]
 
-    mean, std = posterior(parts, coarse, np.arange(-2.0 * coarse.std, 2.0 * coarse.std + 0.5 * WIDE, WIDE) + coarse.value)
+    mean, std = posterior(
+        parts, coarse, np.arange(-2.0 * coarse.std, 2.0 * coarse.std + 0.5 * WIDE, WIDE) + coarse.value
+    )
     reach = max(1.5 * WIDE, 2.5 * std)
     mean, std = posterior(parts, coarse, np.arange(-reach, reach + 0.5 * FINE, FINE) + mean)
     return Estimate(mean, float(np.sqrt(std**2 + LEFT_OVER**2 + doubt**2)))
 
 
-def posterior(
-    parts: list[tuple[Problem, Nominal]], prior: Estimate, offsets: Array
-) -> tuple[float, float]:
+def posterior(parts: list[tuple[Problem, Nominal]], prior: Estimate, offsets: Array) -> tuple[float, float]:
     """Return mean and std of an offset [s] by equally spaced ones (J,); TAU covers what lies between them.
 
     The parts of a trial are cut at its changes of motion; those by which all offsets are alike are removed.

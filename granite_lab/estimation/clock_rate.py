@@ -1,7 +1,7 @@
 """Clocks that run at different rates: how much more the body lags when it brakes than when it set off.
 
-An offset that is shown where the robot sets off and one that is shown where it brakes are the same, unless one
-of the two clocks is fast. Which of them is wrong, no log tells.
+The offset that shows where the robot sets off and the one where it brakes are the same, unless one of the
+two clocks is fast. Which of them is wrong, no log tells.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Ramp(NamedTuple):
 
 
 def outer_ramps(rolling: Rolling) -> tuple[Ramp, Ramp] | None:
-    """Return the first ramp on which the wheels gain their usual speed, and the last on which they lose it."""
+    """Return the first ramp on which the wheels gain their usual speed, and the last that ends it."""
     finite = np.isfinite(rolling.speed)
     t, pace = rolling.t[finite], np.abs(rolling.speed[finite])
     fast = pace > 0.6 * pace.max(initial=0.0)
@@ -96,11 +96,10 @@ def clock_rate(problem: Problem) -> Estimate:
     if rolling is None or ramps is None or np.isin(rolling.t, problem.imu.t).mean() > 0.5:
         return Estimate(0.0)
     length = ramps[1].middle - ramps[0].middle
-    lags = [lag_at(problem, ramp, LARGEST + most) for ramp, most in zip(ramps, (0.0, FASTEST * length), strict=True)]
-    if lags[0] is None or lags[1] is None:
+    first, last = lag_at(problem, ramps[0], LARGEST), lag_at(problem, ramps[1], LARGEST + FASTEST * length)
+    if first is None or last is None:
         return Estimate(0.0)
-    std = float(np.hypot(lags[0].std, lags[1].std))
-    return Estimate((lags[1].value - lags[0].value) / length, std / length)
+    return Estimate((last.value - first.value) / length, float(np.hypot(first.std, last.std)) / length)
 
 
 def doubt_rate(problem: Problem) -> list[Doubt]:
@@ -112,9 +111,7 @@ def doubt_rate(problem: Problem) -> list[Doubt]:
     rate = clock_rate(problem)
     if not abs(rate.value) > SHOWN * rate.std:
         return []
-    way = "slow" if rate.value > 0 else "fast"
-    seen = (
-        f"the encoders' clock runs {100 * abs(rate.value):.1f} ± {100 * rate.std:.1f} % {way} against the IMU's"
-    )
+    runs = f"{100 * abs(rate.value):.1f} ± {100 * rate.std:.1f} % {'slow' if rate.value > 0 else 'fast'}"
+    seen = f"the encoders' clock runs {runs} against the IMU's"
     remedy = "stamp both by one clock; which of them is right no log tells"
     return [Doubt(seen, remedy=remedy, grade="fair", std=float(np.sqrt(2.0)) * abs(rate.value))]
