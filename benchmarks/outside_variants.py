@@ -76,6 +76,30 @@ def coarse(log: pd.DataFrame, _: np.random.Generator) -> pd.DataFrame:
     return out
 
 
+def counts(log: pd.DataFrame, _: np.random.Generator) -> pd.DataFrame:
+    """Round the wheels' angles to 1/1024 of a turn."""
+    out = log.copy()
+    step = 2 * np.pi / 1024
+    for wheel in WHEELS:
+        out[f"enc_{wheel}_rad"] = np.round(out[f"enc_{wheel}_rad"] / step) * step
+    return out
+
+
+def low_pass(log: pd.DataFrame, _: np.random.Generator) -> pd.DataFrame:
+    """Pass the IMU through a first-order low-pass of 15 Hz, whose input is linear between readings."""
+    out = log.copy()
+    here = of_imu(log)
+    x, t = log.loc[here, IMU].to_numpy(), log.loc[here, "t_s"].to_numpy()
+    tau = 1 / (2 * np.pi * 15.0)
+    y = x.copy()
+    for k in range(1, len(t)):
+        h = max((t[k] - t[k - 1]) / tau, 1e-9)
+        lag = (x[k] - x[k - 1]) / h  # of the output behind an input with this slope
+        y[k] = x[k] - lag + (y[k - 1] - x[k - 1] + lag) * np.exp(-h)
+    out.loc[here, IMU] = y
+    return out
+
+
 def reversed_wheel(log: pd.DataFrame, _: np.random.Generator) -> pd.DataFrame:
     """Count one wheel in the other direction."""
     out = log.copy()
@@ -122,7 +146,20 @@ def unchanged(log: pd.DataFrame, _: np.random.Generator) -> pd.DataFrame:
 VARIANTS: dict[str, tuple[Change, Callable[[str], bool]]] = {
     **{
         change.__name__: (change, bool)
-        for change in (short, late, slow, noisy, coarse, reversed_wheel, no_currents, gains, gaps, spikes)
+        for change in (
+            short,
+            late,
+            slow,
+            noisy,
+            coarse,
+            counts,
+            low_pass,
+            reversed_wheel,
+            no_currents,
+            gains,
+            gaps,
+            spikes,
+        )
     },
     "two_repetitions": (unchanged, lambda key: not key.endswith("_3")),
     "three_speeds": (unchanged, lambda key: not key.startswith("0.3")),

@@ -32,7 +32,7 @@ COMMANDS = {
     "params": ("model", "Print the parameters in force."),
     "robot": ("model", "Write the file of a new robot."),
     "hide": ("hidden", "Write virtual trials with a hidden effect."),
-    "reveal": ("hidden", "Open a sealed answer and judge a discovery."),
+    "reveal": ("hidden", "Decode a sealed answer and compare a finding with it."),
     "effects": ("model", "List, describe and check effects."),
 }
 """Module and one line of help of each command, so that help need not import them."""

@@ -6,8 +6,11 @@ estimate itself.
 
 from __future__ import annotations
 
+import csv
+import io
+import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -39,48 +42,26 @@ def csv_blocks(table: pd.DataFrame) -> Iterator[str]:
     Yields:
         whole lines ending in ``\n``, the header first.
     """
-    yield _by_pandas(table.iloc[:0], header=True)
-    runs = _runs(table)
+    yield _lines([[cell_text(str(name))] for name in table.columns])
     for begin in range(0, len(table), BLOCK):
         block = table.iloc[begin : begin + BLOCK]
-        parts = [(block.iloc[:, places], floats) for floats, places in runs]
-        cells = [_numbers(part) if floats else _texts(part) for part, floats in parts]
-        if table.shape[1] > 1:  # pandas quotes the empty cell of a lone column
-            yield "".join(f"{','.join(line)}\n" for line in zip(*cells, strict=True))
-        else:
-            yield _by_pandas(block)
+        yield _lines([_cells(block.iloc[:, place]) for place in range(block.shape[1])])
 
 
-def _runs(table: pd.DataFrame) -> list[tuple[bool, list[int]]]:
-    """Places of neighbouring columns that all hold floating-point numbers, or all do not."""
-    runs: list[tuple[bool, list[int]]] = []
-    for place, kind in enumerate(table.dtypes):
-        floats = str(kind) == "float64"
-        if runs and runs[-1][0] == floats:
-            runs[-1][1].append(place)
-        else:
-            runs.append((floats, [place]))
-    return runs
+def _lines(columns: Sequence[Sequence[str]]) -> str:
+    """Return the lines of columns of cells, those in quotes that need them."""
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows(zip(*columns, strict=True) if columns else [()])
+    return out.getvalue()
 
 
-def _numbers(part: pd.DataFrame) -> list[str]:
-    """Lines of cells, formatted all at once."""
-    values = part.to_numpy(dtype="float64")
-    late = [
-        name in STAMPS and (abs(column) >= 1000).any() for name, column in zip(part, values.T, strict=True)
-    ]
-    line = ",".join(STAMP_DIGITS if is_late else DIGITS for is_late in late) + "\n"
-    text = line * len(values) % tuple(values.ravel().tolist())
-    return text.replace("nan", "").split("\n")[:-1]
-
-
-def _texts(part: pd.DataFrame) -> list[str]:
-    """Lines of cells that may need quotes; only a lone column has quotes about its empty ones."""
-    lines = _by_pandas(part).split("\n")[:-1]
-    return ["" if line == '""' else line for line in lines] if part.shape[1] == 1 else lines
-
-
-def _by_pandas(part: pd.DataFrame, *, header: bool = False) -> str:
-    safe = part.map(lambda cell: cell_text(cell) if isinstance(cell, str) else cell)
-    safe.columns = [cell_text(str(name)) for name in part.columns]
-    return safe.to_csv(index=False, header=header, float_format=DIGITS, lineterminator="\n")
+def _cells(column: pd.Series) -> list[str]:
+    """Return the cells of a column, numbers formatted, empty where nothing is known."""
+    values = column.tolist()
+    if column.dtype.kind == "f":
+        late = column.name in STAMPS and bool((column.abs() >= 1000).any())
+        form = STAMP_DIGITS if late else DIGITS
+        return ["" if math.isnan(value) else form % value for value in values]
+    missing = column.isna().tolist()
+    texts = (cell_text(value) if isinstance(value, str) else str(value) for value in values)
+    return ["" if nothing else text for text, nothing in zip(texts, missing, strict=True)]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from pathlib import Path
 
 
@@ -12,6 +14,18 @@ def printable(text: str) -> str:
     and what is no character at all become U+FFFD.
     """
     return "".join(c if c.isprintable() else "\ufffd" for c in " ".join(text.split()))
+
+
+def nearest(text: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """Ask whether the known name was meant that a text resembles; empty where it resembles none."""
+    close = difflib.get_close_matches(text, list(known), n=1, cutoff=cutoff)
+    return f"did you mean '{close[0]}'?" if close else ""
+
+
+def known_names(text: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """Say for a hint which names are known, behind the one that `nearest` asks about."""
+    names = list(known)
+    return f"{nearest(text, names, cutoff)} known: {', '.join(names)}"
 
 
 class LabError(Exception):

@@ -24,7 +24,7 @@ RESTS = (("rest", "rests"), ("body-rest", "body_rests"))
 
 
 def _told(info: TrialInfo) -> dict[str, str | None]:
-    """Return the other options of what is known of a trial, to their texts; None where nothing is said."""
+    """Return option to text of what else is known of a trial; None where nothing is said."""
     tape = None if info.distance_measured is None else f"{info.distance_measured:.9g}"
     if tape and info.distance_measured_std is not None:
         tape += f"±{info.distance_measured_std:.9g}"
@@ -34,7 +34,7 @@ def _told(info: TrialInfo) -> dict[str, str | None]:
 
 
 def _info_of(given: Sequence[tuple[str, str]]) -> TrialInfo:
-    """Return what is known of all trials, from what `Options.given` made of it."""
+    """Return what is known of all trials; the inverse of what `Options.given` writes of it."""
     texts = dict(given)
     tape, _, std = texts.get("distance-measured", "").partition("±")
     named: dict[str, Any] = {

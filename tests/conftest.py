@@ -1,4 +1,5 @@
-"""What all tests share: no test sees what the user's own runs remember, nor leaves anything there."""
+"""What all tests share: no test sees what the user's own runs remember, nor leaves anything there; pictures
+are coarse."""
 
 import os
 from collections.abc import Iterator
@@ -22,6 +23,17 @@ def cache_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Non
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("GRANITE_LAB_CACHE", str(folder / "cache"))
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def full_resolution() -> Iterator[int]:
+    """Resolution of the pictures of a report; coarse ones, which tests get, take a fiftieth of the time."""
+    from granite_lab.reporting import canvas
+
+    full = canvas.DPI
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(canvas, "DPI", 20)
+        yield full
 
 
 @pytest.fixture(scope="module")

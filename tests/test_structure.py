@@ -40,6 +40,7 @@ STAGES = [
     {"api"},
     {"commands"},
     {"cli"},
+    {"__main__"},
 ]
 RANK = {name: rank for rank, names in enumerate(STAGES) for name in names}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import cast, get_args
+from typing import Any, cast, get_args
 
 from granite_lab.errors import UsageError
 from granite_lab.estimate import Estimate
@@ -49,7 +49,20 @@ def path(given: File) -> Path | None:
     return None if given is None else Path(given)
 
 
-def options_of(
+def options_of(arguments: Mapping[str, Any]) -> Options:
+    """Return what a verb was told of logs and trials, as a record.
+
+    Args:
+        arguments: of the verb, as ``locals()`` has them where it begins; those that `options` does not have
+            are passed over.
+
+    Raises:
+        UsageError, InputError: as `options`.
+    """
+    return options(**{name: value for name, value in arguments.items() if name in options.__annotations__})
+
+
+def options(
     *,
     robot: File = None, soil: File = None, column_map: File = None, topics: Topics = None,
     window: Window = None, changes: Changes = None, rows: str | None = None, exclude: Exclude = None,
@@ -58,7 +71,7 @@ def options_of(
     drive: str = "auto", model: File = None, effects: File = None,
     tolerance: float = TOLERANCE, latency: float = LATENCY_LIMIT,
 ) -> Options:  # fmt: skip
-    """Return what a verb was told of logs and trials as a record.
+    """Return what is said of logs and trials; verbs have these arguments, with these types and defaults.
 
     Raises:
         UsageError: nothing drives like that, or a std is not above zero.

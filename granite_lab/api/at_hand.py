@@ -69,7 +69,7 @@ def logs_at_hand(folder: Path = Path()) -> AtHand:
         logs = tuple(dict.fromkeys(entry.log for entry in entries))
         where = ", ".join(dict.fromkeys(str(entry.table.parent) for entry in entries))
         keywords = _shared(entries)
-        given = " ".join(f"--{name} {value}" for name, value in options_of(**keywords).given())
+        given = " ".join(f"--{name} {value}" for name, value in options_of(keywords).given())
         options = f" with {given}" if given else ""
         return AtHand(logs, keywords, f"logs: {_counted(logs)}, ingested{options} ({where})")
     if (folder / SAMPLES).is_dir() and (logs := tuple(trial_files(folder / SAMPLES))):

@@ -162,7 +162,7 @@ def hide(
 
 
 def reveal(folder: str | Path, finding: File = None) -> Revealed:
-    """Open the answer of a set of trials, and judge a discovery by it.
+    """Decode the answer of a set of trials, and compare a finding with it.
 
     Args:
         folder: folder written by `hide`, or of another laboratory: with its answer in ``answer.json``.

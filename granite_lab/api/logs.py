@@ -94,7 +94,7 @@ def ingest(
         reference: file with an external reference of that trial, as GPS or motion capture.
         rows: rows to take from a log of several runs, as ``run_id = 4``.
         variant: desired velocity [m/s], 0.01 to 5, if the log lacks it.
-        against_reference: judge the estimate by the log's reference, which the filter does not use.
+        against_reference: compare the estimate with the log's reference, which the filter does not use.
         robot: the robot: a name of the catalogue or a .toml file; by default as granite-lab.toml or the log
             says, else granite.
         soil: the soil, likewise; by default as granite-lab.toml or the log says, else dry_sand.
@@ -122,11 +122,7 @@ def ingest(
         EstimateError: the motion cannot be had from any.
         UsageError: the arguments do not fit together.
     """
-    options = options_of(
-        robot=robot, soil=soil, column_map=column_map, topics=topics, window=window, changes=changes,
-        rows=rows, rests=rests, body_rests=body_rests, distance_measured=distance_measured,
-        use_reference=use_reference, ref_v_std=ref_v_std, ref_x_std=ref_x_std,
-    )  # fmt: skip
+    options = options_of(locals())
     refuse_outside("variant", variant, 0.01, 5)
     apart = {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference}
     files: dict[str, Any] = {name: Path(path) for name, path in apart.items() if path is not None}
@@ -237,7 +233,7 @@ def view(
         UsageError: `web` and `screenshot` together, `at` alone or outside of the recording.
         LabError: there is no display, viewer or graphics driver.
     """
-    options = options_of(robot=robot, soil=soil, column_map=column_map)
+    options = options_of(locals())
     if web and screenshot is not None:
         raise UsageError("--web and --screenshot: one of them at a time", "run the command twice")
     if at is not None and screenshot is None:
@@ -302,11 +298,7 @@ def check(
     Raises:
         UsageError: unknown robot or column map, or no log.
     """
-    execution, options = execution_of(jobs), options_of(
-        robot=robot, soil=soil, column_map=column_map, topics=topics, window=window, changes=changes,
-        rests=rests, body_rests=body_rests, distance_measured=distance_measured,
-        use_reference=use_reference, ref_v_std=ref_v_std, ref_x_std=ref_x_std,
-    )  # fmt: skip
+    execution, options = execution_of(jobs), options_of(locals())
     chosen = choose(logs, options, everything=True)
     outcomes = each_trial(check_run, chosen.files, chosen.options, execution=execution, done=done)
     pairs = zip(chosen.files, outcomes, strict=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granite_lab.api.arguments import Changes, File, options_of, path, refuse_outside
+from granite_lab.api.arguments import Changes, File, options, path, refuse_outside
 from granite_lab.api.project import FILE, project_in
 from granite_lab.api.records import Records
 from granite_lab.effects import get, library
@@ -95,7 +95,7 @@ def simulate(
     *,
     v: float | None = None, a: float | None = None, distance: float | None = None,
     command: str | Sequence[tuple[float, float]] | None = None, wheels: File = None,
-    log: File = None, seed: int = 0, scatter: bool = False,
+    log: File = None, seed: int = 0,
     k92: float | None = None, a_theta: float | None = None, robot: File | Robot = None,
     soil: File | Soil = None, changes: Changes = None,
     model: File = None, effects: File = None, active: Switched = None,
@@ -110,8 +110,7 @@ def simulate(
         command: any desired velocity, linear between times, as ``0:0, 1:0.3, 5:0.3, 6:0`` in s and m/s.
         wheels: a log whose measured wheel speeds drive the simulation; it says robot and soil, too.
         log: file for the log of virtual sensors (CSV).
-        seed: seed of the random numbers of sensors and sand.
-        scatter: vary the sand at random, as raking does.
+        seed: seed of the random numbers of the sensors.
         k92: constant k_92, 0 to 1; by default the law (5), k_92 = exp(-a_θ v).
         a_theta: exponent a_θ of the law (5) [s/m], 0 to 100; the paper's by default.
         robot, soil: names of the catalogue, .toml files or records; granite and dry_sand by default.
@@ -141,15 +140,9 @@ def simulate(
     it = _model(robot, soil, k92, a_theta, model, effects, active, changes)
     if it.robot.tow is not None and wheels is None:
         course = hauling(course, constant(it.robot), it.robot.tow.height)
-    ground, a_theta = it.soil, it.a_theta
-    if scatter:
-        from granite_lab.model.virtual import Scatter, rake  # noqa: PLC0415, heavy
-
-        exponent = load_paper().a_theta if a_theta is None else a_theta
-        ground, a_theta = rake(ground, exponent, Scatter(), np.random.default_rng([seed, 1]))
     run = run_model(
-        course, it.robot, ground,
-        k92=it.k92, a_theta=a_theta, effects=it.effects,
+        course, it.robot, it.soil,
+        k92=it.k92, a_theta=it.a_theta, effects=it.effects,
         accuracy=Accuracy(1e-6, 1e-8, 0.0025) if log else Accuracy(),
     )  # fmt: skip
     if log:
@@ -166,8 +159,8 @@ def _of_log(
     from granite_lab.chain import simulable  # noqa: PLC0415, heavy
 
     of_robot, of_soil = (None if isinstance(x, (Robot, Soil)) else x for x in (robot, soil))
-    options = options_of(robot=of_robot, soil=of_soil, drive="wheels", changes=changes)
-    trial, found, motion = simulable(log, options)
+    said = options(robot=of_robot, soil=of_soil, drive="wheels", changes=changes)
+    trial, found, motion = simulable(log, said)
     return motion.variant, robot or found, soil or trial.info.soil
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -14,7 +13,7 @@ from typing import Any
 from granite_lab.api.arguments import Logs
 from granite_lab.effects import library
 from granite_lab.effects.model_file import load_model
-from granite_lab.errors import InputError, UsageError
+from granite_lab.errors import InputError, UsageError, nearest
 from granite_lab.files import refuse_special, sha256
 from granite_lab.logs.trial import Stated, TrialInfo, is_log, name_of, over, trial_files
 from granite_lab.options import Options
@@ -117,16 +116,17 @@ def project_in(folder: Path) -> Project:
     mentioned += [(f"[trial.{i}]: name", item.name) for i, item in enumerate(read.trial, 1)]
     for where, name in mentioned:
         if name not in logs:
-            close = difflib.get_close_matches(name, logs, n=1)
-            raise InputError(
-                f"{path}: {where} = '{name}': no such log in this folder",
-                f"did you mean '{close[0]}'?" if close else "write the log's name without its ending",
-            )
+            raise InputError(f"{path}: {where} = '{name}': no such log in this folder", _meant(name, logs))
     for i, item in enumerate(read.exclude, 1):
         if not item.reason.strip():
             raise InputError(f"{path}: [exclude.{i}]: reason is empty", "say why the trial is left out")
     out = str(folder / read.out) if read.out else ""
     return replace(read, **named, out=out, logs=named_too)
+
+
+def _meant(name: str, logs: Sequence[str]) -> str:
+    """Return the hint for a name that none of the logs has."""
+    return nearest(name, logs) or "write the log's name without its ending"
 
 
 def _logs_of(folder: Path, named: Sequence[str]) -> list[Path]:
@@ -148,7 +148,7 @@ def named_logs(folder: Path) -> tuple[Path, ...]:
 
 
 def _projects_of(files: Sequence[Path]) -> dict[Path, tuple[Path, Project]]:
-    """Return of each log the folder of the project's file that holds for it, and the project."""
+    """Return for each log the project that holds for it, behind the folder in which its file lies."""
     if files and not any(map(os.path.exists, files)):
         refuse_special(files[0])  # which says what is wrong with it
     here = Path()
@@ -221,9 +221,7 @@ def _reasons(project_of: Mapping[Path, tuple[Path, Project]], given: Mapping[str
     names = [name_of(path) for path in project_of]
     for trial, reason in given.items():
         if trial not in names:
-            close = difflib.get_close_matches(trial, names, n=1)
-            hint = f"did you mean '{close[0]}'?" if close else "write the log's name without its ending"
-            raise UsageError(f"--exclude {trial}: no such log", hint)
+            raise UsageError(f"--exclude {trial}: no such log", _meant(trial, names))
         if not reason.strip():
             raise UsageError(f"--exclude {trial}: the reason is empty", "say why the trial is left out")
     reasons_of = {

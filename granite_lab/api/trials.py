@@ -100,12 +100,7 @@ def fit_k92(
         InputError: a log or file cannot be used.
         EstimateError: an estimate or fit cannot be had.
     """
-    options = options_of(
-        robot=robot, soil=soil, column_map=column_map, topics=topics, window=window, changes=changes,
-        rests=rests, body_rests=body_rests, distance_measured=distance_measured,
-        use_reference=use_reference, ref_v_std=ref_v_std, ref_x_std=ref_x_std, drive=drive, model=model,
-        effects=effects,
-    )  # fmt: skip
+    options = options_of(locals())
     execution = execution_of(jobs, scheduler, cache=cache)
     results, origin = _analysed("fit-k92", logs, options, execution, strict, done)
     return Records([result.comparison.fit for result in results], (), origin)
@@ -142,12 +137,7 @@ def fit_a_theta(
         UsageError: both or neither of `logs` and `published`.
         InputError, EstimateError: as in `fit_k92`, or the trials do not allow the fit.
     """
-    options = options_of(
-        robot=robot, soil=soil, column_map=column_map, topics=topics, window=window, changes=changes,
-        exclude=exclude, rests=rests, body_rests=body_rests, distance_measured=distance_measured,
-        use_reference=use_reference, ref_v_std=ref_v_std, ref_x_std=ref_x_std, drive=drive, model=model,
-        effects=effects,
-    )  # fmt: skip
+    options = options_of(locals())
     given = [logs] if isinstance(logs, (str, Path)) else list(logs)
     if published:
         if given:
@@ -194,12 +184,7 @@ def compare(
         InputError, EstimateError: as in `fit_k92`.
         LabError: a file cannot be written.
     """
-    options = options_of(
-        robot=robot, soil=soil, column_map=column_map, topics=topics, window=window, changes=changes,
-        rests=rests, body_rests=body_rests, distance_measured=distance_measured,
-        use_reference=use_reference, ref_v_std=ref_v_std, ref_x_std=ref_x_std, drive=drive, model=model,
-        effects=effects,
-    )  # fmt: skip
+    options = options_of(locals())
     execution = execution_of(jobs, scheduler, cache=cache)
     results, origin = _analysed("compare", logs, options, execution, strict, done)
     comparisons = [result.comparison for result in results]
@@ -250,12 +235,7 @@ def study(
     Raises:
         LabError: no trial went through, or the folder cannot be written.
     """
-    options = options_of(
-        robot=robot, soil=soil, column_map=column_map, topics=topics, window=window, changes=changes,
-        exclude=exclude, rests=rests, body_rests=body_rests, distance_measured=distance_measured,
-        use_reference=use_reference, ref_v_std=ref_v_std, ref_x_std=ref_x_std, drive=drive, model=model,
-        effects=effects, tolerance=tolerance, latency=latency,
-    )  # fmt: skip
+    options = options_of(locals())
     execution, folder = execution_of(jobs, scheduler, cache=cache), path(out)
     chosen = choose(logs, options)
     with claimed(folder, PAGES) if folder else nullcontext():
@@ -369,12 +349,7 @@ def discover(
         InputError: a log cannot be used, or nothing says what was commanded.
         EstimateError: a trial has no sensor to compare with, or the simulation fails.
     """
-    options = options_of(
-        robot=robot, soil=soil, column_map=column_map, topics=topics, window=window, changes=changes,
-        exclude=exclude, rests=rests, body_rests=body_rests, distance_measured=distance_measured,
-        use_reference=use_reference, ref_v_std=ref_v_std, ref_x_std=ref_x_std, drive=drive,
-        effects=effects, tolerance=tolerance, latency=latency,
-    )  # fmt: skip
+    options = options_of(locals())
     execution, folder = execution_of(jobs, scheduler, cache=cache), path(out)
     chosen = choose(logs, options)
     options = chosen.options

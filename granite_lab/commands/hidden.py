@@ -1,4 +1,4 @@
-"""Commands on trials with a sealed answer: write them, open the answer, judge a discovery by it."""
+"""Commands on trials with a sealed answer: write them, decode the answer, compare a finding with it."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def reveal(
         help="Discovery to be judged: JSON of discover or study, or its folder.")] = None,
     as_json: Json = False,
 ) -> None:  # fmt: skip
-    """Open the answer of a set of trials, and judge a discovery by it.
+    """Decode the answer of a set of trials, and compare a finding with it.
 
     Without a discovery, only the answer is printed.
     """

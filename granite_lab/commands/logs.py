@@ -159,7 +159,7 @@ def ingest(
     variant: Annotated[float | None, Option(
         help="Desired velocity [m/s], if the log lacks it (0.01 to 5).")] = None,
     against_reference: Annotated[str | None, Option("--against",
-        help="'ref': judge the estimate by the log's reference, which the filter does not use.")] = None,
+        help="'ref': compare the estimate with the log's reference, which the filter does not use.")] = None,
     strict: Strict = False,
     jobs: Jobs = 0,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None, topics: Topics = None,
@@ -177,7 +177,7 @@ def ingest(
 
     The motion of each log is written as a table, a row for each IMU sample.
 
-    The logs are listed beside the tables: commands that are given no logs take these.
+    The logs are listed beside the tables: they are the default of other commands.
     """
     from granite_lab.api.at_hand import refuse_others, remember
     from granite_lab.api.project import results_folder

@@ -64,8 +64,7 @@ def simulate(
     wheels: Annotated[Path | None, Option(
         help="Log whose measured wheel speeds drive the simulation.")] = None,
     log: Annotated[Path | None, Option(help="File for the log of virtual sensors (CSV).")] = None,
-    seed: Annotated[int, Option(help="Seed of the random numbers of sensors and sand.")] = 0,
-    scatter: Annotated[bool, Option("--scatter", help="Vary the sand at random, as raking does.")] = False,
+    seed: Annotated[int, Option(help="Seed of the random numbers of the sensors.")] = 0,
     k92: K92 = None, a_theta: ATheta = None, robot: ModelRobot = None, soil: ModelSoil = None,
     changes: Changes = None,
     model: ModelFile = None, effects: EffectFile = None, active: Active = None,
@@ -79,7 +78,7 @@ def simulate(
     ending = ending_of(out, table_format)
     run = gl.simulate(
         variant, v=v, a=a, distance=distance, command=command, wheels=wheels, log=log, seed=seed,
-        scatter=scatter, k92=k92, a_theta=a_theta, robot=robot, soil=soil, model=model, effects=effects,
+        k92=k92, a_theta=a_theta, robot=robot, soil=soil, model=model, effects=effects,
         active=effects_of(active), changes=changes_of(changes),
     )  # fmt: skip
     path = out or Path("reports") / "simulate" / f"v{run.variant.velocity:g}{ending}"
@@ -90,10 +89,10 @@ def simulate(
     printer.json("simulate/1", document | {"run": path, "log": log})
     printer.say(f"Simulated run, {run.variant.velocity:g} m/s", "bold")
     reporting.terminal.show_run(run, printer.shown)
-    law = f"k_92 = {run.k92_value:g}" if run.k92_law == "constant" else f"a_θ = {run.k92_value:g} s/m"
+    law = f"k_92 = {run.k92_value:.4g}" if run.k92_law == "constant" else f"a_θ = {run.k92_value:.4g} s/m"
     printer.line(f"slip ratio of the robot λ_R = {100 * run.slip_ratio:.2f} % over the steady part, {law}")
     for name, values_of in run.effects.items():
-        printer.line(f"with {name}: " + ", ".join(f"{k} = {x:g}" for k, x in values_of.items()))
+        printer.say(f"with {name}: {reporting.names.in_units(name, values_of)}")
     printer.line(f"integrated in {run.wall * 1000:.0f} ms; all signals: {path}")
     if log:
         printer.line(f"virtual sensor log: {log}")
@@ -144,7 +143,7 @@ def wheel(
         f"wheel of radius {run.wheels.radius:g} m and width {run.wheels.width:g} m on {run.soil.name}"
     )
     for e in run.effects:
-        printer.say(f"with {e.id}: " + ", ".join(f"{k} = {x:g}" for k, x in e.as_dict().items()))
+        printer.say(f"with {e.id}: {reporting.names.in_units(e.id, e.as_dict())}")
     from granite_lab.model.single_wheel import WHEEL_POINTS
 
     printer.rows(WHEEL_POINTS, run.points)

@@ -1,7 +1,8 @@
-"""Commands that hold the model against trials: fits, comparisons, studies, and what comes of them."""
+"""Commands that compare the model with trials: fits, comparisons, studies, and what uses their results."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -46,7 +47,7 @@ from granite_lab.commands.options import (
 from granite_lab.commands.printer import Printer, progress, provenance, warn, warn_of
 from granite_lab.errors import LabError
 from granite_lab.files import write_table, write_text
-from granite_lab.rounding import significant
+from granite_lab.rounding import significant, tidy_unit
 from granite_lab.running.output import tell
 from granite_lab.shown import picked
 
@@ -125,7 +126,8 @@ def fit_atheta(
     printer.json("fit-atheta/2", document | {"agrees": reporting.answers.a_theta_of(fit)[1]})
     reporting.terminal.show_a_theta(fit, printer.shown)
     what = "Rows of Table 3" if published else "Virtual trials" if fit.virtual else "Trials"
-    printer.say(f"{what}: {', '.join(point[0] for point in fit.points)}.")
+    names = [f"{velocity:g} m/s" if published else name for name, velocity, *_ in fit.points]
+    printer.say(f"{what}: {', '.join(names)}.")
 
 
 def compare(
@@ -262,9 +264,11 @@ def compare_studies(
     printer = Printer(as_json)
     printer.json("compare-studies/1", two_studies.compared_as_json(compared) | {"page": page})
     printer.say(f"A: {compared.names[0]}; B: {compared.names[1]}")
-    columns = ("quantity", "unit", "B − A, 95 %", "detectable", "verdict")
-    reporting.table.show_table(two_studies.compared_table(compared), printer.shown, only=columns)
-    printer.say("B − A: 95 % interval. Detectable: difference that is found with a probability of 80 %.")
+    rows = tuple(replace(row, quantity=f"{row.quantity} [{tidy_unit(row.unit)}]") for row in compared.rows)
+    table = two_studies.compared_table(replace(compared, rows=rows))
+    columns = ("quantity", "A", "B", "B − A, 95 %", "verdict")
+    reporting.table.show_table(table, printer.shown, only=columns)
+    printer.say("B − A: 95 % interval. --out and --json also state the smallest detectable difference.")
     for note in compared.notes:
         printer.say(note)
     if page is not None:
@@ -411,4 +415,4 @@ def asked(plan: Plan) -> str:
         return f"Which trial distinguishes {', '.join(rivals[:-1])} and {rivals[-1]}?"
     if plan.question.kind == "show":
         return f"Which trial shows {' or '.join(rivals)}, if it is present?"
-    return "Which trial lowers the largest relative standard deviation?"
+    return "Which trial lowers the largest relative standard deviation of a strength?"

@@ -199,9 +199,11 @@ class Chosen(Equations):
         self.fit, self.normal, self.screened = screened.fit, screened.normal, screened
         self.chosen = np.array(chosen, dtype=int)
         std, mean = screened.problem.prior(self.fit.point, self.fit.scales)
-        widths = [width_of(screened.terms[k].parameters[0]) for k in chosen]
-        self.precision = np.append(std, widths) ** -2.0
-        self.pull = np.append(mean - self.fit.point.vector, np.zeros(len(widths)))
+        sizes = [screened.terms[k].parameters[0] for k in chosen]
+        self.precision = np.append(std, [width_of(p) for p in sizes]) ** -2.0
+        self.pull = np.append(mean - self.fit.point.vector, np.zeros(len(sizes)))
+        low, high = (side - self.fit.point.vector for side in screened.problem.bounds(self.fit.point))
+        self.low, self.high = np.append(low, [p.low for p in sizes]), np.append(high, [p.high for p in sizes])
 
     def marginal(self, share: float, only: Sequence[int]) -> tuple[Array, float]:
         """Return the matrix of some trials under a discrepancy of some share, and its log determinant."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from granite_lab.discovery.describing import Screened
-from granite_lab.discovery.heldout import Equations, Predicted, predict, predicts_better, transferred
+from granite_lab.discovery.heldout import Equations, Predicted, predict, predicts_better
 from granite_lab.discovery.pushes import Pushes
 from granite_lab.discovery.search import FINE
 from granite_lab.errors import EstimateError
@@ -53,7 +53,7 @@ def described(problem: Problem, pushes: Pushes, tolerance: float) -> Fit | None:
         lost = [id_ for id_ in found.point.effects if is_term(id_) and id_ not in stay]
         if not lost:
             after = predict(problem, found, tolerance)
-            return found if predicts_better(problem, predict(problem, before, tolerance), after) else None
+            return found if predicts_better(predict(problem, before, tolerance), after) else None
         point = found.point
         for id_ in lost:
             point = problem.without_effect(point, id_)
@@ -67,10 +67,10 @@ def _staying(problem: Problem, found: Fit, tolerance: float) -> list[str]:
     while stay:
         now = lacking(problem, found, gone, tolerance)
         without = {id_: lacking(problem, found, [*gone, id_], tolerance) for id_ in stay}
-        lost = [id_ for id_ in stay if not predicts_better(problem, without[id_], now)]
+        lost = [id_ for id_ in stay if not predicts_better(without[id_], now)]
         if not lost:
             break
-        least = min(lost, key=lambda id_: float(np.nansum(transferred(problem, without[id_]))))
+        least = min(lost, key=lambda id_: float(np.nansum(without[id_].loss)))
         stay.remove(least)
         gone.append(least)
     return stay
@@ -91,10 +91,10 @@ def _chosen(problem: Problem, screened: Screened, tolerance: float, most: int) -
         gains = screened.gains(chosen, tolerance)
         order = [int(k) for k in np.argsort(-gains)[:TRIED] if gains[k] > 0]
         after = {k: predict(problem, screened.fit, tolerance, screened.beside([*chosen, k])) for k in order}
-        better = [k for k in order if predicts_better(problem, now, after[k])]
+        better = [k for k in order if predicts_better(now, after[k])]
         if not better:
             break
-        best = min(better, key=lambda k: float(np.nansum(transferred(problem, after[k]))))
+        best = min(better, key=lambda k: float(np.nansum(after[k].loss)))
         chosen.append(best)
         now = after[best]
     return chosen

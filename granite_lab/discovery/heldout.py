@@ -10,7 +10,7 @@ import numpy as np
 from granite_lab.estimate import Estimate
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import held, tolerated
-from granite_lab.inference.normal import posterior
+from granite_lab.inference.normal import least_within, posterior
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import SHARES
 from granite_lab.logs.trial import Array
@@ -22,15 +22,20 @@ class Predicted:
 
     Attributes:
         own: (trials,) with all trials in the fit.
-        left_out: (trials,) each predicted by the others; NaN where there are none.
+        left_out: (trials,) each predicted by the others, see `by_others`; NaN where there are none.
         speed_left_out: (trials,) each predicted by the trials of other commands; NaN where there are none.
         expected: (trials,) what noise and the tolerance leave of a model that is right.
+        loss: per part that is left out, see `units`, minus twice the logarithm of its probability density
+            given the other parts: what they leave open of the numbers counts as uncertainty.
+        squares: the sum of squares in that density, over the covariance of noise, tolerance and uncertainty.
     """
 
     own: Array
     left_out: Array
     speed_left_out: Array
     expected: Array
+    loss: Array
+    squares: Array
 
     @property
     def unseen(self) -> Array:
@@ -56,6 +61,7 @@ class Equations:
         for k in pinned:
             std[first + k], mean[first + k] = PINNED * std[first + k], neutral[k]
         self.precision, self.pull = std**-2.0, mean - fit.point.vector
+        self.low, self.high = (side - fit.point.vector for side in problem.bounds(fit.point))
 
     def marginal(self, share: float, only: Sequence[int]) -> tuple[Array, float]:
         """Return the matrix of some trials under a discrepancy of some share, and its log determinant."""
@@ -84,7 +90,7 @@ def predict(problem: Problem, fit: Fit, tolerance: float, equations: Equations |
         return _predict(problem, equations or Equations(problem, fit), tolerance)
     except np.linalg.LinAlgError:  # a trial that leaves its numbers open
         nothing = np.full(len(problem.trials), np.nan)
-        return Predicted(nothing, nothing, nothing, nothing)
+        return Predicted(nothing, nothing, nothing, nothing, nothing, nothing)
 
 
 def _predict(problem: Problem, equations: Equations, tolerance: float) -> Predicted:
@@ -99,30 +105,48 @@ def _predict(problem: Problem, equations: Equations, tolerance: float) -> Predic
         own[i] = _misfit(equations, k, i, tolerance, everyone)
         expected[i] = _misfit(equations, k, i, SHARES[-1], flexible)
         expected[i] += equations.held(k, tolerance) - equations.held(k, SHARES[-1])
-    for i in range(n) if n > 1 else ():
-        left[[i]] = by_others(problem, equations, tolerance, [i])
+    everything = range(n)
+    for i in everything if n > 1 else ():
+        left[i] = by_others(equations, tolerance, [k for k in everything if k != parts[i]], [parts[i]])[0]
     for out in problem.commands if len(problem.commands) > 1 else ():
-        speed[list(out)] = by_others(problem, equations, tolerance, out)
-    return Predicted(own, left, speed, expected)
+        mine = [parts[i] for i in out]
+        speed[list(out)] = by_others(equations, tolerance, [k for k in everything if k not in mine], mine)
+    whole = _density(equations, tolerance, list(range(n)))
+    rest = [[k for k, i in enumerate(order) if i not in out] for out in units(problem)]
+    parts_left_out = [whole - _density(equations, tolerance, some) for some in rest if some]
+    loss, squares = np.array(parts_left_out).reshape(-1, 2).T
+    return Predicted(own, left, speed, expected, loss, squares)
 
 
-def by_others(problem: Problem, equations: Equations, tolerance: float, out: Sequence[int]) -> Array:
-    """Return the misfits of some trials that all others predict.
+def _density(equations: Equations, share: float, only: Sequence[int]) -> Array:
+    """Return minus twice the log marginal likelihood of some trials, and the sum of squares in it."""
+    found = posterior(*equations.marginal(share, only), equations.precision, equations.pull)
+    return np.array([-2 * found.evidence, found.misfit])
+
+
+def by_others(equations: Equations, tolerance: float, rest: Sequence[int], parts: Sequence[int]) -> Array:
+    """Return the misfits of some parts that others predict, over the covariance of the prediction.
+
+    What the others leave open of the numbers is part of it: of speeds few say how a strength goes on.
 
     Args:
-        problem, equations, tolerance: as in `predict`.
-        out: numbers of the trials that are left out.
+        equations, tolerance: as in `predict`.
+        rest: parts that predict.
+        parts: those predicted, one by one.
     """
-    order = [i for own in problem.commands for i in own]
-    step = shared_step(equations, tolerance, [k for k, i in enumerate(order) if i not in out])
-    return np.array([_misfit(equations, order.index(i), i, tolerance, step) for i in out])
+    known = _density(equations, tolerance, rest)
+    return np.array([(_density(equations, tolerance, [*rest, k]) - known)[1] for k in parts])
 
 
 def shared_step(equations: Equations, share: float, only: Sequence[int]) -> Array:
-    """Return the step of the shared numbers that some trials ask for."""
-    M, logdet = equations.marginal(share, only)
-    first = sum(x.size for x in equations.fit.point.trials)
-    return posterior(M, logdet, equations.precision, equations.pull).step[first:]
+    """Return the step of the shared numbers that some trials ask for, within the bounds.
+
+    Few speeds may ask for numbers far beyond them, where the model is not linear.
+    """
+    M, _ = equations.marginal(share, only)
+    p, first = equations.precision.size, sum(x.size for x in equations.fit.point.trials)
+    N, right = M[:p, :p] + np.diag(equations.precision), M[:p, -1] + equations.precision * equations.pull
+    return least_within(N, right, equations.low, equations.high, 1e-11)[first:]
 
 
 def _misfit(equations: Equations, part: int, trial: int, share: float, step: Array) -> float:
@@ -146,20 +170,9 @@ FEWEST_SPEEDS = 3
 line."""
 
 
-def transferred(problem: Problem, predicted: Predicted) -> Array:
-    """Return the misfits of the speeds that were left out, of the trials where there are few speeds.
-
-    They are those of the fit itself where nothing could be left out.
-    """
-    speeds = len({t.observation.variant.velocity for t in problem.trials})
-    if speeds >= FEWEST_SPEEDS and np.isfinite(predicted.speed_left_out).any():
-        return predicted.speed_left_out
-    return predicted.unseen
-
-
-def predicts_better(problem: Problem, before: Predicted, after: Predicted) -> bool:
+def predicts_better(before: Predicted, after: Predicted) -> bool:
     """Tell whether a model predicts what was left out better by more than a standard error."""
-    drop = transferred(problem, before) - transferred(problem, after)
+    drop = before.loss - after.loss
     drop = drop[np.isfinite(drop)]
     if drop.size < 2:
         return True

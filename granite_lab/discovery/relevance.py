@@ -53,7 +53,19 @@ def needed(
     """
     if any(p.per_trial for p in problem.parameters_of(id_)):
         return changes
-    alone = under(problem, without, scales)
+    return unexplained(problem, without, scales, tolerance)
+
+
+def unexplained(problem: Problem, result: Fit, scales: Scales, tolerance: float) -> dict[str, float]:
+    """Return channel to what a fit leaves where formulas and model are as wrong as they may be.
+
+    Args:
+        problem: the trials.
+        result: the fit.
+        scales: say how trials differ.
+        tolerance: as in `search`.
+    """
+    alone = under(problem, result, scales)
     worst = replace(tolerated(alone.scales, tolerance), formula=FORMULA_ERROR[1])
     return shares(problem, taken(problem, alone, worst))
 

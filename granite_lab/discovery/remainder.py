@@ -69,7 +69,7 @@ def remainder(
 def _better(problem: Problem, alone: Fit, before: Fit, after: Fit, tolerance: float) -> bool:
     """Tell whether a model predicts what was left out better, and its simulations no worse."""
     same = under(problem, before, after.scales)
-    if not predicts_better(problem, predict(problem, same, tolerance), predict(problem, after, tolerance)):
+    if not predicts_better(predict(problem, same, tolerance), predict(problem, after, tolerance)):
         return False
     own = carried(problem, after, tolerance)
     others = carried(problem, before, tolerance), filed(problem, alone)

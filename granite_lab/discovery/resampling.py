@@ -6,9 +6,10 @@ predicted by the others; single trials, where there are few speeds. It is pseudo
 and Gelman, Using stacking to average Bayesian predictive distributions, Bayesian Analysis 13 (2018) 917-1007,
 with two changes. The log density of what is left out is that of an error whose size is not known,
 
-    S = -n/2 log(misfit),
+    S = -1/2 log det C - n/2 log(r^T C^-1 r),
 
-n the degrees of freedom: a model that lacks something is believed to the size of its own errors only. And the
+n the degrees of freedom, C the covariance of the errors r: a model that lacks something is believed
+to the size of its own errors only. And the
 sum over so few units is drawn from its posterior, Student's t, in place of the Bayesian bootstrap, which
 never leaves the range of the four speeds that were driven.
 """
@@ -20,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granite_lab.discovery.heldout import FEWEST_SPEEDS, Predicted, transferred, units
+from granite_lab.discovery.heldout import FEWEST_SPEEDS, Predicted, units
 from granite_lab.discovery.search import Model, Search
 from granite_lab.inference.constants import EFFECT_ODDS
 from granite_lab.inference.problem import Problem
@@ -73,13 +74,16 @@ def compete(
     models = competitors(search)
     places = units(problem)
     found = predicted(models)
-    losses = np.array([[transferred(problem, p)[list(own)].sum() for own in places] for p in found])
+    losses, squares = (np.array([getattr(p, kind) for p in found]) for kind in ("loss", "squares"))
     free = np.array([found[0].expected[list(own)].sum() for own in places])
-    known = np.isfinite(losses).all(axis=0) & (losses > 0).all(axis=0) & (free > 0)
+    if losses.shape[1] != free.size:
+        return by_evidence(search)
+    known = np.isfinite(losses).all(axis=0) & (squares > 0).all(axis=0) & (free > 0)
     if known.sum() < FEWEST_SPEEDS:
         return by_evidence(search)
     odds = np.array([m.log_posterior - m.fit.evidence for m in models])
-    return Competition(models, winners(-0.5 * free[known] * np.log(losses[:, known]), odds))
+    densities = -0.5 * (losses - squares + free * np.log(np.fmax(squares, 1e-300)))
+    return Competition(models, winners(densities[:, known], odds))
 
 
 def competitors(search: Search) -> tuple[Model, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from granite_lab.discovery.candidates import Score, Screen, rescreened, rivals, scores, screen
 from granite_lab.discovery.carrying import carried, filed, worse
 from granite_lab.discovery.heldout import predict, predicts_better
-from granite_lab.discovery.relevance import good, made, needed, shows, strained
+from granite_lab.discovery.relevance import good, made, needed, shows, strained, unexplained
 from granite_lab.discovery.sets import attempts, fit_sets, set_of
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
@@ -19,12 +19,16 @@ from granite_lab.inference.fit import LEAST, ROUNDS, Fit, fit, taken, under
 from granite_lab.inference.gap import moved, tolerated
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.scales import FORMULAS
 
 MOST = 6
 """Effects in a set at most."""
 
 TRIED, TRIED_HELD = 3, 2
 """Candidates of a screen that are fitted in full: with the discrepancy as learnt, and as tolerated."""
+
+REVISED = 2
+"""Effects that are taken out of a set to be revised, each in turn."""
 
 FINE = 12
 """Most steps of a fit that begins where another one ended: a fine one at a rough one's end, or one of the
@@ -114,7 +118,7 @@ def search(
     tolerance: float = TOLERANCE,
     tell: Callable[[str, int], None] = lambda *_: None,
 ) -> Search:
-    """Extend the model effect by effect, then exchange each effect of the best set for its rivals.
+    """Extend the model effect by effect, revise the set, then exchange each of its effects for its rivals.
 
     Candidates are screened under the discrepancy as learnt and under one of the tolerated size.
 
@@ -126,19 +130,21 @@ def search(
         tell: told what is being done, and beside how many effects; `MOST` where they are exchanged.
     """
     steps = _Steps(problem, candidates, tolerance, tell, {(): _model((), base)})
-    current = steps.models[()]
-    path: list[tuple[Model, Model, list[Score]]] = []
-    while len(current.effects) < MOST:
-        best, tried = steps.extended(current)
-        if best is current:
-            break
-        path.append((current, best, tried))
-        current = best
-    steps.exchange(current, path)
+    best, taken = steps.revised(*steps.path(steps.models[()]))
+    steps.exchange(best, taken)
     steps.guard()
     steps.finish()
     models = sorted(steps.models.values(), key=lambda m: -m.log_posterior)
     return Search(tuple(models), steps.looks, frozenset(steps.small))
+
+
+@dataclass(frozen=True, eq=False)
+class _Extension:
+    """One step of a search: the set before it, that with one more effect, and what was tried."""
+
+    before: Model
+    after: Model
+    tried: Sequence[Score]
 
 
 @dataclass
@@ -162,17 +168,66 @@ class _Steps:
     small: set[tuple[str, ...]] = field(default_factory=set)
     named: int = 0
 
+    def path(self, model: Model) -> tuple[Model, list[_Extension]]:
+        """Extend a set effect by effect; return where that ends, and the way there."""
+        taken: list[_Extension] = []
+        while len(model.effects) < MOST:
+            best, tried = self.extended(model)
+            if best is model:
+                break
+            taken.append(_Extension(model, best, tried))
+            model = best
+        return model, taken
+
+    def revised(self, best: Model, taken: list[_Extension]) -> tuple[Model, list[_Extension]]:
+        """Extend again what is left of a set without one of its effects, and go on with a likelier one.
+
+        What stands in for two effects that are missing may come before either. The effects that are needed
+        least are taken out, see `is_strange`.
+        """
+        for _ in range(MOST):
+            if len(best.effects) < 2 or not self.is_strange(best):
+                break
+            self.named = MOST
+            points = [self.problem.without_effect(best.fit.point, e) for e in best.effects]
+            self.fitted([(point, best.fit) for point in points])
+            known = [
+                m for key in map(set_of, points) if (m := self.models.get(key)) and key not in self.looks
+            ]
+            for rest in sorted(known, key=lambda m: -m.log_posterior)[:REVISED]:
+                other, tried = self.extended(rest)
+                if other.log_posterior > best.log_posterior + WORTH:
+                    best, way = self.path(other)
+                    taken = [_Extension(rest, other, tried), *way]
+                    break
+            else:
+                break
+        return best, taken
+
+    def is_strange(self, model: Model) -> bool:
+        """Tell whether a set may hold an effect that stands in for others.
+
+        Errors of its formulas are then as large as they may be in more than one channel, and it predicts
+        trials left out worse than noise and tolerance allow.
+        """
+        if sum(error >= FORMULAS[1] for error in model.fit.scales.formulas.values()) < 2:
+            return False
+        predicted = predict(self.problem, model.fit, self.tolerance)
+        return bool(predicted.unseen.sum() > (1 + LEFT**2) * predicted.expected.sum())
+
     def extended(self, model: Model) -> tuple[Model, list[Score]]:
         """Return the best set with one more effect, the set itself if none is better, and what was tried.
 
         Beside effects that leave no discrepancy the leaders are fitted one by one until one of them stays,
-        for most often none does. Beside those that leave little only a candidate without a rival is fitted.
+        for most often none does. Where errors of the formulas may explain all that is left, only the first is
+        fitted: which of several rivals comes first is then decided by those errors.
         """
-        self.named = len(model.effects)
+        self.named = max(self.named, len(model.effects))
         fine = self.settled(model)
         leaders = self.leaders(model)
-        if len(leaders) > 1 and not self.is_open(model):
-            return model, []
+        if model.effects and not fine:
+            left = unexplained(self.problem, model.fit, model.fit.scales, self.tolerance)
+            leaders = leaders if max(left.values(), default=0.0) > self.tolerance else leaders[:1]
         tried: list[_Promise] = []
         for group in [[p] for p in leaders] if fine else [leaders]:
             tried += group
@@ -253,35 +308,24 @@ class _Steps:
                 return False
         alone = under(problem, model.fit, scales)
         before, after = (predict(problem, f, self.tolerance) for f in (alone, other.fit))
-        return predicts_better(problem, before, after)
-
-    def is_open(self, model: Model) -> bool:
-        """Tell whether a set leaves so much that candidates may compete.
-
-        Not so where it leaves less than `LEFT` of what noise and tolerance leave of a right model, as an rms:
-        there the errors of noise and formulas decide which of several rivals comes first.
-        """
-        if not model.effects:
-            return True
-        predicted = predict(self.problem, model.fit, self.tolerance)
-        return bool(not predicted.unseen.sum() < (1 + LEFT**2) * predicted.expected.sum())
+        return predicts_better(before, after)
 
     def settled(self, model: Model) -> bool:
         """Tell whether a model leaves no discrepancy that matters."""
         return good(self.problem, model.fit, self.tolerance) and not strained(self.problem, model.fit)
 
-    def exchange(self, best: Model, path: Sequence[tuple[Model, Model, Sequence[Score]]]) -> None:
+    def exchange(self, best: Model, taken: Sequence[_Extension]) -> None:
         """Fit the best set with each of its effects exchanged for rivals that were tried in its place.
 
         A rival must have gained `LEFT` of what the effect did: the sets beside which they stood differ.
 
         Args:
             best: the set.
-            path: per effect the set before it, that with it, and what was tried.
+            taken: the way to it.
         """
         self.named = MOST
-        points: list[Point] = []
-        for before, after, tried in path[:-1]:  # those of the last stood beside the same effects
+        points: list[Point] = []  # not for the last effect: what was tried stood beside the same set
+        for before, after, tried in ((x.before, x.after, x.tried) for x in taken[:-1]):
             (id_,) = set(after.effects) - set(before.effects)
             without = self.problem.without_effect(best.fit.point, id_)
             points.append(_where_alone(self.problem, without, self.models))

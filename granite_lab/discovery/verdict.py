@@ -264,7 +264,7 @@ def by_posterior(problem: Problem, search: Search) -> Judgement:
     """Return what the posterior alone says; it stands in where trials cannot be predicted."""
     best = search.best
     nothing = np.full(len(problem.trials), np.nan)
-    unseen = Predicted(nothing, nothing, nothing, nothing)
+    unseen = Predicted(nothing, nothing, nothing, nothing, nothing, nothing)
     competition = by_evidence(search)
     named = _held(competition, best.effects)
     sure = all(n.probability >= CREDIBLE for n in named)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import inspect
 import pkgutil
@@ -18,7 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from granite_lab.errors import InputError, UsageError, at
+from granite_lab.errors import InputError, UsageError, at, known_names, nearest
 from granite_lab.files import readable, refuse_special
 from granite_lab.model.dictionary import dictionary
 from granite_lab.model.effect import Effect, EffectParameter
@@ -69,9 +68,7 @@ def get(effect_id: str, known: Mapping[str, Effect] | None = None) -> Effect:
     table = library() if known is None else known
     if effect_id in table:
         return table[effect_id]
-    close = difflib.get_close_matches(effect_id, table, n=1, cutoff=0.4)
-    hint = f"did you mean '{close[0]}'? " if close else ""
-    raise UsageError(f"unknown effect '{effect_id}'", f"{hint}known: {', '.join(table)}")
+    raise UsageError(f"unknown effect '{effect_id}'", known_names(effect_id, table, 0.4))
 
 
 def load_effects(path: Path | str) -> dict[str, Effect]:
@@ -192,11 +189,8 @@ def check_declaration(cls: type[Effect], path: str) -> None:
             )
     public = {name for name, item in vars(cls).items() if inspect.isfunction(item) and name[0] != "_"}
     for name in sorted(public - set(vars(Effect))):
-        close = difflib.get_close_matches(name, vars(Effect), n=1)
-        hint = f"did you mean '{close[0]}'? " if close else ""
-        raise InputError(
-            f"{where}: '{name}' is not a hook", f"{hint}begin the name of a helper with an underscore"
-        )
+        hint = f"{nearest(name, vars(Effect))} begin the name of a helper with an underscore"
+        raise InputError(f"{where}: '{name}' is not a hook", hint)
 
 
 def neutral_gap(effect: Effect) -> float:

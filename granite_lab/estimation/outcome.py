@@ -71,7 +71,7 @@ def motion_of(trial: Trial, problem: Problem, solution: Solution, health: Health
     variant, source, doubt = _command(trial, start, offset, replace(course, steady=totals.steady))
     more = [*way.said, *([doubt] if doubt else [])]
     if not np.isfinite(course.steady[0]):
-        more.append("the wheels come no way: the robot's slip ratio is not defined")
+        more.append("the wheels hardly turn: the robot's slip ratio is not defined")
     elif not course.constant:
         a, b = course.steady
         more.append(f"never steady: the robot's slip ratio is that of the drive from {a:.2f} s to {b:.2f} s")
@@ -260,7 +260,7 @@ class Phases:
     """
 
     name: tuple[PhaseName, ...]  # (N,) of each stamp
-    steady: Interval  # that second half, else all of the drive [s]; NaN where the wheels come no way
+    steady: Interval  # that second half, else all of the drive [s]; NaN where the wheels hardly turn
     plateau: float  # wheel velocity there [m/s]
     onset: Estimate  # instant at which the wheels set off, with std [s]
     acceleration: float  # slope of the wheels' velocity on the way up [m/s^2]
@@ -315,7 +315,7 @@ def find_phases(t: Array, speed: Array, rests: Sequence[Interval], off: Mask | N
 
 
 def _whole(t: Array, pace: Array, speed: Array, rest: np.ndarray) -> Interval:
-    """Return from when to when the wheels move at all [s]; NaN where they come no way."""
+    """Return from when to when the wheels move at all [s]; NaN where they hardly turn."""
     moving = np.flatnonzero(~rest & (pace > MOVING))
     if moving.size < 2:
         return NAN, NAN

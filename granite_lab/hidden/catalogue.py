@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import ModuleType
 
-from granite_lab.errors import UsageError
+from granite_lab.errors import UsageError, known_names
 from granite_lab.hidden import drive, outside, soil, soil_law, tyre, vehicle
 from granite_lab.hidden.controller import CONTROLLERS
 from granite_lab.hidden.influence import Influence
@@ -56,11 +55,7 @@ def influence(name: str) -> type[Influence]:
     """
     known = LIBRARY | OUTSIDE | LAWS
     if name not in known:
-        close = difflib.get_close_matches(name, known, n=1)
-        raise UsageError(
-            f"unknown hidden effect '{name}'",
-            (f"did you mean '{close[0]}'? " if close else "") + f"known: {', '.join(known)}",
-        )
+        raise UsageError(f"unknown hidden effect '{name}'", known_names(name, known))
     return known[name]
 
 

@@ -76,8 +76,8 @@ class Lab:
         repetitions: of each variant; 0 leaves it to who asks.
         logger: what the logger adds to the errors that the robot's record states.
         radius: relative std of each wheel's radius in each trial.
-        rolls: the wheels roll by these radii, and angles are logged as they are; otherwise the wheels are
-            alike and the logger counts their angles by these factors.
+        rolls: the wheels really have these radii; otherwise they are alike, and the logger's angles are off
+            by as much.
         before, after: least and most of the standstills [s].
         near_rest: how the forces and the drive go on near rest.
         drawn: what of all this was drawn, for the answer.

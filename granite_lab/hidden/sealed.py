@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import binascii
-import difflib
 import hashlib
 import json
 import math
@@ -17,7 +16,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from granite_lab.errors import InputError
+from granite_lab.errors import InputError, nearest
 from granite_lab.files import readable
 
 HEAD = b"granite-lab sealed answer 1; opened by: granite-lab reveal\n"
@@ -129,10 +128,8 @@ def _effect(
     if name == OUTSIDE and not title.strip():
         raise InputError(f"{path}: '{OUTSIDE}' has no title", 'state the cause: "title": "a magnet"')
     if name != OUTSIDE and name not in units:
-        close = difflib.get_close_matches(name, units, 1)
-        guess = f"did you mean '{close[0]}'? " if close else ""
         other = f"`granite-lab effects` lists the ids; any other cause is '{OUTSIDE}' with a title"
-        raise InputError(f"{path}: unknown effect '{name}'", guess + other)
+        raise InputError(f"{path}: unknown effect '{name}'", f"{nearest(name, units)} {other}")
     allowed = units.get(name, {})
     for key, value in parameters.items():
         if key not in allowed:

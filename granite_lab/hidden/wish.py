@@ -14,9 +14,6 @@ from granite_lab.hidden.chance import factors, lot, magnitude, scaled
 from granite_lab.hidden.influence import Size
 from granite_lab.parameters import Soil, Variant
 
-LOTS = ("random", "none", "outside", "pair", "mixture")
-"""What may stand in place of an id: a lot of the library, none, a lot outside it, two of it, several."""
-
 COMMANDS = ("trapezoid", "joystick", "recorded")
 """Trapezoids of Table 2; a person's stick, another one in each trial; sticks that each repetition repeats."""
 
@@ -38,7 +35,8 @@ class Wish:
     """What to hide.
 
     Attributes:
-        effect: an id, ids joined by ``+``, or one of `LOTS`.
+        effect: an id, or ids joined by ``+``; or random: one of the library; outside: one that it lacks;
+            pair: two of it; mixture: several; none.
         seed: of everything random.
         strength: factor on the drawn sizes.
         noise: factor on noise, vibration and jitter of the sensors.

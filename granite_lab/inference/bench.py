@@ -87,7 +87,7 @@ class World:
         soil = dataclasses.replace(
             self.soil, **{name: getattr(self.soil, name) * value for name, value in ratio.items()}
         )
-        variant = led(self.variants[task.variant], task.leads, self.robot.wheels.radius)
+        variant = led(self.variants[task.variant], task.leads, self.robot)
         return model_parameters(self.robot, soil, variant, a_theta=a_theta)
 
     def task(self, variant: int, numbers: Array, setting: Setting) -> Task:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
-from scipy.optimize import lsq_linear
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED, SAND
 from granite_lab.inference.constants import WORTH
-from granite_lab.inference.normal import Normal, Posterior, Scales
+from granite_lab.inference.normal import Normal, Posterior, Scales, least_within
 from granite_lab.inference.point import SHARED, Point, Slopes
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import (
@@ -192,7 +190,9 @@ def _descended(
     """Return where steps by Levenberg and Marquardt end, the scales there, and whether that is an optimum.
 
     The damping follows the drop over the promised one (H. B. Nielsen, Damping parameter in Marquardt's
-    method, IMM-REP-1999-05, Technical University of Denmark).
+    method, IMM-REP-1999-05, Technical University of Denmark). Differences are taken at the centre of each
+    command. Numbers that each trial has of its own, as the phase of a wheel, may be far from that: where a
+    step fails, differences are then taken at each trial.
 
     Args:
         problem: the trials.
@@ -206,6 +206,7 @@ def _descended(
     good, trusted = (AS_GOOD, TRUSTED) if fine else (AS_GOOD_ROUGH, TRUSTED_ROUGH)
     damping, growth, pace, before = 0.0, 2.0, 1.0, np.inf  # `before`: what the last step promised
     since, stalled = np.inf, 0  # what the derivatives have brought; how often they brought nothing
+    alike, each = not problem.parameters(state.point.effects, per_trial=True), False
     for _ in range(rounds):
         here, aim, promised = _promise(problem, state, scales, damping)
         loud = scales.loud and not fine
@@ -228,6 +229,7 @@ def _descended(
         ratio = drop / (promised * pace * (2 - pace)) if promised > 0 else -np.inf
         near = promised < NEAR and damping == 0
         closer = fine and near and drop > -NEAR and promised < before / 2
+        other = away == 0 and not alike and not each and promised > NO_RANK
         fresh, before = away == 0, promised if near and tried is not None else np.inf
         if tried is not None and (drop > 0 or closer):
             damping *= max(1 / 3, 1 - (2 * ratio - 1) ** 3)
@@ -235,21 +237,21 @@ def _descended(
             state, away, since = tried, away + pace * float(np.sqrt(promised)), since + drop
             keep = away < good if near else abs(ratio - 1) < trusted
             pace = min(1.0, 2 * pace) if ratio > HALF else pace
-        elif fresh and fine and damping == 0 and promised < WITHIN:
+        elif fresh and not other and fine and damping == 0 and promised < WITHIN:
             pace, keep = pace / 2, True
             if pace < LEAST_PACE:
                 break
-        elif fresh:
+        elif fresh and not other:
             damping, growth, keep = max(growth * damping, 10 * LEAST_DAMPED), 2 * growth, True
             if damping > MOST_DAMPED or (not fine and promised < NEAR):
                 break
         else:
-            keep = False
+            keep, each, since = False, each or other, np.inf if other else since
         if not keep:
             stalled += since < (enough if fine else max(enough, NO_RANK))
             if stalled >= (STALLS if fine else 1):
                 break
-            renewed = _renewed(problem, state, central=fine)
+            renewed = _renewed(problem, state, central=fine, each=each)
             if renewed is None:
                 break
             state, away, since = renewed, 0.0, 0.0
@@ -318,9 +320,9 @@ def _tried(
     return here - there, _State(aim, state.slopes, responses, residuals, white, state.normal.at(white))
 
 
-def _renewed(problem: Problem, state: _State, *, central: bool) -> _State | None:
+def _renewed(problem: Problem, state: _State, *, central: bool, each: bool = False) -> _State | None:
     """Return a state with the derivatives at its point, None where a run has no solution."""
-    slopes = problem.slopes(state.point, central=central)
+    slopes = problem.slopes(state.point, central=central, each=each)
     if slopes is None:
         return None
     return replace(state, slopes=slopes, normal=problem.normal(state.point, slopes, state.residuals))
@@ -353,21 +355,11 @@ def simulated(problem: Problem, point: Point) -> tuple[Array, ...] | None:
 
 
 def _aim(problem: Problem, point: Point, M: Array, std: Array, pull: Array, damping: float) -> Point:
-    """Return where the damped step leads: the least of the linear problem within the bounds.
-
-    A step that is only cut off at the bounds may lead uphill.
-    """
+    """Return where the damped step leads: the least of the linear problem within the bounds."""
     p = std.size
-    N = M[:p, :p] + np.diag(std**-2.0)
-    scale = 1 / np.sqrt(np.diag(N))
-    factor = cholesky(N * np.outer(scale, scale) + damping * np.eye(p), lower=True)
-    white = solve_triangular(factor, scale * (M[:p, -1] + pull / std**2), lower=True)
-    step = scale * solve_triangular(factor, white, lower=True, trans="T")
+    N, right = M[:p, :p] + np.diag(std**-2.0), M[:p, -1] + pull / std**2
     low, high = (side - point.vector for side in problem.bounds(point))
-    if np.any((step < low) | (step > high)):
-        within = lsq_linear(factor.T, white, (low / scale, high / scale), method="bvls")
-        step = scale * within.x
-    return problem.moved(point, step)
+    return problem.moved(point, least_within(N, right, low, high, damping))
 
 
 def _linear(M: Array, std: Array, mean: Array, point: Point, aim: Point) -> float:

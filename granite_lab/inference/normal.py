@@ -8,8 +8,9 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_factor, cho_solve, cholesky
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
+from scipy.optimize import lsq_linear
 
 from granite_lab.inference.constants import LOUD
 from granite_lab.inference.discrepancy import variances
@@ -248,6 +249,29 @@ class Normal:
 def _solved(U: Array, b: Array) -> Array:
     """Return the solution of U^T x = b; LAPACK complains on stdout of a matrix without rows."""
     return np.asarray(dtrtrs(U, b, trans=1)[0] if U.size else b)
+
+
+def least_within(N: Array, right: Array, low: Array, high: Array, damping: float = 0.0) -> Array:
+    """Return the (p,) step x to the least of x^T N x - 2 x^T right within bounds.
+
+    A step that is only cut off at the bounds may lead uphill.
+
+    Args:
+        N: (p, p), positive definite.
+        right: (p,).
+        low, high: (p,) least and largest step.
+        damping: added to the diagonal of N, which is scaled to ones.
+
+    Raises:
+        numpy.linalg.LinAlgError: N leaves a direction open.
+    """
+    scale = 1 / np.sqrt(np.fmax(np.diag(N), 1e-300))
+    factor = cholesky(N * np.outer(scale, scale) + damping * np.eye(scale.size), lower=True)
+    white = solve_triangular(factor, scale * right, lower=True)
+    step = np.asarray(scale * solve_triangular(factor, white, lower=True, trans="T"))
+    if np.any((step < low) | (step > high)):
+        step = scale * lsq_linear(factor.T, white, (low / scale, high / scale), method="bvls").x
+    return step
 
 
 @dataclass(frozen=True, eq=False)

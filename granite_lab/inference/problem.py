@@ -152,23 +152,27 @@ class Problem:
 
     def centre(self, point: Point, command: int) -> Task:
         """Return the simulation of a command at the mean of its trials' own numbers."""
-        own = self.commands[command]
-        numbers = point.shared[: len(SIMULATED)].copy()
-        numbers[:RAKED] += np.mean([point.trials[i][:RAKED] for i in own], axis=0)
-        setting = self.setting(point.effects, point.common, self._own_mean(point, command))
-        return self.bench.world.task(self.variants[command], numbers, setting)
+        return self._middle(point, self.commands[command])
 
-    def _own_mean(self, point: Point, command: int) -> Array:
-        rows = [point.trials[i][self.trials[i].size :] for i in self.commands[command]]
-        return np.asarray(np.mean(rows, axis=0))
+    def _middle(self, point: Point, some: Sequence[int]) -> Task:
+        """Return the simulation at the mean of the own numbers of some trials of a command."""
+        numbers = point.shared[: len(SIMULATED)].copy()
+        numbers[:RAKED] += np.mean([point.trials[i][:RAKED] for i in some], axis=0)
+        setting = self.setting(point.effects, point.common, self._own_mean(point, some))
+        return self.bench.world.task(self.trials[some[0]].variant, numbers, setting)
+
+    def _own_mean(self, point: Point, some: Sequence[int]) -> Array:
+        return np.asarray(np.mean([point.trials[i][self.trials[i].size :] for i in some], axis=0))
 
     def respond(self, tasks: Sequence[Task]) -> list[Array] | None:
         """Return the (8, M) response of each simulation; None where one has no solution."""
         found = [r for r in self.bench.run(tasks) if r is not None]
         return found if len(found) == len(tasks) else None
 
-    def slopes(self, point: Point, sand_from: Slopes | None = None, *, central: bool = True) -> Slopes | None:
-        """Differentiate the responses at the centre of each command; None where a run has no solution.
+    def slopes(
+        self, point: Point, sand_from: Slopes | None = None, *, central: bool = True, each: bool = False
+    ) -> Slopes | None:
+        """Differentiate the responses; None where a run has no solution.
 
         Where a step leads out of the region with a solution, the opposite one alone is taken.
 
@@ -176,42 +180,52 @@ class Problem:
             point: where.
             sand_from: slopes whose derivatives by the sand are good enough to be kept.
             central: take differences to both sides where the model has kinks.
+            each: take differences at each trial's own numbers, in place of the centre of its command.
         """
         first = 0 if sand_from is None else len(SIMULATED)
-        commands = range(len(self.variants))
-        plans = [self._differences(point, command, central)[first:] for command in commands]
-        centres = [self.centre(point, command) for command, _ in enumerate(self.variants)]
-        without = [self._without_each(point, command) for command, _ in enumerate(self.variants)]
+        places = [(i,) for i, _ in enumerate(self.trials)] if each else self.commands
+        plans = [self._differences(point, some, central)[first:] for some in places]
+        middles = [self._middle(point, some) for some in places]
+        centres = [self.centre(point, command) for command, _ in enumerate(self.commands)]
+        without = [self._without_each(point, command) for command, _ in enumerate(self.commands)]
         sides = [
             task
             for plan in plans
             for d in plan
             for task in ((d.ahead, d.behind) if d.central else (d.ahead,))
         ]
-        tasks = list(dict.fromkeys([*centres, *chain.from_iterable(without), *sides]))
+        tasks = list(dict.fromkeys([*centres, *middles, *chain.from_iterable(without), *sides]))
         runs = dict(zip(tasks, self.bench.run(tasks), strict=True))
         lost = [d.behind for plan in plans for d in plan if not d.central and runs[d.ahead] is None]
         runs |= zip(lost, self.bench.run(lost) if lost else (), strict=True)
+        known = {task: run for task, run in runs.items() if run is not None}
+        if not known.keys() >= {*centres, *middles, *chain.from_iterable(without)}:
+            return None
         shared = len(self.parameters(point.effects, per_trial=False))
-        parts: list[tuple[Array, Array, Array]] = []
-        for j, (centre, plan, left) in enumerate(zip(centres, plans, without, strict=True)):
-            base, others = runs[centre], [run for task in left if (run := runs[task]) is not None]
+        changes: dict[int, Array] = {}
+        for some, middle, plan in zip(places, middles, plans, strict=True):
+            base = known[middle]
             derived = [found for d in plan if (found := d.derivative(base, runs)) is not None]
-            if base is None or len(others) < len(left) or len(derived) < len(plan):
+            if len(derived) < len(plan):
                 return None
             n = len(SIMULATED) - first
-            sand = stacked(derived[:n], base) if sand_from is None else sand_from.simulated(j)
-            common, own = np.split(stacked(derived[n:], base), [shared], axis=-1)
-            traces = stacked([base - other for other in others], base)
-            directions = self.trials[self.commands[j][0]].directions(base)
-            parts.append((base, np.concatenate([directions, sand, own, common], axis=-1), traces))
-        private = len(self.parameters(point.effects, per_trial=True))
-        responses, changes, effects = zip(*parts, strict=True)
-        return Slopes(responses, changes, effects, private)
+            sand, common, own = np.split(stacked(derived, base), [n, n + shared], axis=-1)
+            sand = sand if sand_from is None else sand_from.simulated(some[0])
+            directions = self.trials[some[0]].directions(base)
+            changes |= dict.fromkeys(some, np.concatenate([directions, sand, own, common], axis=-1))
+        return Slopes(
+            response=tuple(known[centre] for centre in centres),
+            changes=tuple(changes[i] for i, _ in enumerate(self.trials)),
+            traces=tuple(
+                stacked([known[centre] - known[task] for task in left], known[centre])
+                for centre, left in zip(centres, without, strict=True)
+            ),
+            private=len(self.parameters(point.effects, per_trial=True)),
+        )
 
-    def _differences(self, point: Point, command: int, central: bool) -> list[Difference]:
-        """Return the differences of a command by the sand and by the effects' parameters."""
-        centre, found = self.centre(point, command), []
+    def _differences(self, point: Point, some: Sequence[int], central: bool) -> list[Difference]:
+        """Return the differences by the sand and by the effects' parameters, at the mean of some trials."""
+        centre, found = self._middle(point, some), []
         numbers, task = np.array((*centre.sand, *centre.leads)), self.bench.world.task
         for k, name in enumerate(SIMULATED):
             step = STEP * (np.arange(STEP.size) == k)
@@ -219,7 +233,7 @@ class Problem:
             found.append(Difference(float(STEP[k]), central and name in KINKED, *sides))
         shared = [p for _, p in self.parameters(point.effects, per_trial=False)]
         private = [p for _, p in self.parameters(point.effects, per_trial=True)]
-        at = np.concatenate([point.common, self._own_mean(point, command)])
+        at = np.concatenate([point.common, self._own_mean(point, some)])
         for k, p in enumerate([*shared, *private]):
             step, sides = step_of(p, float(at[k])), []
             for sign in (1, -1):
@@ -235,7 +249,7 @@ class Problem:
         centre, found = self.centre(point, command), []
         for id_ in point.effects:
             left = self.without_effect(point, id_)
-            own = self.setting(left.effects, left.common, self._own_mean(left, command))
+            own = self.setting(left.effects, left.common, self._own_mean(left, self.commands[command]))
             found.append(replace(centre, setting=own))
         return found
 
@@ -473,7 +487,7 @@ class Problem:
         """
         t, x = self.trials[i], point.trials[i]
         command = self.variants.index(t.variant)
-        local, sensors, others = t.columns(slopes.changes[command], x, point.sensors)
+        local, sensors, others = t.columns(slopes.changes[i], x, point.sensors)
         first, private = len(SIMULATED) - RAKED, slopes.private
         rest, own, common = np.split(others, [first, first + private], axis=1)
         more = [t.effect_columns(further.changes[command], x, point.sensors)] if further else []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import json
 import math
 import re
@@ -13,12 +12,13 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granite_lab.errors import InputError, at
+from granite_lab.errors import InputError, at, nearest
 from granite_lab.files import write_text, writing
 from granite_lab.logs.quantities import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.trial import Stated, Trial, TrialInfo, unsaid
 from granite_lab.parameters import parse_path
 from granite_lab.parameters.quantity import (
+    at_line,
     build,
     key_of,
     parse_toml,
@@ -88,14 +88,13 @@ def collect(
                 metadata["extra"] |= {name: str(note) for name, note in value.items()}
                 continue
             if where in files and key not in (*CONDITIONS, MADE_BY):
-                unknown = unknown_key(where, key, [*_KEYS, *CONDITIONS])
+                unknown = at_line(unknown_key(where, key, [*_KEYS, *CONDITIONS]), where, "", key)
                 end = "" if unknown.hint.endswith("?") else "."
                 notes = f"{unknown.hint}{end} Notes of your own stand below [{NOTES}]."
                 raise InputError(unknown.message, notes)
             metadata["extra"][key] = str(value)
-            close = difflib.get_close_matches(key, list(_KEYS), n=1, cutoff=0.8)
-            if close:
-                warnings.append(f"{where}: metadata key '{key}' is not known; did you mean '{close[0]}'?")
+            if guess := nearest(key, _KEYS, 0.8):
+                warnings.append(f"{where}: metadata key '{key}' is not known; {guess}")
     return metadata
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +17,7 @@ from granite_lab.logs.canonical import Metadata, collect
 from granite_lab.logs.cells import Cells, load
 from granite_lab.logs.counters import Mask
 from granite_lab.logs.layouts import Binding, Layout, Match, all_layouts, best, match, no_match
-from granite_lab.logs.quantities import DATE, ENCODERS, by_name
+from granite_lab.logs.quantities import ACCELERATION, DATE, ENCODERS, RATE, by_name
 from granite_lab.logs.rows import is_number
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.table import Table, open_table
@@ -85,15 +86,28 @@ def recognise(path: Path, maps: Sequence[Layout] = (), topics: Mapping[str, str]
     if all(fit.missing for fit in tries):
         tries = _of_catalogue(path, maps, tries, misfits)
     chosen = best([fit for fit in tries if not fit.missing])
-    if bag or chosen.layout in maps or any(b.channel in ENCODERS for b in chosen.bindings):
+    if bag or chosen.layout in maps:
         return chosen
-    table, used = chosen.table, {b.place for b in chosen.bindings}
+    lost = ", ".join(_lost(chosen))
+    unknown = f"not used, because layout '{chosen.layout.name}' does not know the name or its unit"
+    remedy = "inspect --write-map writes a map to which it can be added"
+    doubted = chosen.table.doubted(f"{path.name}: {lost}: {unknown}; {remedy}")
+    return dataclasses.replace(chosen, table=doubted) if lost else chosen
+
+
+def _lost(chosen: Match) -> list[str]:
+    """Return the columns that a layout does not bind, and that by their names complete what it binds.
+
+    These are wheels where it binds none, and axes of a sensor of which it binds others.
+    """
+    table, bound = chosen.table, {b.channel for b in chosen.bindings}
+    used = {b.place for b in chosen.bindings}
+    wanted = set() if bound & set(ENCODERS) else set(ENCODERS)
+    for axes in (set(ACCELERATION), set(RATE)):
+        wanted |= axes - bound if axes & bound else set()
     names = [table.names[place] for place in range(table.width) if place not in used]
-    wheels = ", ".join(name for name in names if set(by_name(name).to) & set(ENCODERS))
-    unknown = f"look like wheels, which layout '{chosen.layout.name}' does not know"
-    remedy = "inspect --write-map writes a map to which they can be added"
-    doubted = table.doubted(f"{path.name}: {wheels}: {unknown}; {remedy}")
-    return dataclasses.replace(chosen, table=doubted) if wheels else chosen
+    bare = [re.split(r"\s*[\[(]", name)[0] for name in names]  # without a unit that nobody knows
+    return [n for n, b in zip(names, bare, strict=True) if {*by_name(n).to, *by_name(b).to} & wanted]
 
 
 def _of_catalogue(

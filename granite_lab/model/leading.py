@@ -9,17 +9,17 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab.parameters import Course, Variant
+from granite_lab.parameters import Course, Robot, Variant
 
 Array = npt.NDArray[np.float64]
 
-LASTS = 1 / 3
-"""Time over which the error of a loop on the angle of a wheel comes and goes [s]: k_D/k_P of (26), of the
-paper's robot."""
+LASTING = 1 / 3
+"""Time over which the error of a loop on the angle of a wheel comes and goes [s], where the robot's file
+states no such loop: k_D/k_P of (26), of the paper's robot."""
 
 LEADS = ("lead", "lasting lead")
 """Times by which v_d leads the wheels [s]: of the acceleration at once, as in a loop on the speed, and of the
-acceleration low-passed by `LASTS`, as in a loop on the angle, too."""
+acceleration low-passed by k_D/k_P, as in a loop on the angle, too."""
 
 
 def is_free(variant: Variant) -> bool:
@@ -27,7 +27,7 @@ def is_free(variant: Variant) -> bool:
     return isinstance(variant, Course) and bool(variant.wheels) and not variant.commanded
 
 
-def led(variant: Variant, leads: Sequence[float], radius: float) -> Variant:
+def led(variant: Variant, leads: Sequence[float], robot: Robot) -> Variant:
     """Return a course whose desired velocity leads its wheels; what was commanded stays as it is.
 
     A loop on the speed with a gain leaves an error that is proportional to the acceleration. One that holds
@@ -38,24 +38,33 @@ def led(variant: Variant, leads: Sequence[float], radius: float) -> Variant:
     Args:
         variant: a course that `is_free`; any other is returned as it is.
         leads: times by `LEADS` [s].
-        radius: r [m].
+        robot: whose wheels turn.
     """
     if not is_free(variant) or not any(leads):
         return variant
     assert isinstance(variant, Course)
-    t, ahead = _ahead(variant, radius)
+    t, ahead = _ahead(variant, robot.wheels.radius, lasting_of(robot))
     v = variant.velocity_at(t) + np.asarray(leads) @ ahead
     v[[0, -1]] = 0.0
     return replace(variant, path=tuple(zip(t.tolist(), v.tolist(), strict=True)))
 
 
+def lasting_of(robot: Robot) -> float:
+    """Return k_D/k_P of the robot's file [s], or `LASTING`."""
+    drive = robot.drive
+    return drive.gain_d / drive.gain_p if drive and drive.gain_p > 0 and drive.gain_d > 0 else LASTING
+
+
 @lru_cache(maxsize=64)
-def _ahead(course: Course, radius: float) -> tuple[Array, Array]:
-    """Return the (K,) instants of the wheels [s], and (2, K) their acceleration there, by `LEADS` [m/s^2]."""
+def _ahead(course: Course, radius: float, lasting: float) -> tuple[Array, Array]:
+    """Return the (K,) instants of the wheels [s], and (2, K) their acceleration there, by `LEADS` [m/s^2].
+
+    The second one is low-passed by the time `lasting` [s].
+    """
     t = np.array([instant for instant, *_ in course.wheels])
     a = radius * np.array([(front.acceleration + rear.acceleration) / 2 for _, front, rear in course.wheels])
     slow = np.zeros_like(a)
     for k in range(1, t.size):  # exact for an acceleration that is linear between the instants
-        rise = LASTS * (a[k] - a[k - 1]) / (t[k] - t[k - 1])
-        slow[k] = a[k] - rise + (slow[k - 1] - a[k - 1] + rise) * np.exp(-(t[k] - t[k - 1]) / LASTS)
+        rise = lasting * (a[k] - a[k - 1]) / (t[k] - t[k - 1])
+        slow[k] = a[k] - rise + (slow[k - 1] - a[k - 1] + rise) * np.exp(-(t[k] - t[k - 1]) / lasting)
     return t, np.stack([a, slow])

@@ -8,9 +8,6 @@ the mean over its sampling interval.
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
@@ -20,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from granite_lab.logs.trial import CurrentStream, ImuStream, Series, Trial, TrialInfo, WheelStream
 from granite_lab.model.run import Run
-from granite_lab.parameters import WHEELS, Course, ImuGrade, Robot, Soil
+from granite_lab.parameters import WHEELS, Course, ImuGrade, Robot
 
 Array = npt.NDArray[np.float64]
 
@@ -29,31 +26,6 @@ STILL = 2.0
 
 LATERAL_VIBRATION = 0.6
 """Vibration along y as a share of that along x and z [-]; an assumption."""
-
-
-@dataclass(frozen=True)
-class Scatter:
-    """How much the sand differs between trials after raking, as relative std; an assumption.
-
-    Attributes:
-        frictional_modulus, cohesion: of k_φ and c.
-        a_theta: of a_θ (or of log k_92 where it is constant).
-    """
-
-    frictional_modulus: float = 0.05
-    cohesion: float = 0.05
-    a_theta: float = 0.03
-
-
-def rake(soil: Soil, a_theta: float, scatter: Scatter, rng: np.random.Generator) -> tuple[Soil, float]:
-    """Draw the sand of one trial: each scattered parameter times exp(N(0, std))."""
-    f = np.exp(rng.normal(size=3) * [scatter.frictional_modulus, scatter.cohesion, scatter.a_theta])
-    raked = dataclasses.replace(
-        soil,
-        frictional_modulus=soil.frictional_modulus * float(f[0]),
-        cohesion=soil.cohesion * float(f[1]),
-    )
-    return raked, a_theta * float(f[2])
 
 
 def virtual_trial(run: Run, seed: int, name: str, *, repetition: int = 1) -> tuple[Trial, pd.DataFrame]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -12,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granite_lab.columns import Column, Table, words
-from granite_lab.errors import InputError, UsageError
+from granite_lab.errors import InputError, UsageError, known_names
 from granite_lab.parameters.changes import OPTION, Changes, changed
 from granite_lab.parameters.quantity import build, check_number, key_of, read_toml
 from granite_lab.parameters.records import WHEELS, ImuGrade, Paper, Published, Robot, Soil, Variant
@@ -38,13 +37,11 @@ def find(kind: str, name: str | Path) -> Path:
     text = str(name)
     if text.endswith(".toml") or "/" in text:
         return Path(text)
-    listed = names(kind)
-    if text in listed:
+    there = names(kind)
+    if text in there:
         return CATALOGUE / kind / f"{text}.toml"
-    close = difflib.get_close_matches(text, listed, n=1)
-    hint = f"did you mean '{close[0]}'? " if close else ""
     raise UsageError(
-        f"unknown {kind[:-1]} '{text}'", f"{hint}known: {', '.join(listed)}; or give the path of a .toml file"
+        f"unknown {kind[:-1]} '{text}'", f"{known_names(text, there)}; or give the path of a .toml file"
     )
 
 
@@ -151,9 +148,9 @@ def variant_of(velocity: float) -> Variant:
     for variant in load_variants():
         if abs(variant.velocity - velocity) < 1e-6:
             return variant
-    listed = ", ".join(f"{v.velocity:g}" for v in load_variants())
+    velocities = ", ".join(f"{v.velocity:g}" for v in load_variants())
     raise UsageError(
-        f"unknown variant '{velocity:g}'", f"known [m/s]: {listed}; or give --v, --a and --distance"
+        f"unknown variant '{velocity:g}'", f"known [m/s]: {velocities}; or give --v, --a and --distance"
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import hashlib
 import json
 import math
@@ -12,6 +11,7 @@ import re
 import tomllib
 import types
 import typing
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -19,10 +19,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from granite_lab.errors import InputError
+from granite_lab.errors import InputError, at, nearest
 from granite_lab.files import readable, refuse_special
 
 T = TypeVar("T")
+
+_HEADER = re.compile(r"\s*(\[\[?)([^\]]+)\]")
 
 SUFFIX = {
     "": "",
@@ -139,8 +141,7 @@ def toml_line(key: str, value: object) -> str:
 
 def unknown_key(where: str, key: str, keys: list[str]) -> InputError:
     """Say that a key is not known and which known one it resembles."""
-    close = difflib.get_close_matches(key, keys, n=1, cutoff=0.5)
-    hint = f"did you mean '{close[0]}'?" if close else f"allowed here: {', '.join(sorted(keys))}"
+    hint = nearest(key, keys, 0.5) or f"allowed here: {', '.join(sorted(keys))}"
     return InputError(f"{where}: unknown key '{key}'", hint)
 
 
@@ -175,20 +176,50 @@ def build(cls: type[T], table: dict[str, Any], where: str, label: str = "") -> T
     place = f"{where}: [{label}]" if label else where
     for key in table:
         if key not in fields:
-            raise unknown_key(place, key, list(fields))
+            raise at_line(unknown_key(place, key, list(fields)), where, label, key)
     values: dict[str, Any] = {}
     for key, field in fields.items():
         if key not in table:
             if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
                 unit = field.metadata.get("unit", "")
+                meaning = ", in ".join(filter(None, (field.metadata.get("meaning", ""), unit)))
                 raise InputError(
-                    f"{place}: '{key}' is missing",
-                    f"add {key} = … ({field.metadata.get('meaning', field.name)}"
-                    + (f", in {unit})" if unit else ")"),
+                    f"{place}: '{key}' is missing", f"add {key} = …" + (f" ({meaning})" if meaning else "")
                 )
             continue
-        values[field.name] = _convert(hints[field.name], field, key, table[key], where, place, label)
+        try:
+            values[field.name] = _convert(hints[field.name], field, key, table[key], where, place, label)
+        except InputError as error:
+            raise at_line(error, where, label, key) from None
     return cls(**values)
+
+
+def at_line(error: InputError, where: str, label: str, key: str) -> InputError:
+    """Return an error about a key of a table with the line of the key, where a file has it in a line."""
+    line = _line_of(where, label, key) if error.message.startswith(f"{where}: ") else None
+    return InputError(at(where, line) + error.message.removeprefix(where), error.hint) if line else error
+
+
+def _line_of(where: str, label: str, key: str) -> int | None:
+    """Return the line of a TOML file in which a key of a table stands, or the header of a table so called."""
+    if not where.endswith(".toml"):
+        return None
+    try:
+        text = Path(where).read_text(encoding="utf-8-sig")
+    except (OSError, ValueError):
+        return None
+    wanted, table, rows = f"{label}.{key}" if label else key, "", Counter[str]()
+    for number, line in enumerate(text.splitlines(), 1):
+        if header := _HEADER.match(line):
+            table = header[2].strip()
+            if table == wanted:
+                return number
+            if header[1] == "[[":
+                rows[table] += 1
+                table = f"{table}.{rows[table]}"
+        elif table == label and re.match(rf"""\s*(["']?){re.escape(key)}\1\s*=""", line):
+            return number
+    return None
 
 
 def _interval(place: str, key: str, pair: Any) -> tuple[float, float]:

@@ -48,8 +48,8 @@ class Question:
     Attributes:
         kind: tell the rivals "apart", "show" each of them against nothing, or "sharpen" a number.
         rivals: ids of the explanations, the named one first; empty where a number is sharpened.
-        named: the effects in the model, last the one that the rivals stand in for.
-        gains: log Bayes factor of each rival on the trials at hand, where they stand in for none.
+        named: the effects in the model; the rivals are compared with the last one.
+        gains: log Bayes factor of each rival on the trials at hand, where no effect is in the model.
     """
 
     kind: Literal["apart", "show", "sharpen"]

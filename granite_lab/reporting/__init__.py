@@ -1,4 +1,4 @@
-"""Report, figures and recordings: leaves of the chain that nothing else imports."""
+"""Report, figures and recordings: the last stage of the chain; no other stage imports it."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What a report answers: every number decided and rounded here, and printed from here everywhere."""
+"""The answers of a report: each number is computed and rounded here, and all outputs print it from here."""
 
 from __future__ import annotations
 
@@ -21,8 +21,10 @@ from granite_lab.reporting.names import (
     inside,
     listed,
     next_steps,
+    parted,
     plain,
     sensor,
+    strained_in_words,
     together,
 )
 from granite_lab.reporting.silence import REMEDY, assumptions, reach_in_words, silent, why_no_k92
@@ -330,7 +332,7 @@ def _depends(views: Sequence[View]) -> str:
     by = {v.by: v for v in views}
     text = ""
     if (wide := by.get("uncertain")) is not None:
-        most = next(part.name for part in wide.parts if part.name != TRIALS).partition(",")[0]
+        most = next(part.name for part in wide.parts if part.name != TRIALS).replace(",", "")
         ends = interval(*wide.ci95, "s/m")
         text += (
             f" With the uncertainty of soil and wheel radius (most of it: {most}), the interval is {ends}."
@@ -389,10 +391,11 @@ def missing_answer(finding: Finding | None, reason: str = "") -> Answer:
         return Answer("missing", question, "Nothing that these trials show", text, tone)
     sizes = "; ".join(describe(e) for e in finding.effects)
     more = "; ".join(describe(e) for e in finding.description)
-    describes = [f"A description of the rest, not its cause: {more}."] if more else []
+    only = "None of this is only a description."
+    describes = [f"A description of the rest, not its cause: {more}." if more else only]
     if finding.verdict == "unknown":
         text = f"No effect of the library explains the disagreement. {' '.join(describes)}"
-        text = text if describes else in_plain_words(finding.sentence, finding)
+        text = text if more else in_plain_words(finding.sentence, finding)
         return Answer("missing", question, "Something unknown", text, "bad")
     twins = [
         f"These trials cannot tell {plain(e.id)} from {listed([plain(t) for t in e.twins], 'or')}."
@@ -431,7 +434,8 @@ def closes_answer(finding: Finding) -> Answer:
     text += scale_of_gap(finding)
     remain = sorted((g for g in finding.gaps if g.train[1] > 1.0), key=lambda g: -g.train[1])
     if remain:
-        text += f" Beyond the tolerance remain: {listed([sensor(g.channel) for g in remain])}."
+        sizes = listed([f"{sensor(g.channel)} ({times(g.train[1])} times)" for g in remain])
+        text += f" Still beyond the tolerance: {sizes}."
     closes = 1 - finding.remainder
     verdict = capital(percent(min(max(closes, 0.0), 1.0))) if math.isfinite(closes) else "Not known"
     tested = finding.remainder <= MUCH and math.isfinite(finding.gap.held_out[0])
@@ -462,6 +466,7 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
             doubts.append(f"{plural(len(finding.dropped), 'trial')} left out because no model fits")
         if any(note.startswith(UNCONVERGED) for note in finding.notes):
             doubts.append("the fit with what was found did not converge")
+        doubts += strained_in_words(finding)
         grounds.append(f"Probability of the finding: {chance(finding.probability)}.")
         left = ((finding.trials_left_out, "trials"), (finding.speeds_left_out, "speeds"))
         counts = [f"{sum(x.after < x.before for x in f)} of {len(f)} {kind}" for f, kind in left if f]
@@ -491,9 +496,3 @@ def _next(steps: Sequence[str]) -> tuple[Answer, ...]:
         return ()
     text, command = parted(steps[0])
     return (Answer("next", "What to do next?", "", text, command=command),)
-
-
-def parted(step: str) -> tuple[str, str]:
-    """Return the sentence of a step and its command, empty where there is none."""
-    text, _, command = step.partition(": granite-lab ")
-    return f"{text.rstrip('.')}.", f"granite-lab {command.rstrip('.')}" if command else ""

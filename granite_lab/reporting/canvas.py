@@ -1,4 +1,4 @@
-"""Figures: one palette with a fixed meaning, panels laid out in inches, the same bytes each time."""
+"""Figures: one palette with fixed meanings, panels sized in inches; the same input gives the same bytes."""
 
 from __future__ import annotations
 
@@ -200,7 +200,7 @@ def band(axis: Axes, t: Array, value: Array, std: Array, label: str) -> None:
 
 
 def key(axis: Axes, text: str) -> None:
-    """Write what lines are above the right end of a panel."""
+    """Write above the right end of a panel what its lines are."""
     axis.text(1, 1.02, text, transform=axis.transAxes, ha="right", va="bottom", fontsize=7.5)
 
 

@@ -1,4 +1,4 @@
-"""Channels, effects and their sizes as a reader calls them, and what to do with a finding."""
+"""Words for channels, effects and their sizes, and the next steps after a finding."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 import re
 import shlex
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlencode
@@ -16,7 +17,7 @@ from granite_lab.discovery.finding import Finding, FoundEffect, FoundParameter, 
 from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import EffectParameter
-from granite_lab.rounding import decided, plus_minus, tidy_unit
+from granite_lab.rounding import decided, plus_minus, tidy_unit, with_unit
 
 SENSORS = {
     "accel_x": "forward acceleration",
@@ -40,6 +41,32 @@ STATUS: Mapping[Status, str] = {
     "at a bound": "ended at a limit",
 }
 """What became of a candidate, as a reader calls it."""
+
+SAND = {
+    "a_theta": ("a_θ", "a_θ"),
+    "frictional_modulus": ("k_φ", "frictional modulus k_φ"),
+    "cohesion": ("c", "cohesion c"),
+    "shear_modulus": ("K", "shear modulus K"),
+    "friction_angle": ("φ", "friction angle φ"),
+    "exponent": ("n", "exponent n"),
+    "tyre_friction": ("μ_s", "tyre friction μ_s"),
+}
+"""Symbols of the numbers of the sand, alone and with their names."""
+
+SCALES = {
+    "a_theta": ("a_θ, from raking to raking", "%", 100.0),
+    "frictional_modulus": ("k_φ, from raking to raking", "%", 100.0),
+    "cohesion": ("c, from raking to raking", "%", 100.0),
+    "start": ("start of the command", "ms", 1000.0),
+    "tilt": ("tilt of the IMU", "°", 180 / math.pi),
+    "accel_x gain": ("gain of the accelerometer", "%", 100.0),
+    "wheel gain": ("wheel radius, mean of all", "%", 100.0),
+    "wheel_split gain": ("wheel radius, front against rear", "%", 100.0),
+    "current_f gain": ("gain of the front motor currents", "%", 100.0),
+    "current_r gain": ("gain of the rear motor currents", "%", 100.0),
+    "current_side gain": ("gain of the motor currents of a side", "%", 100.0),
+}
+"""Numbers that differ from trial to trial: words, unit, and factor to it."""
 
 LINES = "explore.html"
 """Page on which each line can be zoomed into."""
@@ -165,6 +192,27 @@ def speed_stem(speed: float) -> str:
     return f"{whole}p{decimals:0<2}"
 
 
+def strained_in_words(finding: Finding) -> list[str]:
+    """Say in one line which numbers lie at a bound, or far from their file or range; nothing where none."""
+    found = []
+    for name in finding.strained:
+        effect, _, number = name.partition(".")
+        of_trials = SCALES.get(name, (name, ""))[0]
+        own = f"{plain(effect)} {number.replace('_', ' ')}" if number else f"the {of_trials}"
+        found.append(SAND[name][1] if name in SAND else own)
+    return [f"at a bound, or over 2 std from file or usual range: {listed(found)}"] if found else []
+
+
+def _measure_soil(finding: Finding) -> list[str]:
+    """Ask for a measurement of the soil where the fit moves its numbers far."""
+    far = [words for name, (_, words) in SAND.items() if name in finding.strained and name != "a_theta"]
+    if not far:
+        return []
+    them = "it" if len(far) == 1 else "them"
+    measure = f"Measure {listed(far)} of this soil and write {them} into its file, then search again"
+    return [f"{measure}: the fit moves {them} more than 2 std from there."]
+
+
 def capital(text: str) -> str:
     """Return a text with a capital letter in front."""
     return text[:1].upper() + text[1:]
@@ -207,6 +255,16 @@ def amount(effect: FoundEffect, parameter: FoundParameter) -> str:
     """Return a fitted number ± std with its unit."""
     unit, scale = scale_of(effect.id, parameter.name, parameter.unit, parameter.estimate.value)
     return plus_minus(parameter.estimate, unit, scale)
+
+
+def in_units(effect_id: str, values: Mapping[str, float]) -> str:
+    """Return the numbers of an effect that is switched on, as `name = value unit`."""
+    said = []
+    for name, value in values.items():
+        declaration = declared(effect_id, name)
+        unit, scale = scale_of(effect_id, name, declaration.unit if declaration else "", value)
+        said.append(f"{name} = {with_unit(f'{value * scale:.4g}', unit)}")
+    return ", ".join(said)
 
 
 def meaning(effect_id: str, name: str) -> str:
@@ -252,6 +310,7 @@ def next_steps(finding: Finding, model: Path | str | None, folder: str, effects:
             + user_effect
         )
         return (*steps, look, f"Plan the next trial: {plan}")
+    steps += _measure_soil(finding)
     faults = [plain(e.id) for e in finding.effects if (effect := met(e.id)) and effect.fault]
     if faults:
         steps.append(
@@ -271,7 +330,20 @@ def next_steps(finding: Finding, model: Path | str | None, folder: str, effects:
             f"result: granite-lab simulate --model {pasted(f'{folder}/{Path(model).name}')}{given} "
             f"--variant {speed:g}"
         )
-    return (*steps, *([] if twins else [f"Plan the trial that lowers the largest std: {plan}"]))
+    return (*steps, *([] if twins else [f"Plan the trial that lowers the largest std of an effect: {plan}"]))
+
+
+def parted(step: str) -> tuple[str, str]:
+    """Return the sentence of a step and its command, empty where there is none."""
+    text, _, command = step.partition(": granite-lab ")
+    return f"{text.rstrip('.')}.", f"granite-lab {command.rstrip('.')}" if command else ""
+
+
+def from_here(path: Path) -> str:
+    """Return a path as a command names it: from the folder one works in where it lies there, else whole."""
+    with suppress(ValueError):
+        path = path.relative_to(Path.cwd())
+    return path.as_posix()
 
 
 def pasted(path: str) -> str:

@@ -1,4 +1,4 @@
-"""A study in a notebook: its answer cards."""
+"""The HTML of a study in a notebook: its answer cards."""
 
 from __future__ import annotations
 

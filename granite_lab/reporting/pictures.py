@@ -1,4 +1,4 @@
-"""Pictures that a command draws alone: the channels of a log, the signature of an effect, and a wheel."""
+"""Figures without a report: the channels of a log, the signature of an effect, and one wheel."""
 
 from __future__ import annotations
 

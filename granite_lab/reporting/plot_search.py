@@ -1,4 +1,4 @@
-"""What is missing: the gap before and after, the candidates, when the model disagrees, what could be seen."""
+"""Figures of a search: the gap without and with effects, candidates, and when model and sensors disagree."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _dumbbells(lines: Mapping[str, Pair], finding: Finding, rule: int) -> Canvas
     for k, pair in enumerate(lines.values()):
         text = " → ".join(times(x) for x in (pair if finding.terms else pair[:1]))
         axis.text(1.42 * high, k, text, ha="right", va="center", fontsize=7.5)
-    axis.set(xlim=(-0.04 * high, 1.45 * high), xlabel="gap, ≤ 1 is explained [–]")
+    axis.set(xlim=(-0.04 * high, 1.45 * high), xlabel="gap [–] (1 or less: explained)")
     axis.set_xticks([x for x in MaxNLocator(5).tick_values(0, high) if 0 <= x <= high])
     axis.axhline(rule - 0.5, color=canvas.FAINT, linewidth=0.6)
     canvas.legend(axis, left=KEYS_LEFT)
@@ -162,7 +162,7 @@ def history_figures(finding: Finding) -> list[Figure]:
     figures = []
     for velocity, positions in by_speed(r.variant for r in finding.residuals).items():
         at = [finding.residuals[i] for i in positions]
-        at = [r for r in at if r.phase == at[-1].phase]  # of two commands at one speed the last is drawn
+        at = _of_last_command(at)
         groups = {c: [r for r in at if r.channel == c] for c in ranked}
         drawn = {c: mean_of(group) for c, group in groups.items() if group}
         if not drawn:
@@ -175,6 +175,20 @@ def history_figures(finding: Finding) -> list[Figure]:
         make, lines = partial(_history, finding, drawn), lines_of(speed=velocity, quantity="search")
         figures.append(Figure(name, title, caption, make, finding.virtual, lines))
     return figures
+
+
+def _of_last_command(residuals: Sequence[Residual]) -> list[Residual]:
+    """Return those of the last one's command, which share its discrepancy; one speed may have several."""
+    last = {r.channel: r for r in residuals if r.trial == residuals[-1].trial}
+    shared = ("discrepancy_before", "discrepancy_after")
+
+    def alike(r: Residual) -> bool:
+        own = last.get(r.channel)
+        return own is not None and all(
+            np.array_equal(getattr(r, name), getattr(own, name), equal_nan=True) for name in shared
+        )
+
+    return [r for r in residuals if alike(r)]
 
 
 def _closer(finding: Finding, drawn: Mapping[str, Residual]) -> str:

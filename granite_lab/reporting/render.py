@@ -1,6 +1,6 @@
-"""The renderer of reports as HTML, Markdown and PDF, all from templates.
+"""Reports as HTML, Markdown and PDF, all from templates.
 
-Whatever comes from a log is escaped in each of them.
+All text from a log is escaped.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A report as data, and from a study or a search to it: which answers, figures and tables stand where."""
+"""A report as data: the answers, figures and tables of a study or a search, in their order."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from granite_lab.reporting.names import (
     latency_in_words,
     law_formulas,
     lines_of,
+    parted,
     pasted,
     shared,
 )
@@ -250,7 +251,7 @@ def _missing(finding: Finding) -> Iterator[Maybe]:
         "difference that remains in all repetitions of a command is compared with the signature of each "
         f"candidate effect. Differences up to {percent(finding.tolerance)} of a sensor's rms are tolerated."
     )
-    yield _gallery(plot_search.gap_figure(finding))
+    yield _gallery(plot_search.gap_figure(finding), plot_search.intervals_figure(finding))
     yield search_tables.effects_table(finding, finding.effects)
     yield tables.A_THETA.fill(finding.a_theta, virtual=finding.virtual) if finding.a_theta else None
     if finding.description:
@@ -273,7 +274,7 @@ def _missing(finding: Finding) -> Iterator[Maybe]:
     ]
     yield _fold(
         "When the model disagrees, sensor by sensor",
-        _gallery(plot_search.intervals_figure(finding), *plot_search.history_figures(finding)),
+        _gallery(*plot_search.history_figures(finding)),
         search_tables.gaps_table(finding),
     )
     yield _fold("Prediction of trials and speeds left out of the fit", search_tables.left_out_table(finding))
@@ -332,7 +333,7 @@ def _provenance(source: Source, steps: Sequence[str]) -> Section:
     if len(command) > LONGEST:
         command = f"{command[: LONGEST // 2]} … {command[-LONGEST // 2 :]} (shortened)"
     blocks = (
-        *(Code(p) if p.startswith("granite-lab ") else p for s in steps for p in decide.parted(s)),
+        *(Code(p) if p.startswith("granite-lab ") else p for s in steps for p in parted(s)),
         f"Made by {made_by(source)}. This command repeats it:",
         Code(command),
         _fold("Parameters in force", tables.PARAMETERS.fill(source.parameters)),

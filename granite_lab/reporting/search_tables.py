@@ -1,4 +1,4 @@
-"""The tables of a search for a missing effect: effects, sensors, candidates, what the trials could show."""
+"""The tables of a search for a missing effect: effects, sensors, candidates, detectable sizes."""
 
 from __future__ import annotations
 
@@ -17,12 +17,15 @@ from granite_lab.discovery.finding import (
     FoundParameter,
     Gap,
     LeftOut,
+    Push,
 )
 from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import FORMULA_ERROR
 from granite_lab.reporting.answers import gap_pair
 from granite_lab.reporting.names import (
+    SAND,
+    SCALES,
     SENSORS,
     STATUS,
     amount,
@@ -33,33 +36,8 @@ from granite_lab.reporting.names import (
     plain,
     scale_of,
 )
+from granite_lab.results import PHASES
 from granite_lab.rounding import NONE, interval, percent, percent_of, tidy_unit
-
-SAND = {
-    "a_theta": "a_θ",
-    "frictional_modulus": "k_φ",
-    "cohesion": "c",
-    "shear_modulus": "K",
-    "friction_angle": "φ",
-    "exponent": "n",
-    "tyre_friction": "μ_s",
-}
-"""Symbols of the numbers of the sand."""
-
-SCALES = {
-    "a_theta": ("a_θ, from raking to raking", "%", 100.0),
-    "frictional_modulus": ("k_φ, from raking to raking", "%", 100.0),
-    "cohesion": ("c, from raking to raking", "%", 100.0),
-    "start": ("start of the command", "ms", 1000.0),
-    "tilt": ("tilt of the IMU", "°", 180 / math.pi),
-    "accel_x gain": ("gain of the accelerometer", "%", 100.0),
-    "wheel gain": ("wheel radius, mean of all", "%", 100.0),
-    "wheel_split gain": ("wheel radius, front against rear", "%", 100.0),
-    "current_f gain": ("gain of the front motor currents", "%", 100.0),
-    "current_r gain": ("gain of the rear motor currents", "%", 100.0),
-    "current_side gain": ("gain of the motor currents of a side", "%", 100.0),
-}
-"""Numbers that differ from trial to trial: words, unit, and factor to it."""
 
 SURE = 0.95
 """Share of sets from which on a candidate is told from all others."""
@@ -160,8 +138,7 @@ def ceiling_table(finding: Finding) -> FilledTable | None:
         w = largest.get(name)
         if w is None:
             return Cell(NONE, (None, None, None))
-        text = f"{w.start:.2f} to {w.end:.2f} s at {w.variant:.3g} m/s ({w.phase})"
-        return Cell(text, (w.variant, w.start, w.end))
+        return Cell(_when(w), (w.variant, w.start, w.end))
 
     def size(name: str) -> Cell:
         w = largest.get(name)
@@ -183,19 +160,23 @@ def ceiling_table(finding: Finding) -> FilledTable | None:
 def ceiling_in_words(finding: Finding) -> str:
     """Say how much any force could close beside the model; empty where nothing was looked for."""
     if finding.ceiling is None:
-        return "Nothing remains that a force could close." if finding.verdict == "named" else ""
+        return "Nothing remains beyond the tolerance." if finding.verdict == "named" else ""
     most = finding.ceiling
     text = (
-        f"The model leaves {percent(most.left)} of the gap in the fit; forces of any course in time could "
-        f"close {percent(most.value)} of the gap"
+        f"In the fit, the model leaves {percent(most.left)} of the gap. Forces that vary freely in time "
+        f"could close {percent(most.value)} of the gap"
     )
     if not most.where:
         return f"{text}."
     w = most.where[0]
-    return (
-        f"{text}, first of all a {FORCES[w.quantity]} from {w.start:.2f} to {w.end:.2f} s at "
-        f"{w.variant:.3g} m/s ({w.phase})."
-    )
+    return f"{text}; the largest is a {FORCES[w.quantity]}, {_when(w)}."
+
+
+def _when(place: Push) -> str:
+    """Say when a force is largest."""
+    start, end = f"{place.start:.2f}", f"{place.end:.2f}"
+    when = f"at {start} s" if start == end else f"from {start} to {end} s"
+    return f"{when} at {place.variant:.3g} m/s ({PHASES.get(place.phase, place.phase)})"
 
 
 def discrepancies(finding: Finding) -> dict[str, tuple[float, float]]:
@@ -350,7 +331,9 @@ def fitted_table(finding: Finding) -> FilledTable:
     for name, log in finding.sand.items():
         if name != "a_theta":
             ratio = Estimate(float(np.expm1(log.value)), float(np.exp(log.value) * log.std))
-            rows.append((SAND.get(name, name), "from the file", Cell(percent_of(ratio), (ratio.value,))))
+            far = ", more than 2 std" if name in finding.strained else ""
+            symbol = SAND[name][0] if name in SAND else name
+            rows.append((symbol, f"from the file{far}", Cell(percent_of(ratio), (ratio.value,))))
     for name, std in finding.scales.items():
         text, unit, scale = SCALES.get(name, (name, "", 1.0))
         rows.append((text, "from trial to trial, std", number(std, 2, unit, scale)))

@@ -1,4 +1,4 @@
-"""When a report is silent: what trials can say, why they do not determine k_92, and what was assumed."""
+"""Reports without k_92: what the trials determine, why they do not determine k_92, and what was assumed."""
 
 from __future__ import annotations
 

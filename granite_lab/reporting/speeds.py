@@ -1,4 +1,4 @@
-"""Slip and k_92 by speed, beside the paper: each number rounded here, and printed from here everywhere."""
+"""Slip and k_92 by speed, with the paper's; each number is rounded here and printed from here everywhere."""
 
 from __future__ import annotations
 

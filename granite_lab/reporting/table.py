@@ -1,6 +1,6 @@
-"""A table and a sentence on a terminal.
+"""Tables and sentences on a terminal.
 
-What comes from a log is printed as it is, never read as markup.
+Text from a log is printed literally; markup in it has no effect.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What commands print at their end: answers, tables and listings, so that they fit 80 columns."""
+"""The output of commands on a terminal: answers, tables and lists, within 80 columns."""
 
 from __future__ import annotations
 
@@ -217,8 +217,9 @@ def _file(report: FileReport, console: Console) -> None:
     say(console, f"{layout}, {100 * report.confidence:.0f} % sure")
     if report.dialect is not None:
         d = report.dialect
+        encoding = d.encoding.upper().removesuffix("-SIG")
         text = (
-            f"text: {d.encoding}, {d.delimiter_name} between columns, decimal “{d.decimal}”, header in line "
+            f"text: {encoding}, {d.delimiter_name} between columns, decimal “{d.decimal}”, header in line "
             f"{d.header_line}, first row in line {d.data_line}"
         )
         say(console, text, "dim")

@@ -1,4 +1,4 @@
-"""Write a report's files as HTML, Markdown, JSON, PDF and tables: complete, or not at all."""
+"""Write the files of a report (HTML, Markdown, JSON, PDF, tables), either all of them or none."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from granite_lab.reporting.channels import CHANNEL_TABLE, MISFITS, channels_of
 from granite_lab.reporting.explore import to_explore
 from granite_lab.reporting.json_report import dumps, to_json
 from granite_lab.reporting.latex import to_latex
-from granite_lab.reporting.names import LINES
+from granite_lab.reporting.names import LINES, from_here
 from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.render import to_html, to_markdown, to_pdf
 from granite_lab.reporting.report import Block, Gallery, made_by, study_report
@@ -49,7 +49,7 @@ def write_report(
         LabError: a file cannot be written.
     """
     beside = Path(model).name if model is not None else None
-    named = folder.name if folder.is_absolute() else folder.as_posix()  # of an absolute path only the name
+    named = from_here(folder)
     there = [folder / RECORDINGS / name for name in recordings_of(result)]
     recordings = RECORDINGS if result.trials and all(path.is_file() for path in there) else ""
     report = study_report(result, model=beside, folder=named, recordings=recordings)

@@ -16,6 +16,7 @@ import typer
 
 import granite_lab as gl
 from granite_lab import estimation
+from granite_lab.api.arguments import options
 from granite_lab.cli import COMMANDS, app
 from granite_lab.commands import model
 from granite_lab.estimation import chain as stages
@@ -117,6 +118,19 @@ def test_a_function_is_what_its_file_says() -> None:
         assert [a.arg for a in arguments] == list(inspect.signature(function).parameters), name
         assert written.args.kwarg is None, name
         assert all(a.annotation is not None for a in arguments), name
+
+
+def test_what_is_said_of_logs_is_said_once_and_alike_by_all_functions() -> None:
+    once = inspect.signature(options).parameters
+    saying = {name: f for name, f in VERBS.items() if "options_of" in f.__code__.co_names}
+    assert saying.keys() == {
+        "check", "compare", "discover", "fit_a_theta", "fit_k92", "ingest", "study", "view"
+    }  # fmt: skip
+    for name, function in saying.items():
+        own = inspect.signature(function).parameters
+        for argument in own.keys() & once.keys():
+            said, meant = own[argument], once[argument]
+            assert (said.annotation, said.default) == (meant.annotation, meant.default), (name, argument)
 
 
 LIMITED = re.compile(r"\(([\d.]+) (?:to ([\d.]+)|or more)\)\.$")

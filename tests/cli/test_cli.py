@@ -41,7 +41,8 @@ def cost(*command: object) -> float:
 def test_help_and_version() -> None:
     assert "study" in process("--help").out
     assert "study" in process("-h").out
-    assert process("--version").out.startswith("granite-lab ")
+    words = [sys.executable, "-m", "granite_lab", "--version"]
+    assert subprocess.run(words, capture_output=True, text=True, check=True).stdout.startswith("granite-lab ")
 
 
 def test_a_virtual_log_is_made_again_to_the_byte(tmp_path: Path) -> None:

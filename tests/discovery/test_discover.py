@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -35,14 +36,18 @@ PAIR = ("0.5_1", "0.5_2")
 """Two trials of one speed, which take the least time."""
 
 
+log, corrected = cache(read_trial), cache(correct)
+"""A log, and what estimation makes of it, each once."""
+
+
 def logs(name: str, trials: Sequence[str] = ()) -> list[Trial]:
     paths = sorted((OUTSIDE / name).glob("trial_*.csv"))
-    return [read_trial(p) for p in paths if not trials or p.stem.removeprefix("trial_") in trials]
+    return [log(p) for p in paths if not trials or p.stem.removeprefix("trial_") in trials]
 
 
 def found(trials: Sequence[Trial], effects: dict[str, Effect], robot: Robot | None = None) -> Finding:
     robot = robot or load_robot()
-    rows = [correct(trial, robot) for trial in trials]
+    rows = [corrected(trial, robot) for trial in trials]
     return discover(
         [r[0] for r in rows], load_robot(), load_soil(), effects=effects, motions=[r[1] for r in rows]
     )
@@ -107,7 +112,7 @@ def test_trials_without_repetition_do_not_take_what_is_missing_for_noise() -> No
 
 def test_logs_that_end_soon_after_the_stop_are_analysed() -> None:
     def cut(trial: Trial) -> Trial:
-        _, motion = correct(trial, load_robot())
+        _, motion = corrected(trial, load_robot())
         return faults.cut(trial, stop=motion.t_start.value + duration(motion.variant) + 0.4)
 
     finding = found([cut(t) for t in logs("o03", PAIR)], FEW)
@@ -182,7 +187,7 @@ def test_a_trial_alone_is_provisional_and_a_defect_after_the_search_does_not_los
 
 
 def test_a_robot_that_cannot_be_simulated_is_refused() -> None:
-    trials = [correct(t, load_robot()) for t in logs("o03", ("0.5_1",))]
+    trials = [corrected(t, load_robot()) for t in logs("o03", ("0.5_1",))]
     with pytest.raises(EstimateError, match="cannot be simulated"):
         discover(
             [t for t, _ in trials], load_robot(), load_soil(), effects=FEW, motions=[m for _, m in trials],
@@ -225,7 +230,7 @@ def test_a_latency_that_no_logger_has_is_named() -> None:
 
 def test_the_saved_model_simulates_what_the_fit_predicts(good: Finding, tmp_path: Path) -> None:
     """Sand, a_θ and all terms come back from the file, so that responses and `simulate` are the same."""
-    trials = [correct(trial, load_robot())[0] for trial in logs("o03", PAIR)]
+    trials = [corrected(trial, load_robot())[0] for trial in logs("o03", PAIR)]
     path = study_folder.save_model_of(good, Options(), trials, tmp_path)
     model, command = load_model(path), variant_of(0.5)
     assert good.active

@@ -9,7 +9,7 @@ import pytest
 
 from granite_lab.discovery.candidates import rescreened, rivals, scores, screen
 from granite_lab.discovery.finding import FoundEffect
-from granite_lab.discovery.heldout import closed, predict
+from granite_lab.discovery.heldout import Equations, closed, predict
 from granite_lab.discovery.power import _by_noise_own, _shares
 from granite_lab.discovery.relevance import needed, strained
 from granite_lab.discovery.search import MOST, Search, search
@@ -453,19 +453,30 @@ def misfit(row: Row, shared: Array) -> float:
     return float(left @ np.linalg.solve(C, left))
 
 
+def predicted_by(rows: list[Row], std: Array, trials: list[int], i: int) -> float:
+    """Return the misfit of a trial over the covariance of its prediction by some others."""
+    N = np.diag(std**-2.0) + sum(J.T @ np.linalg.solve(C, J) for J, _, C in (rows[k] for k in trials))
+    J, y, C = rows[i]
+    left = y - J @ refitted(rows, std, trials)
+    return float(left @ np.linalg.solve(C + J @ np.linalg.solve(N, J.T), left))
+
+
 def test_each_trial_is_predicted_as_by_a_refit_without_it() -> None:
     problem = problem_of((0, 0, 1, 1, 2), CHANNELS)
     found = linear(problem, np.random.default_rng(1), 0.1)
-    predicted = predict(problem, found, TOLERANCE)
+    equations = Equations(problem, found)
+    unlimited = np.full(equations.low.size, np.inf)  # as the refits are
+    equations.low, equations.high = -unlimited, unlimited
+    predicted = predict(problem, found, TOLERANCE, equations)
     rows, std = dense(problem, found)
     everyone = refitted(rows, std, [0, 1, 2, 3, 4])
     for i in range(5):
-        others = refitted(rows, std, [j for j in range(5) if j != i])
+        others = [j for j in range(5) if j != i]
         command = next(own for own in problem.commands if i in own)
-        elsewhere = refitted(rows, std, [j for j in range(5) if j not in command])
+        elsewhere = [j for j in range(5) if j not in command]
         assert predicted.own[i] == pytest.approx(misfit(rows[i], everyone), rel=1e-4)
-        assert predicted.left_out[i] == pytest.approx(misfit(rows[i], others), rel=1e-4)
-        assert predicted.speed_left_out[i] == pytest.approx(misfit(rows[i], elsewhere), rel=1e-4)
+        assert predicted.left_out[i] == pytest.approx(predicted_by(rows, std, others, i), rel=1e-4)
+        assert predicted.speed_left_out[i] == pytest.approx(predicted_by(rows, std, elsewhere, i), rel=1e-4)
     assert (predicted.left_out > predicted.own).all()
     # of a command with one trial both are the same
     assert predicted.left_out[4] == pytest.approx(predicted.speed_left_out[4], rel=1e-9)

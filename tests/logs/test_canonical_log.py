@@ -147,7 +147,7 @@ def test_a_sidecar_says_only_what_is_understood(tmp_path: Path, text: str, messa
     side = make.written(tmp_path, text, "trial.toml")
     with pytest.raises(InputError) as refusal:
         make.read(tmp_path, make.text())
-    assert str(side) in refusal.value.message
+    assert f"{side}:1: " in refusal.value.message
     assert message in refusal.value.message
     assert hint in refusal.value.hint
 

@@ -97,9 +97,18 @@ def test_an_imu_log_is_recognised(case: str, tmp_path: Path) -> None:
 
 def test_columns_that_look_like_a_sensor_are_not_passed_over_in_silence(tmp_path: Path) -> None:
     content = table("time,wx,wy,wz,ax,ay,az,left_encoder,mood", "{t}," + SIX + ",{k},1")
-    said = [line for line in make.read(tmp_path, content, "imu.csv").warnings if "look like wheels" in line]
+    said = [line for line in make.read(tmp_path, content, "imu.csv").warnings if "not used" in line]
     assert len(said) == 1
-    assert "imu.csv: left_encoder: look like wheels, which layout 'plain_imu'" in said[0]
+    assert "imu.csv: left_encoder: not used, because layout 'plain_imu'" in said[0]
+
+
+def test_an_axis_with_an_unknown_unit_is_not_passed_over_in_silence(tmp_path: Path) -> None:
+    content = make.text().replace("imu_gx_radps", "imu_gx [furlong]", 1)
+    said = [line for line in make.read(tmp_path, content).warnings if "not used" in line]
+    assert len(said) == 1
+    assert (
+        "imu_gx [furlong]: not used, because layout 'canonical' does not know the name or its unit" in said[0]
+    )
 
 
 def test_phones_write_one_file_a_sensor(tmp_path: Path) -> None:

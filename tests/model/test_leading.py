@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from granite_lab.inference.bench import SAND, World
 from granite_lab.model import simulate
-from granite_lab.model.leading import LASTS, is_free, led
+from granite_lab.model.leading import LASTING, is_free, lasting_of, led
 from granite_lab.model.turning import turned
 from granite_lab.parameters import Course, course_of, variant_of
 from tests.model.box import ROBOT, SOIL
@@ -28,10 +28,10 @@ def test_the_lead_is_what_a_differential_equation_gives() -> None:
     t = np.arange(0, 4.0025, 0.005)
     speed, rise = 0.2 * (1 - np.cos(np.pi * t / 2)), 0.1 * np.pi * np.sin(np.pi * t / 2)
     late = solve_ivp(
-        lambda x, y: (0.1 * np.pi * np.sin(np.pi * x / 2) - y) / LASTS, (0, t[-1]), [0.0],
+        lambda x, y: (0.1 * np.pi * np.sin(np.pi * x / 2) - y) / lasting_of(ROBOT), (0, t[-1]), [0.0],
         t_eval=t, rtol=1e-8, atol=1e-10,
     ).y[0]  # fmt: skip
-    course = led(free(t, speed), (0.03, 0.2), RADIUS)
+    course = led(free(t, speed), (0.03, 0.2), ROBOT)
     wanted = speed + 0.03 * rise + 0.2 * late
     assert course.velocity == free(t, speed).velocity  # that of the slip stays
     assert isinstance(course, Course)
@@ -47,7 +47,7 @@ def test_the_paper_s_controller_leads_as_its_gains_say() -> None:
     t, axles = run.t[use], [run[f"v_wheel_{axle}_mps"][use] for axle in "fr"]
     wheels = turned(t, (axles[0], axles[1]), (np.zeros(t.size), np.zeros(t.size)), RADIUS)
     lasting = ROBOT.drive.emf_constant * ROBOT.drive.gear_ratio / ROBOT.drive.gain_p
-    course = led(wheels, (0.0, lasting), RADIUS)
+    course = led(wheels, (0.0, lasting), ROBOT)
     assert isinstance(course, Course)
     moving = (t > 0.3) & (t < 5.0)
     behind, left = (
@@ -61,6 +61,21 @@ def test_the_paper_s_controller_leads_as_its_gains_say() -> None:
     assert gaps[1] < 0.3 * gaps[0]
 
 
+def test_the_lasting_lead_goes_by_the_gains_of_the_robot_s_file() -> None:
+    assert ROBOT.drive is not None
+    assert lasting_of(ROBOT) == LASTING == pytest.approx(ROBOT.drive.gain_d / ROBOT.drive.gain_p)
+    slower = dataclasses.replace(ROBOT, drive=dataclasses.replace(ROBOT.drive, gain_p=10.0))
+    assert lasting_of(slower) == pytest.approx(1.0)
+    speed_loop = dataclasses.replace(ROBOT, drive=dataclasses.replace(ROBOT.drive, gain_p=0.0))
+    for unstated in (speed_loop, dataclasses.replace(ROBOT, drive=None)):
+        assert lasting_of(unstated) == LASTING
+    t = np.arange(0, 4.0025, 0.005)
+    wheels = free(t, 0.2 * (1 - np.cos(np.pi * t / 2)))
+    ways = [led(wheels, (0.0, 0.2), robot) for robot in (ROBOT, slower)]
+    ahead = [np.abs(way.velocity_at(t) - wheels.velocity_at(t)).max() for way in ways]  # type: ignore[attr-defined]
+    assert ahead[1] < 0.8 * ahead[0]  # a slower loop lets less of the acceleration through
+
+
 def test_what_was_commanded_is_not_led() -> None:
     t = np.arange(0, 4.0025, 0.005)
     wheels = free(t, 0.2 * (1 - np.cos(np.pi * t / 2)))
@@ -68,7 +83,7 @@ def test_what_was_commanded_is_not_led() -> None:
     assert is_free(wheels)
     for variant in (variant_of(0.3), STICK, stated):
         assert not is_free(variant)
-        assert led(variant, (0.05, 0.1), RADIUS) is variant
+        assert led(variant, (0.05, 0.1), ROBOT) is variant
     world = World(ROBOT, SOIL, (wheels, stated), {})
     numbers = np.append(np.zeros(len(SAND)), (0.05, 0.1))
     tasks = [world.task(k, numbers, ()) for k in range(2)]

@@ -14,7 +14,7 @@ from scipy.signal import welch
 
 from granite_lab.errors import InputError
 from granite_lab.model import Accuracy, Run, command, simulate
-from granite_lab.model.virtual import Scatter, rake, virtual_trial
+from granite_lab.model.virtual import virtual_trial
 from granite_lab.parameters import (
     GRAVITY,
     Variant,
@@ -235,13 +235,3 @@ def test_stamps_rise_at_the_rate_and_white_noise_has_the_density_of_the_grade(ru
     for stream, rate in ((trial.imu, 200), (trial.wheels, 100), (trial.currents, 100)):
         assert (np.diff(stream.t) > 0).all()
         assert stream.t.size / np.ptp(stream.t) == pytest.approx(rate, rel=0.01)
-
-
-def test_raking_scatters_the_sand_as_stated() -> None:
-    rng = np.random.default_rng(0)
-    drawn = [rake(load_soil(), 4.919, Scatter(), rng) for _ in range(2000)]
-    k = np.log([soil.frictional_modulus for soil, _ in drawn])
-    a = np.log([a_theta for _, a_theta in drawn])
-    assert k.std() == pytest.approx(0.05, rel=0.1)
-    assert a.std() == pytest.approx(0.03, rel=0.1)
-    assert a.mean() == pytest.approx(np.log(4.919), abs=0.003)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from granite_lab.errors import InputError
 from granite_lab.parameters import (
     CATALOGUE,
     by_speed,
@@ -59,6 +60,25 @@ def test_every_robot_is_read_with_a_byte_order_mark_too(name: str, tmp_path: Pat
     text = (CATALOGUE / "robots" / f"{name}.toml").read_text(encoding="utf-8")
     (tmp_path / "mine.toml").write_text("\ufeff" + text, encoding="utf-8")
     assert load_robot(tmp_path / "mine.toml").wheels == load_robot(name).wheels
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ("radius_m = 0.0965", 'radius_m = "large"', "radius_m"),
+        ("radius_m = 0.0965", "radius_mm = 96.5", "radius_mm"),
+        ("[chassis]", "[chasis]", "[chasis]"),
+    ],
+)
+def test_a_wrong_key_is_named_with_its_line(old: str, new: str, key: str, tmp_path: Path) -> None:
+    text = (CATALOGUE / "robots" / "granite.toml").read_text(encoding="utf-8")
+    assert old in text
+    file = tmp_path / "mine.toml"
+    file.write_text(text.replace(old, new, 1), encoding="utf-8")
+    line = next(n for n, row in enumerate(file.read_text().splitlines(), 1) if row.startswith(key))
+    with pytest.raises(InputError) as refusal:
+        load_robot(file)
+    assert refusal.value.message.startswith(f"{file}:{line}: ")
 
 
 def test_every_parameter_in_force_has_unit_range_and_origin() -> None:

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from granite_lab.reporting import canvas, write_report
+from granite_lab.reporting import write_report
 from granite_lab.results import Source, StudyResult
 from tests.reporting.made_up import made_up_study, rename
 from tests.reporting.made_up_finding import made_up_finding
@@ -50,15 +50,7 @@ def twelve() -> StudyResult:
 
 @pytest.fixture(scope="session")
 def twelve_folder(twelve: StudyResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Its report without the figures for print."""
+    """Its report."""
     folder = tmp_path_factory.mktemp("reports") / "twelve"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(canvas, "DPI", 10)
-        write_report(twelve, folder, model="model.toml")
+    write_report(twelve, folder, model="model.toml")
     return folder
-
-
-@pytest.fixture
-def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Write coarse pictures, which take longest, where a test is not about them."""
-    monkeypatch.setattr(canvas, "DPI", 20)

@@ -45,7 +45,6 @@ def test_it_has_four_pages_of_a4_and_each_says_that_the_data_are_virtual(reader:
     assert all(text.startswith("Virtual data") for text in text_of(reader))
 
 
-@pytest.mark.usefixtures("small")
 @pytest.mark.parametrize("trials", [1, 30])
 def test_a_study_without_a_finding_and_a_long_one_have_four_pages_too(trials: int, tmp_path: Path) -> None:
     """What is too much for a page is set smaller, so that none of it is cut off."""

@@ -22,6 +22,7 @@ from granite_lab.files import write_table
 from granite_lab.folders import LIST, replacing
 from granite_lab.reporting import render, write, write_report
 from granite_lab.reporting.json_report import to_json
+from granite_lab.reporting.names import from_here
 from granite_lab.reporting.report import study_report
 from granite_lab.results import Failure, Source, StudyResult, command_of
 from tests.corpus.cli import strict
@@ -151,10 +152,13 @@ def write_small_search(folder: Path, virtual: bool) -> Path:
     return write_report(StudyResult("real", (), (), None, source, finding), folder)
 
 
-@pytest.mark.usefixtures("small")
 @pytest.mark.parametrize("writer", [write_small_study, write_small_search])
-def test_a_real_experiment_is_not_virtual_and_gives_the_same_bytes(writer: Writer, tmp_path: Path) -> None:
+def test_a_real_experiment_is_not_virtual_and_gives_the_same_bytes(
+    writer: Writer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in "ab":
+        (tmp_path / name).mkdir()
+        monkeypatch.chdir(tmp_path / name)
         writer(tmp_path / name / "report", False)
     files = sorted(p.relative_to(tmp_path / "a") for p in (tmp_path / "a").rglob("*") if p.is_file())
     assert files
@@ -228,7 +232,6 @@ def test_no_text_of_a_table_of_numbers_is_a_formula(tmp_path: Path) -> None:
         assert rows[1][1:] == numbers  # numbers stay numbers
 
 
-@pytest.mark.usefixtures("small")
 def test_what_could_not_be_had_is_a_dash_and_null(tmp_path: Path) -> None:
     """A log without IMU, currents or a usable fit still ends in a report."""
     study = made_up_study(speeds=(0.5,), repetitions=1)
@@ -267,7 +270,6 @@ def test_failures_alone_make_a_report_too(tmp_path: Path) -> None:
     assert "x.csv: is empty (log again)" in page
 
 
-@pytest.mark.usefixtures("small")
 def test_a_second_report_replaces_the_first_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "report"
     (folder / "recordings").mkdir(parents=True)
@@ -313,3 +315,12 @@ def test_the_command_of_a_folder_names_the_folder_and_can_be_pasted(tmp_path: Pa
         f"granite-lab study '{folder}' --soil 'wet sand.toml'"
     )
     assert command_of("study", logs[:2]).count(".csv") == 2
+
+
+def test_commands_name_the_folder_so_that_they_run_from_where_one_works(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert from_here(tmp_path / "reports" / "a") == "reports/a"
+    assert from_here(Path("reports/a")) == "reports/a"
+    assert from_here(tmp_path.parent / "b") == (tmp_path.parent / "b").as_posix()

@@ -111,6 +111,50 @@ def test_histories_are_means_over_the_repetitions_with_gaps_left_out(findings: d
     np.testing.assert_allclose(own.measured[60], np.mean([r.measured[60] for r in residuals]))
 
 
+def test_a_history_is_of_all_repetitions_though_their_phases_begin_a_bin_apart() -> None:
+    finding = made_up_finding()
+    late = [  # by rounding, the phase of one bin of one trial differs
+        dataclasses.replace(r, phase=(r.phase[0], *r.phase[:-1])) if r.trial.endswith("_1") else r
+        for r in finding.residuals
+    ]
+    assert late != list(finding.residuals)
+    figures = history_figures(dataclasses.replace(finding, residuals=tuple(late)))
+    assert {figure.caption.partition(".")[0] for figure in figures} == {"Mean of 3 trials"}
+
+
+def test_of_two_commands_at_one_speed_the_last_is_drawn() -> None:
+    finding = made_up_finding()
+    other = [
+        dataclasses.replace(r, discrepancy_before=r.discrepancy_before + 1) if r.trial.endswith("_1") else r
+        for r in finding.residuals
+    ]
+    figures = history_figures(dataclasses.replace(finding, residuals=tuple(other)))
+    assert {figure.caption.partition(".")[0] for figure in figures} == {"Mean of 2 trials"}
+
+
+def test_numbers_far_from_their_files_are_a_doubt_and_ask_for_a_measurement_of_the_soil() -> None:
+    far = ("multi_pass.pressure", "a_theta", "cohesion", "accel_x gain")
+    finding = dataclasses.replace(made_up_finding(), strained=far)
+    found = {a.id: a for a in report_of(finding).answers.questions}
+    assert found["trust"].verdict == "With care"
+    said = "multi-pass compaction pressure, a_θ, cohesion c and the gain of the accelerometer"
+    assert f"at a bound, or over 2 std from file or usual range: {said}." in found["trust"].text
+    assert found["next"].text.startswith("Measure cohesion c of this soil and write it into its file")
+    sand = {"cohesion": Estimate(0.4, 0.1), "exponent": Estimate(0.01, 0.02)}
+    table = search_tables.fitted_table(dataclasses.replace(finding, sand=sand))
+    assert [row["difference"] for row in rows_of(table)][:2] == [
+        "from the file, more than 2 std", "from the file",
+    ]  # fmt: skip
+    assert "at a bound" not in str(report_of(made_up_finding()).answers.questions)
+
+
+def test_what_is_left_is_said_with_its_size_and_that_nothing_describes_it() -> None:
+    found = {a.id: a.text for a in report_of(made_up_finding()).answers.questions}
+    assert "Still beyond the tolerance: " in found["closes"]
+    assert "pitch rate (1.10 times)" in found["closes"]
+    assert found["missing"].endswith("None of this is only a description.")
+
+
 def test_histories_show_measured_and_both_models(findings: dict[str, Finding]) -> None:
     drawn = next(f for f in history_figures(findings["unknown"]) if f.name == "found_history_0p30").draw()
     axis = next(a for a in drawn.axes if a.texts[0].get_text() == "pitch rate")
@@ -319,7 +363,7 @@ def test_the_ceiling_is_said_with_its_place_and_stands_in_the_table_and_the_docu
     said = spaced(search_tables.ceiling_in_words(finding))
     assert "leaves 62 % of the gap" in said
     assert "close 41 % of the gap" in said
-    assert "force along the robot from 3.30 to 4.20 s at 0.7 m/s (brake)" in said
+    assert "force along the robot, from 3.30 to 4.20 s at 0.7 m/s (while braking)." in said
     table = search_tables.ceiling_table(finding)
     assert table is not None
     assert len(table.rows) == 6

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -51,7 +52,9 @@ class Job(NamedTuple):
 
 
 SEARCH = ("discover", "logs", "--out", "report", "--jobs", "2")
-JOBS = {"study": Job(STUDY, TWO), "discover": Job(SEARCH, TWO[1:])}
+JOBS = {"study": Job(STUDY, TWO)} | ({"discover": Job(SEARCH, TWO[1:])} if SOAK else {})
+"""`make test` kills a search in the test of order and processes, which has made it before."""
+
 KILLS = 30 if SOAK else 1
 
 
@@ -137,14 +140,20 @@ NAMES = ("virtual_v0.7_r1", "virtual_v0.7_r2")
 """Of one speed, so that a search is short."""
 
 
-def study(
-    folder: Path, *args: object, code: int = 0, cache: Path | None = None, **environment: str
-) -> tuple[str, str]:
+def begin_in(
+    environment: Mapping[str, str], folder: Path, *args: object, cache: Path | None
+) -> subprocess.Popen[str]:
     with pytest.MonkeyPatch.context() as patch:
         for name, value in environment.items():
             patch.setenv(name, value)
-        run = begin(folder, "study", *args, cache=cache)
-        output, errors = run.communicate()
+        return begin(folder, "study", *args, cache=cache)
+
+
+def study(
+    folder: Path, *args: object, code: int = 0, cache: Path | None = None, **environment: str
+) -> tuple[str, str]:
+    run = begin_in(environment, folder, *args, cache=cache)
+    output, errors = run.communicate()
     assert run.returncode == code, errors
     return output, errors
 
@@ -158,16 +167,30 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_order_processes_language_and_memory_change_no_byte(folder: Path) -> None:
-    logs = [f"logs/{name}.csv" for name in NAMES]
+ELSEWHERE = {
+    "LC_ALL": "de_DE.UTF-8", "LANG": "de_DE.UTF-8", "PYTHONHASHSEED": "7", "OPENBLAS_NUM_THREADS": "1",
+    "TZ": "Asia/Tokyo",
+}  # fmt: skip
+
+
+def test_order_processes_language_memory_and_a_killed_search_change_no_byte(folder: Path) -> None:
+    logs, cache = [f"logs/{name}.csv" for name in NAMES], folder / "cache"
+    given = (*reversed(logs), "--no-recordings", "--jobs", "1", "--out")
+    killed = begin_in(ELSEWHERE, folder, *given, "b/report", cache=cache)
+    while doing(folder, len(logs), searches=True) != "searching":
+        assert killed.poll() is None, killed.communicate()
+        time.sleep(0.02)
+    time.sleep(random.Random(7).uniform(0, 2))
+    killed.kill()
+    assert gone(killed.pid), "processes stay behind"
+    killed.communicate()
+    known = entries(cache)
+    assert len(known) == len(logs), "killed after the search"
     for out, remembered in (("b/report", False), ("c/report", True)):
-        study(
-            folder, *reversed(logs), "--out", out, "--no-recordings", "--jobs", "1",
-            cache=folder / "cache", LC_ALL="de_DE.UTF-8", LANG="de_DE.UTF-8",
-            PYTHONHASHSEED="7", OPENBLAS_NUM_THREADS="1", TZ="Asia/Tokyo",
-        )  # fmt: skip
-        assert any((folder / "cache").glob("results/*.result"))
+        study(folder, *given, out, cache=cache, **ELSEWHERE)
+        assert known.items() < entries(cache).items(), "what was finished is done again"
         assert results(folder / out) == results(folder / "a" / "report"), f"remembered: {remembered}"
+    assert unfinished(folder / "b") == []
     origin = json.loads((folder / "a" / "report" / "report.json").read_bytes())["provenance"]
     assert [(i["file"], len(i["sha256"])) for i in origin["inputs"]] == [(log, 64) for log in logs]
     assert len(origin["code_sha256"]) == 64

@@ -1,6 +1,6 @@
-"""What a recording says of one trial over time: plotted lines, bars of phases and intervals, and log lines.
+"""One trial over time in a recording: plotted lines, bars of phases and intervals, and log lines.
 
-Measured lines are thin and drawn over simulated ones, which are wide: both are seen where they agree.
+Measured lines are thin and drawn over wide simulated ones, so that both are visible where they agree.
 Rerun draws the entities of a plot in the order of their names, hence ``from_model`` before ``measured``.
 Entities have the names that the report gives to quantities: words, joined by underscores.
 """

@@ -1,4 +1,4 @@
-"""Recordings of one trial and of a whole study, laid out so that there is nothing to set up in the viewer."""
+"""Recordings of one trial and of a whole study, with a layout that needs no set-up in the viewer."""
 
 from __future__ import annotations
 

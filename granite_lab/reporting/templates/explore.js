@@ -134,7 +134,7 @@
     const wanted = names.filter(id => quantity.value === "motion" ? !data.quantities[id].search
       : quantity.value === "search" ? data.quantities[id].search : id === quantity.value);
     about.textContent = chosen.length === 1
-      ? `${chosen[0].name}, ${chosen[0].speed} m/s${chosen[0].good ? "" : "; the estimate of the motion is doubtful"}. Grey: the steady part of the motion.`
+      ? `${chosen[0].name}, ${chosen[0].speed} m/s${chosen[0].good ? "" : "; the estimate of the motion is doubtful"}. Grey: the steady part of the motion. Lower panels: simulated minus measured, grey ±2σ.`
       : `${chosen.length} trials: ${chosen.map(t => t.name).join(", ")}.`;
     watch.disconnect();
     figures.replaceChildren(...wanted.map(id => {
