@@ -11,6 +11,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import stages
 from granite_lab.estimation.clean import clean_trial
+from granite_lab.estimation.clock_rate import doubt_rate
 from granite_lab.estimation.guard import common_gaps, guard
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
@@ -96,6 +97,8 @@ def solve(
     clock = stages.compare_clocks(problem, trial.info.clock_offset, apart=apart)
     problem = stages.refer(problem, trial, clock.expected)
     problem = stages.stand_by_clock(problem, clock.expected, rests)
+    if trial.info.clock_offset is None and not problem.far:
+        problem = replace(problem, doubts=(*problem.doubts, *doubt_rate(problem)))
     problem = stages.slip_and_noise(problem, clock, soil)
     solution = stages.smoothed(problem, clock, soil, _tape(trial))
     return Solved(problem, solution, stages.lacking(problem, clock.expected))

@@ -14,6 +14,7 @@ from scipy.special import softmax
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import TAU
 from granite_lab.estimation.nodes import build
+from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.rest import turning_of
 from granite_lab.estimation.smoother import forward, nominal_of, settle
@@ -241,27 +242,34 @@ def by_changes(problem: Problem, coarse: Estimate) -> Estimate | None:
     cuts = [problem.cut(begin, end, coarse.value) for begin, end in windows]
     parts = [(cut, nominal_of(cut, coarse.value)) for cut in cuts]
 
-    def posterior(centre: float, reach: float, spacing: float) -> tuple[float, float]:
-        """Return mean and std by equally spaced offsets; the state TAU covers what lies between them."""
-        offsets = np.arange(centre - reach, centre + reach + 0.5 * spacing, spacing)
-        score = -0.5 * ((offsets - coarse.value) / coarse.std) ** 2
-        cell = (0.5 * spacing) ** -2.0
-        precision, pull = np.full(offsets.size, cell), np.zeros(offsets.size)
-        for part in tuple(parts):
-            left = Estimate(0.0, 0.5 * spacing)
-            solved = [forward(build(*part, float(c), left)) for c in offsets]
-            likely = np.array([filtered.innovations.log_likelihood for filtered in solved])
-            telling = TEMPER * (likely - likely.max())
-            score += np.logaddexp(telling, -LOG_ODDS)
-            if telling.min() > -1.0:  # by this change all offsets are alike
-                parts.remove(part)
-            after = 1.0 / np.array([filtered.P[-1, TAU, TAU] for filtered in solved])
-            precision += TEMPER * (after - cell)
-            pull += TEMPER * after * np.array([filtered.x[-1, TAU] for filtered in solved])
-        weight, offsets = softmax(score), offsets + pull / precision
-        mean = float(weight @ offsets)
-        return mean, float(np.sqrt(weight @ ((offsets - mean) ** 2 + 1.0 / precision)))
-
-    mean, std = posterior(coarse.value, 2.0 * coarse.std, WIDE)
-    mean, std = posterior(mean, max(1.5 * WIDE, 2.5 * std), FINE)
+    mean, std = posterior(
+        parts, coarse, np.arange(-2.0 * coarse.std, 2.0 * coarse.std + 0.5 * WIDE, WIDE) + coarse.value
+    )
+    reach = max(1.5 * WIDE, 2.5 * std)
+    mean, std = posterior(parts, coarse, np.arange(-reach, reach + 0.5 * FINE, FINE) + mean)
     return Estimate(mean, float(np.sqrt(std**2 + LEFT_OVER**2 + doubt**2)))
+
+
+def posterior(parts: list[tuple[Problem, Nominal]], prior: Estimate, offsets: Array) -> tuple[float, float]:
+    """Return mean and std of an offset [s] by equally spaced ones (J,); TAU covers what lies between them.
+
+    The parts of a trial are cut at its changes of motion; those by which all offsets are alike are removed.
+    """
+    spacing = float(offsets[1] - offsets[0])
+    score = -0.5 * ((offsets - prior.value) / prior.std) ** 2
+    cell = (0.5 * spacing) ** -2.0
+    precision, pull = np.full(offsets.size, cell), np.zeros(offsets.size)
+    for part in tuple(parts):
+        left = Estimate(0.0, 0.5 * spacing)
+        solved = [forward(build(*part, float(c), left)) for c in offsets]
+        likely = np.array([filtered.innovations.log_likelihood for filtered in solved])
+        telling = TEMPER * (likely - likely.max())
+        score += np.logaddexp(telling, -LOG_ODDS)
+        if telling.min() > -1.0:
+            parts.remove(part)
+        after = 1.0 / np.array([filtered.P[-1, TAU, TAU] for filtered in solved])
+        precision += TEMPER * (after - cell)
+        pull += TEMPER * after * np.array([filtered.x[-1, TAU] for filtered in solved])
+    weight, offsets = softmax(score), offsets + pull / precision
+    mean = float(weight @ offsets)
+    return mean, float(np.sqrt(weight @ ((offsets - mean) ** 2 + 1.0 / precision)))

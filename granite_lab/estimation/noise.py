@@ -35,6 +35,12 @@ from granite_lab.parameters import GRAVITY, Robot
 PRIOR_SAMPLES = 20.0
 """The grade of the robot's file weighs as much as this many samples."""
 
+AVERAGED = (1, 8, 16, 32, 64, 128)
+"""Samples over which noise at rest is averaged, ..."""
+
+LEAST_FREEDOM = 8
+"""... as long as so many degrees of freedom are left."""
+
 UNSEEN_PITCH = float(np.radians(2.0))
 """Random walk of the pitch over uneven ground, where no gyro sees it [rad/sqrt(m)]."""
 
@@ -69,25 +75,28 @@ BLOCKS = 4
 def white(t: Array, values: Array, rests: Sequence[Interval], prior: float) -> float:
     """Find the white noise density (std times sqrt(dt)) of a signal at standstill by its Allan variance.
 
-    The Allan variance at one sample is precise, that over eight samples is blind to noise beyond the
-    filter's interest; they agree for white noise. Where they differ by more than their own scatter
-    (coloured noise, a sensor's low-pass), the longer one is used.
+    The Allan variance at one sample is precise, that over many samples is blind to noise beyond the filter's
+    interest; they agree for white noise. Where one over eight samples or more differs by more than its own
+    scatter (coloured noise, a sensor's low-pass), the last two are extended to a time without end: what a
+    low-pass hides falls with the reciprocal of the time.
     """
-    sums = np.zeros((2, 2))  # of squares, and of degrees of freedom: differences overlap, so each has 2/3
+    sums = np.zeros((len(AVERAGED), 2))  # of squares, and of degrees of freedom: of these, overlap leaves 2/3
     for rest in rests:
         at = inside(t, [rest]) & np.isfinite(values)
         if at.sum() < 16:
             continue
         part, dt = values[at], float(np.median(np.diff(t[at])))
-        for i, m in enumerate((1, 8)):
+        for i, m in enumerate(AVERAGED):
             step = np.diff(part[: part.size // m * m].reshape(-1, m).mean(axis=1))
             sums[i] += (step @ step) * m * dt / 3.0, step.size * 2.0 / 3.0
-    (fine, n_fine), (long, n_long) = sums
+    (fine, n_fine), *longer = sums
     if n_fine == 0:
         return prior
     variance = (PRIOR_SAMPLES * prior**2 + fine) / (PRIOR_SAMPLES + n_fine)
-    if n_long >= 8 and abs(np.log(max(long / n_long, 1e-30) / variance)) > 3.0 * np.sqrt(2.0 / n_long):
-        variance = long / n_long
+    long = [(max(total / n, 1e-30), n) for total, n in longer if n >= LEAST_FREEDOM]
+    if any(abs(np.log(v / variance)) > 3.0 * np.sqrt(2.0 / n) for v, n in long):
+        before, last = ([variance] + [v for v, _ in long])[-2:]
+        variance = max(last, 2.0 * last - before)
     return float(np.sqrt(variance))
 
 

@@ -215,7 +215,8 @@ def set_forward(t: Array, counts: Array) -> list[int]:
     While the counters stand, so was one over a gap that is longer than all the rest of the log.
     """
     period, steps = _usual(t), list[int]()
-    for cut in (np.flatnonzero(np.diff(t) > GAP_PERIODS * period) + 1).tolist():
+    scatter = 1.4826 * float(np.median(np.abs(np.diff(t) - period)))
+    for cut in (np.flatnonzero(np.diff(t) > GAP_PERIODS * max(period, 3.0 * scatter)) + 1).tolist():
         gap = float(t[cut] - t[cut - 1])
         near, at = np.abs(np.diff(counts[max(cut - 6, 0) : cut + 6], axis=0)), min(cut - 1, 5)
         if at == 0 or at == len(near) - 1:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import savgol_filter
 
 from granite_lab.errors import InputError
 from granite_lab.logs.counters import Mask, Rows
@@ -29,6 +32,11 @@ _ROOM = (
 _ON_GRID = 1e-3  # stamps that are multiples of their spacing to this share of it are those of a slow clock
 _ROUNDED = 1 + 1e-6  # stamps every 0.1 s are not later for their rounding
 _FEWEST = 3  # stamps of a clock that runs
+_UNEVEN = 0.1  # scatter of the steps, as a share of the period, that motion sees
+_AHEAD = 10  # stamps so many samples apart ...
+_BOUNDED = 0.5  # ... scatter by less than this share of what steps that add up would
+_BEYOND = 8.0  # a step this many std longer than usual is a gap
+_LINE = 1.0  # length of the line about which stamps scatter [s]: clocks keep their rate meanwhile
 _UNSTEADY = 0.1  # share of the batches for which there may have been too little or too much time
 
 
@@ -127,7 +135,39 @@ def tidy(
         hint = "the log is too short, or its clock stands still"
         place = where(int(rows[0] if len(rows) else 0))
         raise InputError(f"{place}: {sensor}: {count}, expected at least two", hint)
-    return Stamps(spaced.t, rows[spaced.rows], spaced.std)
+    even, scatter = evened(spaced.t)
+    if scatter:
+        seen = f"stamps scatter by {1e3 * scatter:.2g} ms about an even spacing"
+        doubts.append(Doubt(seen, sensor, "spaced evenly; all may be late by as much"))
+    return Stamps(even, rows[spaced.rows], float(np.hypot(spaced.std, scatter)))
+
+
+def evened(t: Array) -> tuple[Array, float]:
+    """Return stamps (N,) [s] by a line through those around each, and their scatter [s] if they need it.
+
+    A sensor that samples evenly, but is stamped when the computer gets to it, has stamps that scatter about
+    a line. Where the sampling itself is uneven, or samples are lost, they leave it farther and farther: then
+    they stay, and the scatter is 0. So they do where it is below `_UNEVEN` of a period.
+    """
+    steps = np.diff(t)
+    if len(steps) < 10 * _AHEAD:
+        return t, 0.0
+    period, spread = float(np.median(steps)), _spread(steps)
+    gaps = np.flatnonzero(steps > max(GAP_PERIODS * period, period + _BEYOND * spread)) + 1
+    ahead = _spread(t[_AHEAD:] - t[:-_AHEAD])
+    if spread < _UNEVEN * period or ahead > _BOUNDED * spread * math.sqrt(_AHEAD):
+        return t, 0.0
+    even = t.copy()
+    for begin, end in pairwise([0, *gaps, len(t)]):
+        window = min(round(_LINE / period), end - begin - 1) | 1
+        if 3 < window <= end - begin:
+            even[begin:end] = savgol_filter(t[begin:end], window, 1)
+    return even, spread / math.sqrt(2.0)
+
+
+def _spread(values: Array) -> float:
+    """Return the std of values (N,) by the median of their distances from the median."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
 
 
 def _apart(t: Array, values: Array, sensor: str, where: Where, doubts: list[Doubt], spread: bool) -> Stamps:

@@ -1,0 +1,117 @@
+"""Clocks that run at different rates: how much more the body lags when it brakes than when it set off.
+
+The offset that shows where the robot sets off and the one where it brakes are the same, unless one of the
+two clocks is fast. Which of them is wrong, no log tells.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from granite_lab.estimate import Estimate
+from granite_lab.estimation.clock import LEFT_OVER, STILL, WIDE, posterior
+from granite_lab.estimation.problem import Problem
+from granite_lab.estimation.smoother import nominal_of
+from granite_lab.estimation.wheels import Rolling
+from granite_lab.logs.counters import joined
+from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.standstill import Interval
+from granite_lab.logs.sensors.two_clocks import LARGEST, STEP, changing, correlate
+
+FASTEST = 0.05
+"""Oscillators without a crystal are off by some per cent: 1 % in a microcontroller after calibration, 10 %
+without (ATmega328P), 5 % in an IMU (LSM6DS3)."""
+
+SLOW, FULL = 0.1, 0.9
+"""A ramp lies between these shares of the constant speed."""
+
+REACH, APART = 0.12, 0.04
+"""Offsets are compared up to this far from where ramps correlate best, and so far apart [s]."""
+
+
+SHOWN = 2.5
+"""Rates differ where they do so by this many std: by chance one log in eighty seems to."""
+
+
+class Ramp(NamedTuple):
+    """A ramp of the wheels' speed on their own clock [s]."""
+
+    begin: float
+    end: float
+
+    @property
+    def middle(self) -> float:
+        """[s]."""
+        return 0.5 * (self.begin + self.end)
+
+
+def outer_ramps(rolling: Rolling) -> tuple[Ramp, Ramp] | None:
+    """Return the first ramp on which the wheels gain their usual speed, and the last that ends it."""
+    finite = np.isfinite(rolling.speed)
+    t, pace = rolling.t[finite], np.abs(rolling.speed[finite])
+    fast = pace > 0.6 * pace.max(initial=0.0)
+    if not fast.any():
+        return None
+    usual = float(np.median(pace[fast]))
+    full, slow = np.flatnonzero(pace > FULL * usual), np.flatnonzero(pace < SLOW * usual)
+    before, after = slow[slow < full[0]], slow[slow > full[-1]]
+    if not before.size or not after.size:
+        return None
+    # wheels that coast to rest tell little: the ramp ends where the pace is halved
+    half = np.flatnonzero(pace < 0.5 * usual)
+    after = half[half > full[-1]]
+    return Ramp(float(t[before[-1]]), float(t[full[0]])), Ramp(float(t[full[-1]]), float(t[after[0]]))
+
+
+def lag_at(problem: Problem, ramp: Ramp, most: float) -> Estimate | None:
+    """Return the clock offset by one ramp [s], within `most` [s] of none; None if it does not show."""
+    rolling = problem.rolling
+    assert rolling is not None
+    grid = np.arange(ramp.begin - most - 1.0, ramp.end + most + 1.0, STEP)
+    wheel = changing(np.gradient(rolling.speed_at(grid), STEP))
+    near = (grid > ramp.begin - STILL) & (grid < ramp.end + STILL)
+    force = changing(joined(grid, problem.imu.t, problem.imu.forward))
+    reach = round(most / STEP)
+    _, best, clearness = correlate(force, np.where(near, wheel, 0.0), reach)
+    if clearness == 0.0:
+        return None
+    centre = (best - reach) * STEP
+    window: Interval = (ramp.begin + centre - 2.0 * STILL, ramp.end + centre + 2.0 * STILL)
+    cut = replace(problem.cut(*window, centre), spins=False, spacing=WIDE)
+    offsets = centre + np.arange(-REACH, REACH + 0.5 * APART, APART)
+    mean, std = posterior([(cut, nominal_of(cut, centre))], Estimate(0.0, np.inf), offsets)
+    return Estimate(mean, float(np.hypot(std, LEFT_OVER)))
+
+
+def clock_rate(problem: Problem) -> Estimate:
+    """Return by how much the encoders' clock is too slow against the IMU's: how their offset changes in time.
+
+    The std is NaN where no ramps show it, or where both sensors are stamped together.
+    """
+    rolling = problem.rolling
+    ramps = None if rolling is None else outer_ramps(rolling)
+    if rolling is None or ramps is None or np.isin(rolling.t, problem.imu.t).mean() > 0.5:
+        return Estimate(0.0)
+    length = ramps[1].middle - ramps[0].middle
+    first, last = lag_at(problem, ramps[0], LARGEST), lag_at(problem, ramps[1], LARGEST + FASTEST * length)
+    if first is None or last is None:
+        return Estimate(0.0)
+    return Estimate((last.value - first.value) / length, float(np.hypot(first.std, last.std)) / length)
+
+
+def doubt_rate(problem: Problem) -> list[Doubt]:
+    """Return the doubt about clocks that run at different rates.
+
+    Where the encoders' clock is wrong by a share, so is the speed of the wheels; where the IMU's is, so is
+    the body's, and the distance by twice as much. Which it is, is unknown.
+    """
+    rate = clock_rate(problem)
+    if not abs(rate.value) > SHOWN * rate.std:
+        return []
+    runs = f"{100 * abs(rate.value):.1f} ± {100 * rate.std:.1f} % {'slow' if rate.value > 0 else 'fast'}"
+    seen = f"the encoders' clock runs {runs} against the IMU's"
+    remedy = "stamp both by one clock; which of them is right no log tells"
+    return [Doubt(seen, remedy=remedy, grade="fair", std=float(np.sqrt(2.0)) * abs(rate.value))]
