@@ -86,21 +86,23 @@ class Slopes:
 
     Attributes:
         response: per command the (8, M) response.
-        changes: per trial (8, M, 11 + o + e) all that `TrialModel.columns` takes: by the two directions of
+        changes: per command (8, M, 11 + o + e) all that `TrialModel.columns` takes: by the two directions of
             `TrialModel.directions`, the numbers of `SIMULATED`, and the effects' own parameters of the trials
-            and shared ones; at its own numbers, or at the centre of its command.
+            and shared ones.
         traces: per command (8, M, s), what each effect changes.
         private: number o of the effects' own parameters.
+        each: per trial the changes at its own numbers; empty where those at the centre of its command serve.
     """
 
     response: tuple[Array, ...]
     changes: tuple[Array, ...]
     traces: tuple[Array, ...]
     private: int
+    each: tuple[Array, ...] = ()
 
-    def simulated(self, trial: int) -> Array:
+    def simulated(self, command: int) -> Array:
         """Return the (8, M, 9) derivatives by the numbers of `SIMULATED`."""
-        return self.changes[trial][..., DIRECTIONS : DIRECTIONS + len(SIMULATED)]
+        return self.changes[command][..., DIRECTIONS : DIRECTIONS + len(SIMULATED)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -178,7 +178,7 @@ class Problem:
 
         Args:
             point: where.
-            sand_from: slopes whose derivatives by the sand are good enough to be kept.
+            sand_from: slopes whose derivatives by the sand are good enough to be kept, at the same places.
             central: take differences to both sides where the model has kinks.
             each: take differences at each trial's own numbers, in place of the centre of its command.
         """
@@ -202,25 +202,26 @@ class Problem:
         if not known.keys() >= {*centres, *middles, *chain.from_iterable(without)}:
             return None
         shared = len(self.parameters(point.effects, per_trial=False))
-        changes: dict[int, Array] = {}
-        for some, middle, plan in zip(places, middles, plans, strict=True):
+        changes = []
+        for j, (some, middle, plan) in enumerate(zip(places, middles, plans, strict=True)):
             base = known[middle]
             derived = [found for d in plan if (found := d.derivative(base, runs)) is not None]
             if len(derived) < len(plan):
                 return None
             n = len(SIMULATED) - first
             sand, common, own = np.split(stacked(derived, base), [n, n + shared], axis=-1)
-            sand = sand if sand_from is None else sand_from.simulated(some[0])
+            sand = sand if sand_from is None else sand_from.simulated(j)
             directions = self.trials[some[0]].directions(base)
-            changes |= dict.fromkeys(some, np.concatenate([directions, sand, own, common], axis=-1))
+            changes.append(np.concatenate([directions, sand, own, common], axis=-1))
         return Slopes(
             response=tuple(known[centre] for centre in centres),
-            changes=tuple(changes[i] for i, _ in enumerate(self.trials)),
+            changes=tuple(changes[own[0]] for own in self.commands) if each else tuple(changes),
             traces=tuple(
                 stacked([known[centre] - known[task] for task in left], known[centre])
                 for centre, left in zip(centres, without, strict=True)
             ),
             private=len(self.parameters(point.effects, per_trial=True)),
+            each=tuple(changes) if each else (),
         )
 
     def _differences(self, point: Point, some: Sequence[int], central: bool) -> list[Difference]:
@@ -487,7 +488,8 @@ class Problem:
         """
         t, x = self.trials[i], point.trials[i]
         command = self.variants.index(t.variant)
-        local, sensors, others = t.columns(slopes.changes[i], x, point.sensors)
+        changes = slopes.each[i] if slopes.each else slopes.changes[command]
+        local, sensors, others = t.columns(changes, x, point.sensors)
         first, private = len(SIMULATED) - RAKED, slopes.private
         rest, own, common = np.split(others, [first, first + private], axis=1)
         more = [t.effect_columns(further.changes[command], x, point.sensors)] if further else []

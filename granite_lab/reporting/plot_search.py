@@ -78,7 +78,7 @@ def _dumbbells(lines: Mapping[str, Pair], finding: Finding, rule: int) -> Canvas
     for k, pair in enumerate(lines.values()):
         text = " → ".join(times(x) for x in (pair if finding.terms else pair[:1]))
         axis.text(1.42 * high, k, text, ha="right", va="center", fontsize=7.5)
-    axis.set(xlim=(-0.04 * high, 1.45 * high), xlabel="gap [–] (1 or less: explained)")
+    axis.set(xlim=(-0.04 * high, 1.45 * high), xlabel="gap (1 or less: explained) [–]")
     axis.set_xticks([x for x in MaxNLocator(5).tick_values(0, high) if 0 <= x <= high])
     axis.axhline(rule - 0.5, color=canvas.FAINT, linewidth=0.6)
     canvas.legend(axis, left=KEYS_LEFT)
