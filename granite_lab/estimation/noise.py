@@ -76,7 +76,7 @@ def white(t: Array, values: Array, rests: Sequence[Interval], prior: float) -> f
     """Find the white noise density (std times sqrt(dt)) of a signal at standstill by its Allan variance.
 
     The Allan variance at one sample is precise, that over many samples is blind to noise beyond the filter's
-    interest; they agree for white noise. Where one over eight samples or more differs by more than its own
+    interest; they agree for white noise. Where that over eight samples differs by more than its own
     scatter (coloured noise, a sensor's low-pass), the last two are extended to a time without end: what a
     low-pass hides falls with the reciprocal of the time.
     """
@@ -94,7 +94,8 @@ def white(t: Array, values: Array, rests: Sequence[Interval], prior: float) -> f
         return prior
     variance = (PRIOR_SAMPLES * prior**2 + fine) / (PRIOR_SAMPLES + n_fine)
     long = [(max(total / n, 1e-30), n) for total, n in longer if n >= LEAST_FREEDOM]
-    if any(abs(np.log(v / variance)) > 3.0 * np.sqrt(2.0 / n) for v, n in long):
+    # the first of them has the most degrees of freedom: others would often differ by chance
+    if long and abs(np.log(long[0][0] / variance)) > 3.0 * np.sqrt(2.0 / long[0][1]):
         before, last = ([variance] + [v for v, _ in long])[-2:]
         variance = max(last, 2.0 * last - before)
     return float(np.sqrt(variance))

@@ -11,7 +11,7 @@ from granite_lab.estimation.noise import white
 from granite_lab.estimation.wheels import rolling_of
 from granite_lab.logs import read_trial
 from granite_lab.logs.sensors.stamps import evened
-from granite_lab.logs.trial import Trial
+from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import load_robot
 from tests.truth import field
 
@@ -27,7 +27,8 @@ def sample(name: str) -> tuple[Trial, float]:
 def test_stamps_that_scatter_about_an_even_spacing_are_spaced_evenly(period: float) -> None:
     rng, even = np.random.default_rng(1), period * np.arange(2000)
     for late in (rng.normal(scale=0.3 * period, size=2000), rng.exponential(0.4 * period, 2000)):
-        found, scatter = evened(np.maximum.accumulate(even + late) + 1e-9 * np.arange(2000))
+        stamps: Array = np.maximum.accumulate(even + late) + 1e-9 * np.arange(2000)
+        found, scatter = evened(stamps)
         assert 0.1 * period < scatter < 0.5 * period
         assert np.std(found - even) < 0.35 * np.std(late)
         assert np.diff(found).min() > 0.0
@@ -36,7 +37,8 @@ def test_stamps_that_scatter_about_an_even_spacing_are_spaced_evenly(period: flo
 def test_stamps_of_uneven_or_lost_samples_stay() -> None:
     rng, even = np.random.default_rng(2), 0.01 * np.arange(2000)
     uneven = np.cumsum(0.01 * rng.uniform(0.5, 1.5, 2000))
-    for t in (even, uneven, even[rng.random(2000) > 0.2], even + rng.normal(scale=1e-4, size=2000)):
+    for stamps in (even, uneven, even[rng.random(2000) > 0.2], even + rng.normal(scale=1e-4, size=2000)):
+        t: Array = np.asarray(stamps, dtype=np.float64)
         found, scatter = evened(t)
         assert scatter == 0.0
         np.testing.assert_array_equal(found, t)
@@ -50,10 +52,11 @@ def test_noise_behind_a_low_pass_is_that_of_long_times() -> None:
         a = 1.0 - np.exp(-2 * np.pi * corner * dt)
         for _ in range(20):
             x = density / np.sqrt(dt) * rng.normal(size=800)
-            y = np.zeros_like(x)
+            y: Array = np.zeros(x.size)
             for k in range(1, x.size):
                 y[k] = y[k - 1] + a * (x[k] - y[k - 1])
-            found = white(dt * np.arange(500), y[300:], [(0.0, 5.0)], density)
+            t: Array = dt * np.arange(500, dtype=np.float64)
+            found = white(t, y[300:], [(0.0, 5.0)], density)
             ratios.append(found / density)
         assert 0.75 < np.median(ratios[-20:]) < 1.5
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from scipy.signal import savgol_filter
+from scipy.ndimage import uniform_filter1d
 
 from granite_lab.errors import InputError
 from granite_lab.logs.counters import Mask, Rows
@@ -159,9 +159,10 @@ def evened(t: Array) -> tuple[Array, float]:
         return t, 0.0
     even = t.copy()
     for begin, end in pairwise([0, *gaps, len(t)]):
-        window = min(round(_LINE / period), end - begin - 1) | 1
-        if 3 < window <= end - begin:
-            even[begin:end] = savgol_filter(t[begin:end], window, 1)
+        if end - begin > _AHEAD:
+            index = np.arange(end - begin)
+            line = np.polyval(np.polyfit(index, t[begin:end], 1), index)
+            even[begin:end] = line + uniform_filter1d(t[begin:end] - line, round(_LINE / period) | 1)
     return even, spread / math.sqrt(2.0)
 
 
