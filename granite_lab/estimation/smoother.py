@@ -242,12 +242,23 @@ def backward(nodes: Nodes, by_filter: Filtered) -> Smoothed:
     gains = np.zeros_like(P)
     for end in range(n, 1, -BLOCK):
         part = slice(max(end - BLOCK - 1, 0), end)
-        x[part], P[part], gain, _ = kalman.rts_smoother(
-            x[part], P[part], nodes.F[part], nodes.Q[part], _inverse
-        )
+        x[part], _, gain, _ = kalman.rts_smoother(x[part], P[part], nodes.F[part], nodes.Q[part], _inverse)
         gains[part][:-1] = gain[:-1]
+        _smooth(P[part], gain[:-1], nodes.F[part][1:], nodes.Q[part][1:])
     P = 0.5 * (P + P.transpose(0, 2, 1))
     return Smoothed(x, P, by_filter.innovations, gains, common=np.zeros_like(x))
+
+
+def _smooth(P: Array, gains: Array, F: Array, Q: Array) -> None:
+    """Smooth covariances (K, 14, 14) in place by (K-1, 14, 14) gains.
+
+    The sum of three products stays positive. The usual difference of two covariances does not where they are
+    nearly alike, as at the first nodes.
+    """
+    left = np.eye(SIZE) - gains @ F
+    P[:-1] = left @ P[:-1] @ left.transpose(0, 2, 1) + gains @ Q @ gains.transpose(0, 2, 1)
+    for k in range(len(gains) - 1, -1, -1):
+        P[k] += gains[k] @ P[k + 1] @ gains[k].T
 
 
 def _inverse(covariance: Array) -> Array:
