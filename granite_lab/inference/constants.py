@@ -105,5 +105,5 @@ CREDIBLE = 0.9
 """Posterior probability that a name, or a set that cannot be told apart, must hold."""
 
 CERTAIN = 2 * NormalDist().cdf(2) - 1
-"""The same of a name that explains no more than errors of other formulas at their limit could: as sure as that
-a value lies within two standard deviations."""
+"""The same of a name that explains no more than errors of other formulas at their limit could: as sure as
+that a value lies within two standard deviations."""

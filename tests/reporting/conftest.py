@@ -1,3 +1,4 @@
+import contextlib
 import dataclasses
 from pathlib import Path
 
@@ -50,7 +51,8 @@ def twelve() -> StudyResult:
 
 @pytest.fixture(scope="session")
 def twelve_folder(twelve: StudyResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Its report."""
-    folder = tmp_path_factory.mktemp("reports") / "twelve"
-    write_report(twelve, folder, model="model.toml")
-    return folder
+    """Its report, written from the folder above as a user would: its commands name the folder."""
+    above = tmp_path_factory.mktemp("reports")
+    with contextlib.chdir(above):
+        write_report(twelve, Path("twelve"), model="model.toml")
+    return above / "twelve"
