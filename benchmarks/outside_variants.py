@@ -67,22 +67,22 @@ def noisy(log: pd.DataFrame, rng: np.random.Generator) -> pd.DataFrame:
     return out
 
 
+def counted(log: pd.DataFrame, counts: int, whole: Callable[[Any], Any]) -> pd.DataFrame:
+    """Count the wheels in steps of a turn; `whole` returns whole steps."""
+    out, step = log.copy(), 2 * np.pi / counts
+    for wheel in WHEELS:
+        out[f"enc_{wheel}_rad"] = whole(out[f"enc_{wheel}_rad"] / step) * step
+    return out
+
+
 def coarse(log: pd.DataFrame, _: np.random.Generator) -> pd.DataFrame:
     """Count the wheels in steps of 1/2000 of a turn."""
-    out = log.copy()
-    step = 2 * np.pi / 2000
-    for wheel in WHEELS:
-        out[f"enc_{wheel}_rad"] = np.floor(out[f"enc_{wheel}_rad"] / step) * step
-    return out
+    return counted(log, 2000, np.floor)
 
 
 def counts(log: pd.DataFrame, _: np.random.Generator) -> pd.DataFrame:
     """Round the wheels' angles to 1/1024 of a turn."""
-    out = log.copy()
-    step = 2 * np.pi / 1024
-    for wheel in WHEELS:
-        out[f"enc_{wheel}_rad"] = np.round(out[f"enc_{wheel}_rad"] / step) * step
-    return out
+    return counted(log, 1024, np.round)
 
 
 def low_pass(log: pd.DataFrame, _: np.random.Generator) -> pd.DataFrame:
