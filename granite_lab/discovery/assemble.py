@@ -350,6 +350,7 @@ def _residuals(
                     channel=c,
                     unit=UNITS[c],
                     variant=o.variant.velocity,
+                    command=command,
                     t=o.t,
                     t_start=o.t_start,
                     phase=o.phase,

@@ -226,6 +226,7 @@ class Residual:
     Attributes:
         trial, channel, unit: which.
         variant: desired velocity [m/s].
+        command: number of the command; one velocity may have several.
         t: (n,) time since the start of the command [s]; `t_start` in the log's time [s].
         phase: (n,) commanded phase.
         measured: (n,) bins, NaN where nothing was measured; wheel angles are counted from the start [unit].
@@ -240,6 +241,7 @@ class Residual:
     channel: str
     unit: str
     variant: float
+    command: int
     t: Array
     t_start: float
     phase: tuple[str, ...]

@@ -162,7 +162,7 @@ def history_figures(finding: Finding) -> list[Figure]:
     figures = []
     for velocity, positions in by_speed(r.variant for r in finding.residuals).items():
         at = [finding.residuals[i] for i in positions]
-        at = _of_last_command(at)
+        at = [r for r in at if r.command == at[-1].command]  # of two commands at one speed the last is drawn
         groups = {c: [r for r in at if r.channel == c] for c in ranked}
         drawn = {c: mean_of(group) for c, group in groups.items() if group}
         if not drawn:
@@ -175,20 +175,6 @@ def history_figures(finding: Finding) -> list[Figure]:
         make, lines = partial(_history, finding, drawn), lines_of(speed=velocity, quantity="search")
         figures.append(Figure(name, title, caption, make, finding.virtual, lines))
     return figures
-
-
-def _of_last_command(residuals: Sequence[Residual]) -> list[Residual]:
-    """Return those of the last one's command, which share its discrepancy; one speed may have several."""
-    last = {r.channel: r for r in residuals if r.trial == residuals[-1].trial}
-    shared = ("discrepancy_before", "discrepancy_after")
-
-    def alike(r: Residual) -> bool:
-        own = last.get(r.channel)
-        return own is not None and all(
-            np.array_equal(getattr(r, name), getattr(own, name), equal_nan=True) for name in shared
-        )
-
-    return [r for r in residuals if alike(r)]
 
 
 def _closer(finding: Finding, drawn: Mapping[str, Residual]) -> str:

@@ -108,7 +108,7 @@ def shaken_finding(rng: np.random.Generator) -> tuple[Finding, Variant]:
         noise = 0.02 * rng.normal(size=t.size) + share * shaken
         zero = np.zeros(t.size)
         rows.append(
-            Residual(f"r{k}", "accel_x", "m/s^2", 0.5, t, 2.0, tuple(phase_of(t, command)),
+            Residual(f"r{k}", "accel_x", "m/s^2", 0.5, 0, t, 2.0, tuple(phase_of(t, command)),
                      noise, zero, zero, zero, zero, zero, 1.0)
         )  # fmt: skip
     return replace(made_up_finding("none"), residuals=tuple(rows)), command

@@ -63,7 +63,11 @@ def made_up_finding(
         for speed in speeds
         for k in range(1, repetitions + 1)
     }
-    residuals = [r for name, v in trials.items() for r in _residuals(name, v, channels, verdict, rng)]
+    residuals = [
+        r
+        for name, v in trials.items()
+        for r in _residuals(name, speeds.index(v.velocity), channels, verdict, rng, v)
+    ]
     before, after = (1.0, 1.0) if verdict == "none" else (3.0, 1.1 if verdict == "named" else 1.8)
     many = len(trials) > 1
     reasons = () if repetitions > 1 else ("no command was driven twice",)
@@ -131,8 +135,9 @@ def made_up_finding(
 
 
 def _residuals(
-    name: str, variant: Variant, channels: tuple[str, ...], verdict: Verdict, rng: np.random.Generator
-) -> list[records.Residual]:
+    name: str, command: int, channels: tuple[str, ...], verdict: Verdict, rng: np.random.Generator,
+    variant: Variant,
+) -> list[records.Residual]:  # fmt: skip
     t = np.arange(-0.5 + WIDTH / 2, duration(variant) + 1.5, WIDTH)
     phase = tuple(phase_of(t, variant))
     moving = np.clip(t * variant.acceleration, 0, variant.velocity) * (t < duration(variant))
@@ -149,7 +154,8 @@ def _residuals(
             measured[40:45] = np.nan  # a gap in the log
         found.append(
             records.Residual(
-                trial=name, channel=c, unit=unit, variant=variant.velocity, t=t, t_start=START, phase=phase,
+                trial=name, channel=c, unit=unit, variant=variant.velocity, command=command, t=t,
+                t_start=START, phase=phase,
                 measured=measured, before=truth, after=truth + missing - left,
                 discrepancy_before=missing, discrepancy_after=left, std=0.1 * std * driven, size=SIZE * std,
             )

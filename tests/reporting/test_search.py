@@ -125,7 +125,7 @@ def test_a_history_is_of_all_repetitions_though_their_phases_begin_a_bin_apart()
 def test_of_two_commands_at_one_speed_the_last_is_drawn() -> None:
     finding = made_up_finding()
     other = [
-        dataclasses.replace(r, discrepancy_before=r.discrepancy_before + 1) if r.trial.endswith("_1") else r
+        dataclasses.replace(r, command=r.command + 10) if r.trial.endswith("_1") else r
         for r in finding.residuals
     ]
     figures = history_figures(dataclasses.replace(finding, residuals=tuple(other)))
