@@ -10,7 +10,7 @@ import numpy as np
 from granite_lab.estimate import Estimate
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import held, tolerated
-from granite_lab.inference.normal import least_within, posterior
+from granite_lab.inference.normal import JITTER, least_within, posterior
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import SHARES
 from granite_lab.logs.trial import Array
@@ -36,6 +36,12 @@ class Predicted:
     expected: Array
     loss: Array
     squares: Array
+
+    @classmethod
+    def unknown(cls, problem: Problem) -> Predicted:
+        """Return what is known of trials that cannot be predicted: nothing."""
+        trials, parts = (np.full(len(x), np.nan) for x in (problem.trials, units(problem)))
+        return cls(trials, trials, trials, trials, parts, parts)
 
     @property
     def unseen(self) -> Array:
@@ -89,8 +95,7 @@ def predict(problem: Problem, fit: Fit, tolerance: float, equations: Equations |
     try:
         return _predict(problem, equations or Equations(problem, fit), tolerance)
     except np.linalg.LinAlgError:  # a trial that leaves its numbers open
-        nothing = np.full(len(problem.trials), np.nan)
-        return Predicted(nothing, nothing, nothing, nothing, nothing, nothing)
+        return Predicted.unknown(problem)
 
 
 def _predict(problem: Problem, equations: Equations, tolerance: float) -> Predicted:
@@ -109,10 +114,10 @@ def _predict(problem: Problem, equations: Equations, tolerance: float) -> Predic
         left[[i]] = by_others(problem, equations, tolerance, [i])
     for out in problem.commands if len(problem.commands) > 1 else ():
         speed[list(out)] = by_others(problem, equations, tolerance, out)
-    whole = _density(equations, tolerance, list(range(n)))
+    whole = _density(equations, tolerance, range(n))
     rest = [[k for k, i in enumerate(order) if i not in out] for out in units(problem)]
-    losses = [whole - _density(equations, tolerance, some) for some in rest if some]
-    loss, squares = np.array(losses).reshape(-1, 2).T
+    losses = [whole - _density(equations, tolerance, some) if some else (np.nan, np.nan) for some in rest]
+    loss, squares = np.array(losses).T
     return Predicted(own, left, speed, expected, loss, squares)
 
 
@@ -146,7 +151,7 @@ def shared_step(equations: Equations, share: float, only: Sequence[int]) -> Arra
     M, _ = equations.marginal(share, only)
     p, first = equations.precision.size, sum(x.size for x in equations.fit.point.trials)
     N, right = M[:p, :p] + np.diag(equations.precision), M[:p, -1] + equations.precision * equations.pull
-    return least_within(N, right, equations.low, equations.high, 1e-11)[first:]
+    return least_within(N, right, equations.low, equations.high, JITTER)[first:]
 
 
 def _misfit(equations: Equations, part: int, trial: int, share: float, step: Array) -> float:

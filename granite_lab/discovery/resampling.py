@@ -8,10 +8,9 @@ with two changes. The log density of what is left out is that of an error whose 
 
     S = -1/2 log det C - n/2 log(r^T C^-1 r),
 
-n the degrees of freedom, C the covariance of the errors r: a model that lacks something is believed
-to the size of its own errors only. And the
-sum over so few units is drawn from its posterior, Student's t, in place of the Bayesian bootstrap, which
-never leaves the range of the four speeds that were driven.
+n the degrees of freedom, C the covariance of the errors r: a model that lacks something is believed to the
+size of its own errors only. And the sum over so few units is drawn from its posterior, Student's t, in place
+of the Bayesian bootstrap, which never leaves the range of the four speeds that were driven.
 """
 
 from __future__ import annotations
@@ -76,8 +75,6 @@ def compete(
     found = predicted(models)
     losses, squares = (np.array([getattr(p, kind) for p in found]) for kind in ("loss", "squares"))
     free = np.array([found[0].expected[list(own)].sum() for own in places])
-    if losses.shape[1] != free.size:
-        return by_evidence(search)
     known = np.isfinite(losses).all(axis=0) & (squares > 0).all(axis=0) & (free > 0)
     if known.sum() < FEWEST_SPEEDS:
         return by_evidence(search)

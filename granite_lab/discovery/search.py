@@ -325,12 +325,13 @@ class _Steps:
         """
         self.named = MOST
         points: list[Point] = []  # not for the last effect: what was tried stood beside the same set
-        for before, after, tried in ((x.before, x.after, x.tried) for x in taken[:-1]):
+        for step in taken[:-1]:
+            before, after = step.before, step.after
             (id_,) = set(after.effects) - set(before.effects)
             without = self.problem.without_effect(best.fit.point, id_)
             points.append(_where_alone(self.problem, without, self.models))
             least = before.log_posterior + LEFT * (after.log_posterior - before.log_posterior)
-            for score in (s for s in tried if s.candidate not in best.effects):
+            for score in (s for s in step.tried if s.candidate not in best.effects):
                 own = self.models.get(tuple(sorted((*before.effects, score.candidate))))
                 if own and own.log_posterior > least:
                     points.append(_with(self.problem, without, score))

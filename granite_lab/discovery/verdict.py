@@ -263,8 +263,7 @@ def _held(known: Competition, effects: Sequence[str]) -> tuple[Named, ...]:
 def by_posterior(problem: Problem, search: Search) -> Judgement:
     """Return what the posterior alone says; it stands in where trials cannot be predicted."""
     best = search.best
-    nothing = np.full(len(problem.trials), np.nan)
-    unseen = Predicted(nothing, nothing, nothing, nothing, nothing, nothing)
+    nothing, unseen = np.full(len(problem.trials), np.nan), Predicted.unknown(problem)
     competition = by_evidence(search)
     named = _held(competition, best.effects)
     sure = all(n.probability >= CREDIBLE for n in named)

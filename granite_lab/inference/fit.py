@@ -230,18 +230,18 @@ def _descended(
         near = promised < NEAR and damping == 0
         closer = fine and near and drop > -NEAR and promised < before / 2
         other = away == 0 and not alike and not each and promised > NO_RANK
-        fresh, before = away == 0, promised if near and tried is not None else np.inf
+        fresh, before = away == 0 and not other, promised if near and tried is not None else np.inf
         if tried is not None and (drop > 0 or closer):
             damping *= max(1 / 3, 1 - (2 * ratio - 1) ** 3)
             damping, growth = damping if damping > LEAST_DAMPED else 0.0, 2.0
             state, away, since = tried, away + pace * float(np.sqrt(promised)), since + drop
             keep = away < good if near else abs(ratio - 1) < trusted
             pace = min(1.0, 2 * pace) if ratio > HALF else pace
-        elif fresh and not other and fine and damping == 0 and promised < WITHIN:
+        elif fresh and fine and damping == 0 and promised < WITHIN:
             pace, keep = pace / 2, True
             if pace < LEAST_PACE:
                 break
-        elif fresh and not other:
+        elif fresh:
             damping, growth, keep = max(growth * damping, 10 * LEAST_DAMPED), 2 * growth, True
             if damping > MOST_DAMPED or (not fine and promised < NEAR):
                 break

@@ -20,6 +20,9 @@ Places = npt.NDArray[np.int64]
 
 Factor = tuple[Array, Array, float]
 
+JITTER = 1e-11
+"""Share of its scaled diagonal that a precision gets, so that one that is nearly singular has a factor."""
+
 
 @dataclass(frozen=True, eq=False)
 class Scales:
@@ -322,7 +325,7 @@ def posterior(M: Array, logdet: float, precision: Array, pull: Array) -> Posteri
     right = M[:p, p:].copy()
     right[:, -1] += precision * pull
     scale = 1 / np.sqrt(np.fmax(np.diag(N), 1e-300))
-    factor = cho_factor(N * np.outer(scale, scale) + 1e-11 * np.eye(p), lower=True, check_finite=False)
+    factor = cho_factor(N * np.outer(scale, scale) + JITTER * np.eye(p), lower=True, check_finite=False)
     solved = scale[:, None] * cho_solve(factor, scale[:, None] * right, check_finite=False)
     rest = M[p:, p:] - right.T @ solved
     rest[-1, -1] += float(precision @ pull**2)

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from granite_lab.discovery.heldout import units
-from granite_lab.discovery.resampling import by_evidence, competitors, nothing_missing, winners
+from granite_lab.discovery.heldout import Predicted, predict, units
+from granite_lab.discovery.resampling import by_evidence, compete, competitors, nothing_missing, winners
 from granite_lab.discovery.search import Search
 from granite_lab.discovery.verdict import Named, holding
 from granite_lab.estimate import Estimate
+from granite_lab.inference.constants import TOLERANCE
 from tests.discovery.test_verdict import SIX, ask
 from tests.inference.stub import problem_of
 
@@ -92,6 +93,14 @@ def test_without_three_commands_or_trials_the_evidence_alone_counts() -> None:
     (only,) = answer.judgement.named
     assert only.probability == evidence.probability(holding("push"))
     assert only.probability < 1
+
+
+def test_a_set_that_cannot_be_predicted_leaves_the_evidence_to_decide() -> None:
+    answer = ask(push=0.3)
+    problem, models = answer.problem, competitors(answer.search)
+    known = [predict(problem, m.fit, TOLERANCE) for m in models[1:]]
+    found = compete(problem, answer.search, lambda _: [Predicted.unknown(problem), *known])
+    assert found.weights == pytest.approx(by_evidence(answer.search).weights)
 
 
 def test_what_is_unexplained_counts_against_an_effect_that_is_only_described() -> None:
