@@ -3,7 +3,7 @@
 The trials are the samples (virtual), and those of another program where its folder is at hand. Each kind
 changes what is logged and not the motion, so that the truth holds.
 
-python -m benchmarks.field_kinds --draws 100 --jobs 2 [--kinds "256 counts,low-pass 5 Hz"] [--outside DIR]
+python -m benchmarks.field_kinds --draws 100 --jobs 2 [--kinds "256 counts;low-pass 5 Hz"] [--outside DIR]
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from zlib import crc32
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from scipy.signal import lfilter
 
 import granite_lab as gl
 from benchmarks.outside import DEFAULT
@@ -156,16 +157,8 @@ def noise_in_motion(factor: float, log: Log, rng: Rng) -> Log:
 def low_pass(corner: float, log: Log, _: Rng) -> Log:
     """A first-order filter in the IMU, of all axes."""
     a = 1 - math.exp(-2 * math.pi * corner * float(np.median(np.diff(log.t))))
-
-    def slow(x: Array) -> Array:
-        out = np.empty_like(x)
-        state = x[0]
-        for k, row in enumerate(x):
-            state = state + a * (row - state)
-            out[k] = state
-        return out
-
-    return replace(log, force=slow(log.force), rate=slow(log.rate))
+    force, rate = (x[0] + lfilter([a], [1, a - 1], x - x[0], axis=0) for x in (log.force, log.rate))
+    return replace(log, force=force, rate=rate)
 
 
 def imu_at(rate: float, mean: bool, log: Log, _: Rng) -> Log:

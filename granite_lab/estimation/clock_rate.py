@@ -31,7 +31,6 @@ SLOW, FULL = 0.1, 0.9
 REACH, APART = 0.12, 0.04
 """Offsets are compared up to this far from where ramps correlate best, and so far apart [s]."""
 
-
 SHOWN = 2.5
 """Rates differ where they do so by this many std: by chance one log in eighty seems to."""
 
@@ -57,8 +56,8 @@ def outer_ramps(rolling: Rolling) -> tuple[Ramp, Ramp] | None:
         return None
     usual = float(np.median(pace[fast]))
     full, slow = np.flatnonzero(pace > FULL * usual), np.flatnonzero(pace < SLOW * usual)
-    before, after = slow[slow < full[0]], slow[slow > full[-1]]
-    if not before.size or not after.size:
+    before = slow[slow < full[0]]
+    if not before.size or slow[-1] < full[-1]:
         return None
     # wheels that coast to rest tell little: the ramp ends where the pace is halved
     half = np.flatnonzero(pace < 0.5 * usual)
