@@ -14,7 +14,7 @@ from granite_lab.logs.dates import RANGES
 from granite_lab.logs.layouts import Binding
 from granite_lab.logs.quantities import DATE, ENCODERS, SENSORS
 from granite_lab.logs.sensors.doubt import Doubt
-from granite_lab.logs.sensors.stamps import GAP_PERIODS, SECONDS, ticks_too_rarely, unit_factor
+from granite_lab.logs.sensors.stamps import GAP_PERIODS, SECONDS, spread_of, ticks_too_rarely, unit_factor
 from granite_lab.logs.source import Source
 from granite_lab.logs.trial import Array
 
@@ -196,7 +196,7 @@ def step_at(t: Array, cut: int) -> Step:
     near = np.diff(t[max(cut - _AROUND, 0) : cut + _AROUND])
     near = near[near > 0]
     period = float(np.median(near)) if len(near) else 0.0
-    spread = 1.4826 * float(np.median(np.abs(near - period))) if len(near) else np.inf
+    spread = spread_of(near, period) if len(near) else np.inf
     return Step(cut - 1, float(t[cut] - t[cut - 1]) - period, spread, period)
 
 
@@ -215,7 +215,7 @@ def set_forward(t: Array, counts: Array) -> list[int]:
     While the counters stand, so was one over a gap that is longer than all the rest of the log.
     """
     period, steps = _usual(t), list[int]()
-    scatter = 1.4826 * float(np.median(np.abs(np.diff(t) - period)))
+    scatter = spread_of(np.diff(t), period)
     for cut in (np.flatnonzero(np.diff(t) > GAP_PERIODS * max(period, 3.0 * scatter)) + 1).tolist():
         gap = float(t[cut] - t[cut - 1])
         near, at = np.abs(np.diff(counts[max(cut - 6, 0) : cut + 6], axis=0)), min(cut - 1, 5)

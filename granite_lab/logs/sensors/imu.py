@@ -19,6 +19,7 @@ from granite_lab.logs.counters import Mask, runs
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import ACCELERATION, RATE, SENSORS, STANDARD_GRAVITY, factors, gravity_unit
 from granite_lab.logs.sensors.pitch_rate import contradicted
+from granite_lab.logs.sensors.stamps import spread_of
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, Robot
 
@@ -263,7 +264,7 @@ def rail(axis: Array) -> Mask:
         stays = max(runs(at_limit), key=lambda run: run[1] - run[0])
         if stays[1] - stays[0] >= 3.0 * max(usual, 1.0) and _cut_off(axis, *stays, float(moved.min())):
             centre = float(np.median(finite))
-            scatter = 1.4826 * float(np.median(np.abs(finite - centre)))
+            scatter = spread_of(finite, centre)
             if abs(extreme - centre) > max(3.0 * float(moved.min()), 1.5 * scatter):
                 mark |= at_limit
     return mark

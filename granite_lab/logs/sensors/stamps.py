@@ -152,9 +152,9 @@ def evened(t: Array) -> tuple[Array, float]:
     steps = np.diff(t)
     if len(steps) < 10 * _AHEAD:
         return t, 0.0
-    period, spread = float(np.median(steps)), _spread(steps)
+    period, spread = float(np.median(steps)), spread_of(steps)
     gaps = np.flatnonzero(steps > max(GAP_PERIODS * period, period + _BEYOND * spread)) + 1
-    ahead = _spread(t[_AHEAD:] - t[:-_AHEAD])
+    ahead = spread_of(t[_AHEAD:] - t[:-_AHEAD])
     if spread < _UNEVEN * period or ahead > _BOUNDED * spread * math.sqrt(_AHEAD):
         return t, 0.0
     even = t.copy()
@@ -166,9 +166,9 @@ def evened(t: Array) -> tuple[Array, float]:
     return even, spread / math.sqrt(2.0)
 
 
-def _spread(values: Array) -> float:
-    """Return the std of values (N,) by the median of their distances from the median."""
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+def spread_of(values: Array, centre: float | None = None) -> float:
+    """Return the std of values (N,) by the median of their distances from a centre, by default the median."""
+    return 1.4826 * float(np.median(np.abs(values - (np.median(values) if centre is None else centre))))
 
 
 def _apart(t: Array, values: Array, sensor: str, where: Where, doubts: list[Doubt], spread: bool) -> Stamps:
