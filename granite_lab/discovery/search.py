@@ -220,11 +220,14 @@ class _Steps:
 
         Beside effects that leave no discrepancy the leaders are fitted one by one until one of them stays,
         for most often none does. Where errors of the formulas may explain all that is left, only the first is
-        fitted: which of several rivals comes first is then decided by those errors.
+        fitted: which of several rivals comes first is then decided by those errors. Where noise explains it,
+        only a candidate without a rival is.
         """
         self.named = max(self.named, len(model.effects))
         fine = self.settled(model)
         leaders = self.leaders(model)
+        if len(leaders) > 1 and not self.is_open(model):
+            return model, []
         if model.effects and not fine:
             left = unexplained(self.problem, model.fit, model.fit.scales, self.tolerance)
             leaders = leaders if max(left.values(), default=0.0) > self.tolerance else leaders[:1]
@@ -309,6 +312,17 @@ class _Steps:
         alone = under(problem, model.fit, scales)
         before, after = (predict(problem, f, self.tolerance) for f in (alone, other.fit))
         return predicts_better(before, after)
+
+    def is_open(self, model: Model) -> bool:
+        """Tell whether a set leaves more of trials left out than noise and tolerance do by chance.
+
+        By two standard deviations of a sum of squares, as of so many degrees of freedom.
+        """
+        if not model.effects:
+            return True
+        predicted = predict(self.problem, model.fit, self.tolerance)
+        expected = float(predicted.expected.sum())
+        return bool(not predicted.unseen.sum() < expected + 2 * np.sqrt(2 * expected))
 
     def settled(self, model: Model) -> bool:
         """Tell whether a model leaves no discrepancy that matters."""
