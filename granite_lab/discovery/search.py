@@ -7,25 +7,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from granite_lab.discovery.candidates import Score, Screen, rescreened, rivals, scores, screen
+from granite_lab.discovery.candidates import Score
 from granite_lab.discovery.carrying import carried, filed, worse
 from granite_lab.discovery.heldout import predict, predicts_better
+from granite_lab.discovery.leaders import TRIED, Look, Promise, leaders, origins, screened
 from granite_lab.discovery.relevance import good, made, needed, shows, strained, unexplained
 from granite_lab.discovery.sets import attempts, fit_sets, set_of
-from granite_lab.errors import EstimateError
-from granite_lab.inference.bench import RAKED
 from granite_lab.inference.constants import EFFECT_ODDS, LEFT, TOLERANCE, WORTH
-from granite_lab.inference.fit import LEAST, ROUNDS, Fit, fit, taken, under
-from granite_lab.inference.gap import moved, tolerated
+from granite_lab.inference.fit import LEAST, ROUNDS, Fit, under
+from granite_lab.inference.gap import moved
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FORMULAS
 
 MOST = 6
 """Effects in a set at most."""
-
-TRIED, TRIED_HELD = 3, 2
-"""Candidates of a screen that are fitted in full: with the discrepancy as learnt, and as tolerated."""
 
 REVISED = 2
 """Effects that are taken out of a set to be revised, each in turn."""
@@ -54,24 +50,6 @@ class Model:
     effects: tuple[str, ...]
     fit: Fit
     log_posterior: float
-
-
-@dataclass(frozen=True, eq=False)
-class Look:
-    """A screen of all candidates.
-
-    Attributes:
-        origin: the fit about which it is linear.
-        screened: the columns; None where a later screen took their place.
-        scores: what each candidate would bring, the best first.
-        tolerated: the discrepancy was taken to be of the tolerated size, and trials to differ as the files
-            say, so that neither hides an effect, in place of what was learnt.
-    """
-
-    origin: Fit
-    screened: Screen | None
-    scores: tuple[Score, ...]
-    tolerated: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,49 +203,43 @@ class _Steps:
         """
         self.named = max(self.named, len(model.effects))
         fine = self.settled(model)
-        leaders = self.leaders(model)
-        if len(leaders) > 1 and not self.is_open(model):
+        found = self.promised(model)
+        if len(found) > 1 and not self.is_open(model):
             return model, []
         if model.effects and not fine:
             left = unexplained(self.problem, model.fit, model.fit.scales, self.tolerance)
-            leaders = leaders if max(left.values(), default=0.0) > self.tolerance else leaders[:1]
-        tried: list[_Promise] = []
-        for group in [[p] for p in leaders] if fine else [leaders]:
+            found = found if max(left.values(), default=0.0) > self.tolerance else found[:1]
+        tried: list[Promise] = []
+        for group in [[p] for p in found] if fine else [found]:
             tried += group
             self.fit(model, group)
             if (best := self.best_of(model, tried)) is not model and fine:
-                self.fit(model, leaders)
-                tried = leaders
+                self.fit(model, found)
+                tried = found
                 best = self.best_of(model, tried)
             if best is not model:
                 return best, [p.score for p in tried]
         return model, [p.score for p in tried]
 
-    def leaders(self, model: Model) -> list[_Promise]:
+    def promised(self, model: Model) -> list[Promise]:
         """Return the candidates to be fitted beside a model, those of the scales as learnt first."""
         if model.effects not in self.looks:
             self.tell(f"screening candidates beside {_words(model.effects)}", self.named)
             others = [c for c in self.candidates if c not in model.effects]
             sizes = FEW if model.effects else ALL
-            origins = [model.fit] if model.effects else _origins(self.problem, model.fit)
+            begins = [model.fit] if model.effects else origins(self.problem, model.fit)
             scales = model.fit.scales
             wide = scales.largest > self.tolerance or scales.loud or strained(self.problem, model.fit)
             screens = self.problem.bench.side_by_side(
-                lambda k: _screened(
-                    self.problem, origins[k], others, sizes, self.tolerance if wide else None
-                ),
-                len(origins),
+                lambda k: screened(self.problem, begins[k], others, sizes, self.tolerance if wide else None),
+                len(begins),
             )
             for key, looks in self.looks.items():  # their columns are large
                 self.looks[key] = tuple(replace(look, screened=None) for look in looks)
             self.looks[model.effects] = tuple(look for looks in screens for look in looks)
-        looks = self.looks[model.effects]
-        found = _leaders([k for k in looks if not k.tolerated], TRIED)
-        if held := [k for k in looks if k.tolerated]:
-            found += _leaders(held, TRIED_HELD)
-        return list({p.score.candidate: p for p in reversed(found)}.values())[::-1]
+        return leaders(self.looks[model.effects])
 
-    def fit(self, model: Model, group: Sequence[_Promise]) -> None:
+    def fit(self, model: Model, group: Sequence[Promise]) -> None:
         """Fit some leaders beside a model."""
         starts = [_with(self.problem, o.point, score) for p in group for o, score in p.starts]
         self.fitted([(start, model.fit) for start in starts])
@@ -281,7 +253,7 @@ class _Steps:
         fits = fit_sets(self.problem, new, {k: m.fit for k, m in self.models.items()}, rounds)
         self.models.update({k: _model(k, f) for k, f in fits.items()})
 
-    def best_of(self, model: Model, tried: Sequence[_Promise]) -> Model:
+    def best_of(self, model: Model, tried: Sequence[Promise]) -> Model:
         """Return the likeliest set with one of the tried whose new effect stays; the set itself if none."""
         keys = [tuple(sorted((*model.effects, p.score.candidate))) for p in tried]
         better = [self.models[k] for k in keys if k in self.models and k not in self.small]
@@ -404,95 +376,6 @@ def _where_alone(problem: Problem, point: Point, known: Mapping[tuple[str, ...],
     pairs = zip(problem.trials, point.trials, part.trials, strict=True)
     own = tuple(np.concatenate([theirs[: t.size], x[t.size :]]) for t, x, theirs in pairs)
     return replace(point, shared=part.shared, trials=own)
-
-
-def _origins(problem: Problem, result: Fit) -> list[Fit]:
-    """Return where candidates are screened: at the fit, and at the files' sand where the fit is bad.
-
-    Where much is missing, the sand has moved to stand in for it.
-    """
-    if not result.scales.loud and result.scales.largest <= 2 * TOLERANCE:
-        return [result]
-    trials = []
-    for x in result.point.trials:
-        own = x.copy()
-        own[:RAKED] = 0.0
-        trials.append(own)
-    afresh = replace(result.point, shared=np.zeros_like(result.point.shared), trials=tuple(trials))
-    try:
-        return [result, fit(problem, afresh, result.scales, rounds=0)]
-    except EstimateError:
-        return [result]
-
-
-def _screened(
-    problem: Problem, origin: Fit, candidates: Sequence[str], sizes: int, tolerance: float | None
-) -> list[Look]:
-    """Return the screens about a fit: with the scales as learnt, and with a tolerated discrepancy.
-
-    In the latter trials differ as the files say: what all have in common may have widened what was learnt.
-    """
-    screened = screen(problem, origin, candidates, most=sizes)
-    looks = [Look(origin, screened, tuple(scores(problem, screened)))]
-    if tolerance is not None:
-        learnt = problem.learnt_std
-        own = {name: std for name, std in origin.scales.priors.items() if name not in learnt}
-        held = taken(problem, origin, replace(tolerated(origin.scales, tolerance), priors=own))
-        other = rescreened(problem, screened, held)
-        looks.append(Look(held, other, tuple(scores(problem, other)), True))
-    return looks
-
-
-@dataclass(frozen=True, eq=False)
-class _Promise:
-    """What a candidate would bring at most over some screens: its gain, its score there, and where to start.
-
-    A gain is linear about its screen's origin and does not tell from where a fit ends best: from sand that
-    stands in for what is missing it may end a thousand units of log evidence lower.
-    """
-
-    gain: float
-    score: Score
-    starts: tuple[tuple[Fit, Score], ...]
-
-
-def _promises(looks: Sequence[Look]) -> dict[str, _Promise]:
-    """Return candidate to what it promises."""
-    first = looks[0].origin.posterior.evidence
-    every: dict[str, list[tuple[Fit, Score]]] = {}
-    for look in looks:
-        for score in look.scores:
-            every.setdefault(score.candidate, []).append((look.origin, score))
-    found = {}
-    for id_, own in every.items():
-        gains = [origin.posterior.evidence + score.gain - first for origin, score in own]
-        best = int(np.argmax(gains))
-        found[id_] = _Promise(gains[best], own[best][1], tuple(own))
-    return found
-
-
-def _promising(promises: Mapping[str, _Promise], most: int) -> list[_Promise]:
-    """Return what is promised by the candidates to be fitted.
-
-    They are the `most` best. A rival must promise `LEFT` of what the best one does: the screen is linear,
-    and full fits have changed the order of candidates by factors of up to two.
-    """
-    least = max(WORTH, LEFT * max((p.gain for p in promises.values()), default=0.0))
-    ranked = sorted((p for p in promises.values() if p.gain > least), key=lambda p: -p.gain)
-    return ranked[:most]
-
-
-def _leaders(looks: Sequence[Look], most: int) -> list[_Promise]:
-    """Return what is promised by the best candidate and its rivals.
-
-    What adds to the best candidate in place of being its rival has its turn beside it.
-    """
-    ranked = _promising(_promises(looks), most)
-    if not ranked or ranked[0].score.own is not None:
-        return ranked
-    first = ranked[0].score.candidate
-    close = {first, *(c for look in looks if look.screened for c in rivals(look.screened, first))}
-    return [p for p in ranked if p.score.candidate in close]
 
 
 def _model(effects: tuple[str, ...], result: Fit) -> Model:
