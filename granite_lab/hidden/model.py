@@ -24,7 +24,6 @@ from granite_lab.hidden.contact import (
     NearRest,
     Stance,
     contact,
-    faster,
     smoothstep,
 )  # fmt: skip
 from granite_lab.hidden.parts import Law, Method, Misreading, Push, Sizes, Trapezoid
@@ -41,45 +40,6 @@ LOCKING_RATE = 5e4
 
 FREE = np.zeros(2)
 """Gears that are not locked."""
-
-
-def newton(y: Array, ground: Array, push: Array, measures: Array) -> Array:
-    """Return the first twelve rates (12,), those of wheels and currents left at zero but for dθ/dt = ω.
-
-    Args:
-        y: state.
-        ground: (2, 2) forces of the ground along O's x and z, on a wheel of each axle [N].
-        push: (3,) what else acts on the centre of mass: forces along x and z [N], moment about y [N m].
-        measures: `Truth.measures`.
-    """
-    dy = np.zeros(12)
-    s, c = sin(y[2]), cos(y[2])
-    f_x, f_z = ground[0], ground[1]
-    arm_z, mass, inertia = measures[2], measures[3], measures[4]
-    turning = push[2]
-    for i in range(2):
-        f_rx, f_rz = c * f_x[i] - s * f_z[i], s * f_x[i] + c * f_z[i]  # (19)
-        turning += 2.0 * (arm_z * f_rx - measures[i] * f_rz)  # (22)
-        dy[6 + i] = y[8 + i]
-    dy[0], dy[1], dy[2] = y[3], y[4], y[5]
-    dy[3] = (2.0 * (f_x[0] + f_x[1]) + push[0]) / mass  # (20) and (21), seen from O
-    dy[4] = (2.0 * (f_z[0] + f_z[1]) + push[1]) / mass
-    dy[5] = turning / inertia
-    return dy
-
-
-def standing(y: Array, measures: Array) -> Array:
-    """Return circumferential velocity, velocity, sinkage and its rate of both axles, (4, 2)."""
-    out = np.empty((4, 2))
-    s, c = sin(y[2]), cos(y[2])
-    arm_z, r = measures[2], measures[5]
-    for i in range(2):
-        arm_x = measures[i]
-        out[0, i] = y[8 + i] * measures[6 + i]
-        out[1, i] = c * y[3] - s * y[4] + y[5] * arm_z
-        out[2, i] = r - (y[1] - s * arm_x + c * arm_z)
-        out[3, i] = y[5] * (c * arm_x + s * arm_z) - y[4]
-    return out
 
 
 @dataclass(frozen=True)
@@ -132,10 +92,6 @@ class Truth:
         self.mass = ch.total_mass
         self.arm_x = np.array([0.5, -0.5]) * ch.wheel_base - ch.com_x
         self.arm_z = -ch.com_z
-        self.measures = np.array(
-            [*self.arm_x, self.arm_z, self.mass, ch.pitch_inertia, self.r, *self.rolling]
-        )
-        self.newton, self.standing = faster(newton, newton), faster(standing, standing)
         self.emf = robot.drive.emf_constant * robot.drive.gear_ratio
         self.ground = Ground(
             r=self.r,
@@ -185,7 +141,10 @@ class Truth:
 
     def stance(self, t: float, y: Array) -> Stance:
         """Return how the wheels meet the ground."""
-        return Stance(*self.standing(y, self.measures))
+        s, c = sin(y[PITCH]), cos(y[PITCH])
+        height = y[Z] - s * self.arm_x + c * self.arm_z
+        rate = y[Q] * (c * self.arm_x + s * self.arm_z) - y[VZ]
+        return Stance(self.rolling * y[OMEGA], np.full(2, self.velocity(y)), self.r - height, rate)
 
     def soil(self, t: float, y: Array, at: Stance) -> Ground:
         """Return the soil under the wheels."""
@@ -249,9 +208,14 @@ class Truth:
     def rates(self, t: float, y: Array, wheel: Contact) -> Array:
         """Return dy/dt under the given wheel forces."""
         push, voltage, locked = self.push(t, y, wheel), self.voltage(t, y), self.locked(t, y)
-        dy = np.zeros_like(y)
-        ground = np.stack([wheel.F + wheel.R, wheel.normal])
-        dy[:12] = self.newton(y, ground, np.array([push.x, push.z, push.moment]), self.measures)
+        dy, s, c = np.zeros_like(y), sin(y[PITCH]), cos(y[PITCH])
+        along, up = wheel.F + wheel.R, wheel.normal  # along O's axes
+        f_x, f_z = c * along - s * up, s * along + c * up  # (19)
+        dy[[X, Z, PITCH]], dy[ANGLE] = y[[VX, VZ, Q]], y[OMEGA]
+        dy[VX] = (2 * along.sum() + push.x) / self.mass  # (20) and (21), seen from O
+        dy[VZ] = (2 * up.sum() + push.z) / self.mass
+        turning = 2 * (self.arm_z * f_x - self.arm_x * f_z).sum() + push.moment
+        dy[Q] = turning / self.chassis.pitch_inertia  # (22)
         dy[OMEGA] = (self.torque(y) + self.load(y, wheel)) / self.rim_inertia  # (23)
         if locked is not FREE:
             voltage = voltage * (1 - locked)

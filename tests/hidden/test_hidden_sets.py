@@ -1,6 +1,5 @@
 """Sets and laboratories of virtual trials: readable, repeatable, telling nothing of what is hidden."""
 
-import sys
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -12,7 +11,6 @@ import pytest
 from granite_lab.api.hidden import hide, reveal
 from granite_lab.errors import EstimateError, UsageError
 from granite_lab.hidden.catalogue import LAWS, LIBRARY, OUTSIDE, TWINS, model_of
-from granite_lab.hidden.contact import faster, forces_by_loops, forces_of_arrays
 from granite_lab.hidden.lab import Filed, Lab, bench, drives, lab_of, wild
 from granite_lab.hidden.making import make_set
 from granite_lab.hidden.mixture import LEAST, share_closed
@@ -328,14 +326,6 @@ def test_wheels_roll_by_their_radii_or_are_counted_by_them() -> None:
         angle = trial.wheels.angle[-1]
         apart = np.ptp(angle) / angle.mean()
         assert apart == pytest.approx(0.0 if rolls else np.ptp(1 / radii), abs=1e-4)
-
-
-@pytest.mark.parametrize("name", ["numba", None])
-def test_without_a_compiler_arrays_are_used(name: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    if name:
-        monkeypatch.setitem(sys.modules, name, None)
-    chosen = faster.__wrapped__(forces_by_loops, forces_of_arrays)
-    assert (chosen is forces_of_arrays) == (name is not None)
 
 
 @pytest.fixture(scope="module")
