@@ -15,9 +15,10 @@ import numpy as np
 
 from granite_lab.errors import UsageError
 from granite_lab.hidden.chance import factors, lot, magnitude, scaled
+from granite_lab.hidden.command import trapezoid
 from granite_lab.hidden.contact import FLOOR, V_FLOOR, NearRest
 from granite_lab.hidden.model import Setup, Truth
-from granite_lab.hidden.parts import Trapezoid, exponential_k92
+from granite_lab.hidden.parts import exponential_k92
 from granite_lab.hidden.sensors import Logger
 from granite_lab.parameters import Robot, Soil, load_paper, load_soil
 from granite_lab.parameters.quantity import key_of, toml_line
@@ -145,7 +146,7 @@ def wild(seed: int, robot: Robot, soil: Soil) -> Lab:
 def drives(lab: Lab) -> bool:
     """Tell whether the robot stands and drives the fastest variant without digging itself in."""
     setup = Setup(lab.robot.real, lab.soil.real, exponential_k92(lab.a_theta), intervals=24)
-    truth = Truth(setup, Trapezoid(*FASTEST))
+    truth = Truth(setup, trapezoid(*FASTEST))
     try:
         with np.errstate(all="ignore"):
             sunk = truth.contact(-1.0, truth.rest()).sinkage.max()

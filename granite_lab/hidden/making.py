@@ -13,6 +13,7 @@ from granite_lab import __version__
 from granite_lab.errors import EstimateError
 from granite_lab.hidden.catalogue import UNKNOWN_TO_LIBRARY, influence, model_of
 from granite_lab.hidden.chance import lot, scaled
+from granite_lab.hidden.command import Command, draw_stick, trapezoid
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.controller import CONTROLLERS
 from granite_lab.hidden.lab import Lab, lab_of
@@ -26,10 +27,9 @@ from granite_lab.hidden.mixture import (
     withheld_variant,
 )
 from granite_lab.hidden.model import Setup
-from granite_lab.hidden.parts import Trapezoid, exponential_k92
+from granite_lab.hidden.parts import exponential_k92
 from granite_lab.hidden.sensors import louder, read_currents, read_imu, read_wheels
 from granite_lab.hidden.simulator import DT, Body, body_from_states, solve
-from granite_lab.hidden.stick import Stick, draw_stick
 from granite_lab.hidden.vehicle import ClockOffset
 from granite_lab.hidden.wish import Wish, chosen, drawn, raked, sand
 from granite_lab.logs.trial import CurrentStream, ImuStream, Series, Trial, TrialInfo, WheelStream
@@ -69,7 +69,7 @@ class Plan:
     soil: Soil
     a_theta: float
     raking: Mapping[str, float]
-    command: Trapezoid | Stick
+    command: Command
     repetition: int
     seed: tuple[int, ...]
     controller: tuple[str, Mapping[str, float]] = ("", {})
@@ -188,10 +188,10 @@ def _controller(wish: Wish, lab: Lab) -> tuple[str, dict[str, float]]:
     return name, CONTROLLERS[name].drawn(rng, lab.robot.real)
 
 
-def _command(wish: Wish, k: int, repetition: int, variant: Variant) -> Trapezoid | Stick:
+def _command(wish: Wish, k: int, repetition: int, variant: Variant) -> Command:
     """Return the command of a trial; a stick goes about as fast as the variant in whose place it stands."""
     if wish.command == "trapezoid":
-        return Trapezoid(variant.velocity, variant.acceleration, variant.distance)
+        return trapezoid(variant.velocity, variant.acceleration, variant.distance)
     rng = lot(wish.seed, 8, k, repetition if wish.command == "joystick" else 0)
     return draw_stick(rng, k + 1, variant.velocity * float(rng.uniform(*AS_FAST)))
 
@@ -201,7 +201,7 @@ def _of_mixture(plan: Plan, off: Mapping[str, float], counts: Mapping[str, float
     variant, lab = withheld_variant(plan.wish.seed, plan.wish.variants or load_variants()), plan.lab
     ground = scaled(lab.soil.real, off)
     setup = Setup(lab.robot.real, ground, exponential_k92(lab.a_theta), lab.near_rest)
-    command = Trapezoid(variant.velocity, variant.acceleration, variant.distance)
+    command = trapezoid(variant.velocity, variant.acceleration, variant.distance)
     truth = model_of(tuple(plan.sizes), setup, command, plan.sizes)
     return {"reopens": dict(counts), "withheld": motion_of(truth, variant)}
 
@@ -235,12 +235,10 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
     imu, *_ = read_imu(rng, body, rig, lab.logger, wrong)
     wheels = read_wheels(rng, body, rig, -wrong.late, wrong.encoder / (1.0 if lab.rolls else radii))
     currents = read_currents(rng, body, rig, -wrong.late * wrong.later, lab.logger)
-    stated = command if isinstance(command, Trapezoid) else None  # what a person did, nobody has written down
+    v, a, distance = command.stated or (None, None, None)
     info = TrialInfo(
-        robot=lab.robot.name, soil=lab.soil.name, v_desired=stated.v if stated else None,
-        a_max=stated.a if stated else None, distance=stated.distance if stated else None,
-        repetition=plan.repetition,
-        virtual=True, extra={"made_by": f"granite-lab {__version__} hide"},
+        robot=lab.robot.name, soil=lab.soil.name, v_desired=v, a_max=a, distance=distance,
+        repetition=plan.repetition, virtual=True, extra={"made_by": f"granite-lab {__version__} hide"},
     )  # fmt: skip
     trial = Trial(
         name=plan.name,
@@ -253,7 +251,7 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
     return trial, true_motion(plan, body)
 
 
-def _logged(command: Trapezoid | Stick, start: float, stamps: Array, late: float) -> Series:
+def _logged(command: Command, start: float, stamps: Array, late: float) -> Series:
     """Return the desired velocity [m/s] as the logger of the encoders saw it, at `LOGGED` of its stamps."""
     step = max(1, round(1 / (LOGGED * float(np.median(np.diff(stamps))))))
     t = stamps[::step]
@@ -268,7 +266,7 @@ def true_motion(plan: Plan, body: Body) -> pd.DataFrame:
     import pandas as pd  # noqa: PLC0415, heavy
 
     front, rear = body.v_wheel[:, 0], body.v_wheel[:, 2]
-    start = plan.command.measured(body.start)
+    start = body.start + np.array(plan.command.measured)
     rolled = np.cumsum((front + rear) / 2) * DT
     gained = np.diff(np.interp(start, body.t, body.x)), np.diff(np.interp(start, body.t, rolled))
     frame = pd.DataFrame(  # at 200 Hz, as the IMU

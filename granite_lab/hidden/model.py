@@ -15,6 +15,7 @@ from math import cos, sin
 import numpy as np
 import scipy
 
+from granite_lab.hidden.command import Command
 from granite_lab.hidden.contact import (
     FLOOR,
     V_FLOOR,
@@ -26,8 +27,7 @@ from granite_lab.hidden.contact import (
     contact,
     smoothstep,
 )  # fmt: skip
-from granite_lab.hidden.parts import Law, Method, Misreading, Push, Sizes, Trapezoid
-from granite_lab.hidden.stick import Stick
+from granite_lab.hidden.parts import Law, Method, Misreading, Push, Sizes
 from granite_lab.parameters import GRAVITY, Robot, Soil
 
 X, Z, PITCH, VX, VZ, Q = range(6)
@@ -73,9 +73,7 @@ class Truth:
         sizes: parameters of the influences that a subclass adds, by the influence's id.
     """
 
-    def __init__(
-        self, setup: Setup, command: Trapezoid | Stick, sizes: Mapping[str, Sizes] | None = None
-    ) -> None:
+    def __init__(self, setup: Setup, command: Command, sizes: Mapping[str, Sizes] | None = None) -> None:
         robot, soil = setup.robot, setup.soil
         if robot.chassis is None or robot.drive is None:
             raise ValueError("the robot has no chassis or no drive")
@@ -262,9 +260,8 @@ class Truth:
         The wheels then turn with the desired velocity, so drive and controller drop out of (20)-(22). The
         command is a trapezoid.
         """
-        assert isinstance(self.command, Trapezoid)
-        v_d = self.command.v
-        t = self.command.ramp + 0.5 * self.command.hold
+        t = self.command.measured[0]
+        v_d = self.command.velocity(t)
         y = self.rest()
         y[OMEGA] = v_d / self.r
 

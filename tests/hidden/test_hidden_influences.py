@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from granite_lab.hidden.catalogue import LAWS, LIBRARY, OUTSIDE, influence, model_of
+from granite_lab.hidden.command import trapezoid
 from granite_lab.hidden.contact import NearRest, contact, oida
 from granite_lab.hidden.model import ANGLE, OMEGA, VX, Setup, Truth
-from granite_lab.hidden.parts import Trapezoid, exponential_k92
+from granite_lab.hidden.parts import exponential_k92
 from granite_lab.parameters import load_robot, load_soil
 from tests.truth.simulator import Result, integrate
 
@@ -34,7 +35,7 @@ def sizes_of(name: str, scale: float = 1.0, given: Mapping[str, float] = {}) -> 
 def model(*names: str, v: float = V, distance: float = DISTANCE, scale: float = 1.0, **given: float) -> Truth:
     sizes = {name: sizes_of(name, scale, given) for name in names}
     law = exponential_k92(A_THETA)
-    return model_of(names, Setup(load_robot(), load_soil(), law), Trapezoid(v, A, distance), sizes)
+    return model_of(names, Setup(load_robot(), load_soil(), law), trapezoid(v, A, distance), sizes)
 
 
 def run_of(truth: Truth, after: float = 1.0) -> Result:
@@ -335,7 +336,7 @@ def test_a_gear_that_locks_holds_the_robot_where_it_stops() -> None:
     setup = Setup(
         load_robot(), load_soil(), exponential_k92(A_THETA), near_rest=NearRest("parabola", 0.025, 0.004)
     )
-    truth = Truth(setup, Trapezoid(V, A, DISTANCE))
+    truth = Truth(setup, trapezoid(V, A, DISTANCE))
     r = run_of(truth, after=1.5)
     late = r.t > truth.command.end + 1.0
     assert np.ptp(r.x[late]) < 1e-5
@@ -346,7 +347,7 @@ def test_a_gear_that_locks_holds_the_robot_where_it_stops() -> None:
 
 def test_wheels_of_another_radius_roll_further_by_it() -> None:
     setup = Setup(load_robot(), load_soil(), exponential_k92(A_THETA), radii=(1.01, 1.01))
-    truth = Truth(setup, Trapezoid(V, A, DISTANCE))
+    truth = Truth(setup, trapezoid(V, A, DISTANCE))
     r = run_of(truth)
     assert mean(r, "omega") == pytest.approx(mean(plain(), "omega"), rel=1e-3)
     assert mean(r, "v") == pytest.approx(1.01 * mean(plain(), "v"), rel=2e-3)

@@ -11,11 +11,12 @@ import pytest
 from granite_lab.api.hidden import hide, reveal
 from granite_lab.errors import EstimateError, UsageError
 from granite_lab.hidden.catalogue import LAWS, LIBRARY, OUTSIDE, TWINS, model_of
+from granite_lab.hidden.command import trapezoid
 from granite_lab.hidden.lab import Filed, Lab, bench, drives, lab_of, wild
 from granite_lab.hidden.making import make_set
 from granite_lab.hidden.mixture import LEAST, share_closed
 from granite_lab.hidden.model import Setup
-from granite_lab.hidden.parts import Trapezoid, exponential_k92
+from granite_lab.hidden.parts import exponential_k92
 from granite_lab.hidden.sealed import open_answer
 from granite_lab.hidden.sensors import Logger, felt_at, louder, read_imu
 from granite_lab.hidden.simulator import body_from_states
@@ -147,7 +148,7 @@ def test_tilt_and_scale_are_felt_as_gravity_says() -> None:
 
 def test_a_slope_is_felt_at_rest_by_its_share_of_gravity() -> None:
     sizes = {"ground_slope": {"slope": 1.5}}
-    law, command = exponential_k92(4.919), Trapezoid(0.3, 1.2, 0.4)
+    law, command = exponential_k92(4.919), trapezoid(0.3, 1.2, 0.4)
     felt = []
     for names in ((), ("ground_slope",)):
         truth = model_of(names, Setup(load_robot(), load_soil(), law), command, sizes)

@@ -10,9 +10,10 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 
+from granite_lab.hidden.command import trapezoid
 from granite_lab.hidden.contact import V_FLOOR, Array, smoothstep
 from granite_lab.hidden.model import ANGLE, CURRENT, OMEGA, PITCH, VX, VZ, Q, Setup, Truth, X
-from granite_lab.hidden.parts import Law, Trapezoid, exponential_k92
+from granite_lab.hidden.parts import Law, exponential_k92
 from granite_lab.hidden.simulator import DT, Body, body_from_states, solve
 from granite_lab.parameters import Robot, Soil, Variant, Wheels, load_robot, load_soil
 
@@ -112,7 +113,7 @@ def build(
 ) -> Truth:
     """Return the model of one motion, with a constant k_92 or (5); by default the paper's robot and soil."""
     law = exponential_k92(a_theta) if k92 is None else constant_k92(k92)
-    command = Trapezoid(variant.velocity, variant.acceleration, variant.distance)
+    command = trapezoid(variant.velocity, variant.acceleration, variant.distance)
     return Truth(Setup(robot or load_robot(), soil or load_soil(), law, intervals=intervals), command)
 
 

@@ -16,8 +16,8 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import bilinear, lfilter
 
 from granite_lab.estimation.motion import Motion
+from granite_lab.hidden.command import trapezoid
 from granite_lab.hidden.contact import Array
-from granite_lab.hidden.parts import Trapezoid
 from granite_lab.hidden.sensors import Logger, read_currents, read_imu, read_wheels, wander
 from granite_lab.hidden.simulator import DT, Body
 from granite_lab.logs.trial import Series, Trial, TrialInfo
@@ -111,7 +111,7 @@ def random_body(
         slip: mean slip ratio; drawn around the published one when None.
         wobble: factor on the side motion: roll of 0.25-0.3 deg, yaw rate of 0.5 deg/s (std).
     """
-    command = Trapezoid(velocity, acceleration, velocity * (duration - velocity / acceleration))
+    command = trapezoid(velocity, acceleration, velocity * (duration - velocity / acceleration))
     n = round((still[0] + duration + still[1]) / DT) + 1
     t = DT * np.arange(n)
     desired = np.array([command.velocity(ti - still[0]) for ti in t])
@@ -146,7 +146,7 @@ def random_body(
     unlike = 1 + each + 0.004 * np.stack([wander(rng, n, DT, 0.4) for _ in range(4)], axis=1)
     resistance = mass * 9.81 * (0.12 + 0.2 * level) * moving
     share = np.array([0.46, 0.46, 0.54, 0.54]) / 2
-    steady = still[0] + command.ramp + 0.5 * command.hold, still[0] + command.ramp + command.hold
+    steady = still[0] + command.measured[0], still[0] + command.measured[1]
     return Body(
         t=np.asarray(t, dtype=np.float64),
         x=x,
