@@ -5,13 +5,14 @@ from __future__ import annotations
 import errno
 import hashlib
 import importlib.util
+import json
 import os
 import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from granite_lab.csv_rows import csv_blocks
 from granite_lab.errors import InputError, LabError, UsageError
@@ -87,6 +88,29 @@ def sha256(path: Path) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise readable(error, path) from None
+
+
+def read_json(path: Path, hint: str, schema: str = "") -> dict[str, Any]:
+    """Return the JSON object in a file.
+
+    Args:
+        path: of the file.
+        hint: what to do where it holds none.
+        schema: that the object must name; any by default.
+
+    Raises:
+        InputError: the file cannot be read, or holds another document.
+    """
+    try:
+        document = json.loads(path.read_bytes())
+    except OSError as error:
+        raise readable(error, path) from None
+    except ValueError as error:
+        raise InputError(f"{path}: not JSON: {error}", hint) from None
+    if not isinstance(document, dict) or (schema and document.get("schema") != schema):
+        expected = f"schema '{schema}'" if schema else "an object"
+        raise InputError(f"{path}: expected {expected}", hint)
+    return document
 
 
 @contextmanager

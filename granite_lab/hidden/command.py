@@ -1,4 +1,4 @@
-"""A desired velocity that is linear between corners: a trapezoid of Table 2, or what a person does by a stick."""
+"""A desired velocity that is linear between corners: of a trapezoid of Table 2, or of a stick in a hand."""
 
 from __future__ import annotations
 

@@ -54,36 +54,24 @@ def unseal(data: bytes, where: Path | str) -> dict[str, Any]:
         plain, answer = b"", None
     if hashlib.sha256(plain).hexdigest().encode() != digest or not isinstance(answer, dict):
         raise InputError(f"{where}: the sealed answer is damaged", "hide the set again with the same seed")
-    if missing := _missing(answer):
+    if not _complete(answer):
         hint = "give the file that `granite-lab hide` wrote"
-        raise InputError(f"{where}: the sealed answer holds no {missing}", hint)
+        raise InputError(f"{where}: the sealed answer is incomplete", hint)
     return answer
 
 
-def _missing(answer: dict[str, Any]) -> str:
-    """Return what an answer lacks, in words."""
-    trials, effects = answer.get("trials"), answer.get("effects")
-    if not isinstance(trials, dict) or not trials:
-        return "trials"
-    if not all(isinstance(t, dict) and isinstance(t.get("sha256"), str) for t in trials.values()):
-        return "hash of each trial"
-    if not isinstance(effects, list) or not all(map(_is_effect, effects)):
-        return "list of effects with their parameters"
-    if not {"sand_off", "seed", "strength", "noise"} <= answer.keys():
-        return "settings of `granite-lab hide`"
-    return ""
-
-
-def _is_effect(effect: Any) -> bool:
-    texts = isinstance(effect, dict) and all(
-        isinstance(effect.get(key), str) for key in ("id", "title", "account")
-    )
-    parameters = effect.get("parameters") if texts else None
-    known = isinstance(parameters, dict) and all(
-        isinstance(p, dict) and isinstance(p.get("value"), (int, float)) and isinstance(p.get("unit"), str)
-        for p in parameters.values()
-    )
-    return known and isinstance(effect.get("library"), bool)
+def _complete(answer: Mapping[str, Any]) -> bool:
+    """Say whether an answer holds settings, trials with their hashes, and effects with their parameters."""
+    try:
+        parameters = [p for e in answer["effects"] for p in e["parameters"].values()]
+        texts = [trial["sha256"] for trial in answer["trials"].values()]
+        texts += [e[key] for e in answer["effects"] for key in ("id", "title", "account")]
+        texts += [p["unit"] for p in parameters]
+        numbers = all(math.isfinite(p["value"]) for p in parameters)
+        settings = {"sand_off", "seed", "strength", "noise"} <= answer.keys()
+        return bool(answer["trials"]) and numbers and settings and all(isinstance(x, str) for x in texts)
+    except (KeyError, TypeError, AttributeError):
+        return False
 
 
 def open_answer(folder: Path) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from granite_lab.discovery.finding import Finding, Residual
 from granite_lab.errors import InputError
-from granite_lab.files import write_text
+from granite_lab.files import read_json, write_text
 from granite_lab.inference.bench import SAND
 from granite_lab.inference.conditions import PLAIN, Conditions, conditions_of
 from granite_lab.inference.noise import CUT, FAST, FLOOR, at_rest, errors
@@ -157,12 +157,8 @@ def load_design(path: Path) -> Design:
         InputError: the file cannot be read, or is none of this version.
     """
     again = "run 'granite-lab discover' again"
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error})", again) from None
-    if not isinstance(document, dict) or document.pop("schema", None) != SCHEMA:
-        raise InputError(f"{path}: is not the design of a search of this version", again)
+    document = read_json(path, again, SCHEMA)
+    del document["schema"]
     design = build(Design, document, str(path))
     if not design.driven or not all(d.noise for d in design.driven):
         raise InputError(f"{path}: holds no trial", again)
