@@ -51,11 +51,8 @@ def wander(rng: np.random.Generator, size: int, step: float, length: float) -> A
 
 def rotation(roll: float, pitch: float, yaw: float) -> Array:
     """Return the matrix that takes a vector from the old axes to axes turned by yaw, pitch, roll [rad]."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin([roll, pitch, yaw]), np.cos([roll, pitch, yaw])
-    about_x = np.array([[1, 0, 0], [0, cr, sr], [0, -sr, cr]])
-    about_y = np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])
-    about_z = np.array([[cy, sy, 0], [-sy, cy, 0], [0, 0, 1]])
-    return np.asarray(about_x @ about_y @ about_z)
+    turn = scipy.spatial.transform.Rotation.from_euler("ZYX", [yaw, pitch, roll])
+    return np.asarray(turn.as_matrix().T)
 
 
 def felt_at(body: Body, arm_x: float, arm_z: float) -> tuple[Array, Array]:
