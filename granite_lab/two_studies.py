@@ -135,22 +135,22 @@ def compare_studies(first: Path | str, second: Path | str) -> Compared:
     for quantity in dict.fromkeys([*quantities[0], *quantities[1]]):
         pair = [study.get(quantity) for study in quantities]
         only = "" if all(pair) else f"only in {'A' if pair[0] else 'B'}"
-        _, unit, effect, number = next(filter(None, pair))
+        _, unit, effect, name = next(filter(None, pair))
         values, scale = [stated[0] if stated else Value() for stated in pair], 1.0
         if effect:
             largest = max((abs(v.value) for v in values if math.isfinite(v.value)), default=0.0)
-            unit, scale = scale_of(effect, number, unit, largest)
-        rows.append(Row(quantity, unit, *(Value(*(scale * x for x in v)) for v in values), only))
+            unit, scale = scale_of(effect, name, unit, largest)
+        in_a, in_b = (Value(*(scale * x for x in v)) for v in values)
+        rows.append(Row(quantity, unit, in_a, in_b, only))
     return Compared(names, tuple(rows), tuple(_notes(a, b, rows)), bool(a["virtual"] or b["virtual"]))
 
 
-def _quantities(
-    document: Mapping[str, Any], *, effects: bool
-) -> Iterator[tuple[str, tuple[Value, str, str, str]]]:
-    """Yield each quantity of a report: value and unit as it holds them; of an effect id and number behind.
+Stated = tuple[Value, str, str, str]
+"""Value and unit as a report holds them; of an effect its id and the name of its number, else empty."""
 
-    Those of `effects` are yielded if asked to.
-    """
+
+def _quantities(document: Mapping[str, Any], *, effects: bool) -> Iterator[tuple[str, Stated]]:
+    """Yield each quantity of a report; those of effects if asked to."""
     for key, name, unit in (("slip", "slip", "%"), ("k92", "k_92", "–")):
         for s in document["answers"]["speeds"]:
             yield f"{name} at {s['speed_mps']:g} m/s", (_value(s[key]), unit, "", "")

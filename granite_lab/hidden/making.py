@@ -35,6 +35,7 @@ from granite_lab.hidden.wish import Wish, chosen, drawn, raked, sand
 from granite_lab.logs.trial import CurrentStream, ImuStream, Series, Trial, TrialInfo, WheelStream
 from granite_lab.parameters import Robot, Soil, Variant, load_variants
 from granite_lab.processes import shared_out
+from granite_lab.shown import jsonable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -317,7 +318,7 @@ def _answer(wish: Wish, off: Mapping[str, float], plans: list[Plan]) -> dict[str
         "strength": wish.strength,
         "noise": wish.noise,
         "sand_off": off,
-        "lab": {"name": lab.name, **lab.drawn},
+        "lab": jsonable(lab),
         "lab_a_theta": lab.a_theta,
         "command": wish.command,
         "logged": wish.logged,
