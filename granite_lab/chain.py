@@ -110,7 +110,7 @@ def analyse(path: Path, options: Options) -> TrialResult:
     """Take one trial through the whole chain.
 
     Raises:
-        LabError: any stage could not do its work; the message says which and why.
+        LabError: a stage failed; the message names it and the reason.
     """
     logged, robot = read(path, options)
     trial, motion = estimation.correct(logged, robot, soil=soil_of(logged, options.soil))
@@ -150,7 +150,7 @@ def soil_name(trial: Trial, options: Options, model: ModelFile | None) -> str:
 
 
 NO_SLIP = "no trial has a slip ratio that is known to 5 points, so nothing is searched"
-"""Why a search is left out: what is missing from a model cannot be told from motions that are not known."""
+"""Why a search is left out: without known motions nothing can be said to be missing from a model."""
 
 NAME = "study"
 """Of a study that is not written; a report has that of its folder."""

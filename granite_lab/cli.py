@@ -39,7 +39,7 @@ COMMANDS = {
 
 
 METAVARS = {"Path": "PATH", "float": "NUMBER", "int": "NUMBER", "str": "TEXT", "list[str]": "TEXT"}
-"""Types of values as help says them."""
+"""Types of values as help prints them."""
 
 
 class _Commands(Mapping[str, Any]):

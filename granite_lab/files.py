@@ -39,7 +39,7 @@ def readable(error: OSError, path: Path | str, doing: str = "read") -> LabError:
     """Return the user's version of an operating system error.
 
     Args:
-        error: what the operating system said.
+        error: of the operating system.
         path: the file it is about.
         doing: "read" gives an `InputError` (exit 3), anything else a plain `LabError` (exit 1).
     """

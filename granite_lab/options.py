@@ -64,7 +64,7 @@ class Options:
         rows: which rows of the log to take, as ``run_id = 4``.
         model: model.toml with effects to switch on.
         effects: the user's own effect file that the model may need.
-        info: what is known of all trials; it overrides what a log says.
+        info: what is known of all trials; it overrides the log.
         of_trials: what is known of single ones, by the path of the log; `info` counts before it.
         topics: of a bag, what a topic is taken for (imu, joints, odom) and its name.
         tolerance: of a search, discrepancy that does not matter, as a share of a channel's rms in motion.

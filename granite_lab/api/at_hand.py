@@ -28,7 +28,7 @@ OF_INGEST_ALONE = ("imu", "encoders", "currents", "reference", "rows", "variant"
 """Keywords of `ingest` that no other verb has."""
 
 OF_WORK = ("logs", "strict", "jobs")
-"""Keywords of `ingest` that say nothing of a log."""
+"""Keywords of `ingest` that do not concern a log."""
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,7 @@ def simulate(
         a: largest acceleration [m/s²] (with `v`).
         distance: total distance [m] (with `v`).
         command: any desired velocity, linear between times, as ``0:0, 1:0.3, 5:0.3, 6:0`` in s and m/s.
-        wheels: a log whose measured wheel speeds drive the simulation; it says robot and soil, too.
+        wheels: a log whose measured wheel speeds drive the simulation; its robot and soil are used.
         log: file for the log of virtual sensors (CSV).
         seed: seed of the random numbers of the sensors.
         k92: constant k_92, 0 to 1; by default the law (5), k_92 = exp(-a_θ v).
@@ -159,9 +159,9 @@ def _of_log(
     from granite_lab.chain import simulable  # noqa: PLC0415, heavy
 
     of_robot, of_soil = (None if isinstance(x, (Robot, Soil)) else x for x in (robot, soil))
-    said = options(robot=of_robot, soil=of_soil, drive="wheels", changes=changes)
-    trial, found, motion = simulable(log, said)
-    return motion.variant, robot or found, soil or trial.info.soil
+    given = options(robot=of_robot, soil=of_soil, drive="wheels", changes=changes)
+    trial, of_log, motion = simulable(log, given)
+    return motion.variant, robot or of_log, soil or trial.info.soil
 
 
 def _commanded(command: str | Sequence[tuple[float, float]]) -> Variant:

@@ -1,4 +1,4 @@
-"""Which trials are meant and what is said about them: options, and `granite-lab.toml` beside the logs."""
+"""Which trials are taken and what is known of them: options, and `granite-lab.toml` beside the logs."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def named_logs(folder: Path) -> tuple[Path, ...]:
 def _projects_of(files: Sequence[Path]) -> dict[Path, tuple[Path, Project]]:
     """Return for each log the project that holds for it, behind the folder in which its file lies."""
     if files and not any(map(os.path.exists, files)):
-        refuse_special(files[0])  # which says what is wrong with it
+        refuse_special(files[0])  # raises an error with the reason
     here = Path()
     mine = project_in(here)
     listed = {path.resolve() for path in (trial_files(mine.logs) if mine.logs else ())}
@@ -197,7 +197,7 @@ def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
             f"{where}: excludes {'all trials' if len(files) > 1 else files[0].name}",
             f"reason given: {excluded[0].reason}",
         )
-    # All files that are named are read once, so that a wrong one is told before any work.
+    # All files that are named are read once, so that a wrong one ends the command before any work.
     changes = options.info.changes if options.info else ()
     load_robot(options.robot or "granite", changes=changes)
     load_soil(options.soil or "dry_sand", changes)

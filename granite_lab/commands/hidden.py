@@ -16,7 +16,7 @@ from granite_lab.commands.printer import Printer, progress, warn
 from granite_lab.hidden.scoring import MEANING, ParameterScore, Score
 
 PARTS = {"train": "trials in the fit", "held_out": "trials left out of the fit"}
-"""Parts of the trials that a discovery tells of, as they are printed."""
+"""Parts of the trials for which a discovery states a gap, as they are printed."""
 
 
 def hide(

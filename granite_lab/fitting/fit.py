@@ -276,7 +276,7 @@ class AThetaFit(Shown):
         virtual: some of the logs were written by a simulator.
         origin: where the fit comes from.
         total, total_ci95: `a_theta` with the std and the 95 % interval that hold the uncertainty of soil and
-            wheel radius, too [s/m]; NaN where the trials do not say what these do.
+            wheel radius, too [s/m]; NaN where their influence on the trials is not known.
         shared: what the std of `total` is made of besides that of `a_theta`.
     """
 

@@ -55,7 +55,7 @@ SHARED_AS = {
 """Numbers that all trials share, as a budget calls them."""
 
 WIDE = 1.0
-"""Std of the prior of log a_θ: flat beside the few percent that one trial tells."""
+"""Std of the prior of log a_θ: flat beside the few percent to which one trial determines it."""
 
 COARSE = 0.05
 """Least width of a bin [s]: a seventh of the time in which slip settles."""
@@ -169,7 +169,7 @@ def fit_k92(
         motion, trial: the estimate, and the trial as it was corrected.
         robot, soil: the robot with chassis and drive, and the ground.
         effects: added to the paper's model.
-        trajectory: also fit the whole time history; where that cannot be, a note says why.
+        trajectory: also fit the whole time history; where that is impossible, a note states the reason.
 
     Raises:
         EstimateError: the trial has no steady slip ratio, or the simulation fails.

@@ -35,8 +35,8 @@ class Command:
         times: (K,) of the corners [s]; the first is 0.
         speeds: (K,) velocities there [m/s]; 0 at both ends, never negative.
         measured: begin and end of the part over which λ_R is taken [s].
-        stated: velocity [m/s], acceleration [m/s^2] and distance [m], which the log of a trapezoid states; of
-            a stick nobody has written them down.
+        stated: velocity [m/s], acceleration [m/s^2] and distance [m], which the log of a trapezoid states;
+            None for a stick.
     """
 
     label: str
@@ -104,7 +104,7 @@ def trapezoid(v: float, a: float, distance: float) -> Command:
 def draw_stick(rng: np.random.Generator, number: int, top: float) -> Command:
     """Draw how a person drives whose fastest speed is `top` [m/s]; λ_R is taken over all of it.
 
-    `number` says which stick of its set it is, from 1 on.
+    `number` counts the sticks of a set, from 1 on.
     """
     times, speeds = [0.0], [0.0]
 

@@ -1,4 +1,4 @@
-"""Where the trials of a set are made: a robot, its sand, its logger, and what their files say of them.
+"""Where the trials of a set are made: a robot, its sand, its logger, and their files.
 
 On the bench all is as filed. A wild laboratory is drawn from a seed: another logger, and often another robot
 or sand. A range is what data sheets, publications or trials of other programs show; none comes from what
@@ -31,7 +31,7 @@ SCATTER = {"frictional_modulus": 0.05, "cohesion": 0.05, "a_theta": 0.03}
 """Relative std from trial to trial on the bench, as raking leaves it; an assumption."""
 
 FASTEST = 0.7, 2.4, 3.0
-"""Variant of Table 2 that asks most of sand and drive: velocity, acceleration, distance."""
+"""Variant of Table 2 that loads sand and drive most: velocity, acceleration, distance."""
 
 MOST_SLIP, DEEPEST = 0.35, 0.22
 """Slip ratio in the fastest variant and sinkage over radius at rest of a robot that can be measured at all:
@@ -74,7 +74,7 @@ class Lab:
         robot, soil: filed and real.
         a_theta: of (5) on the average of the trials [s/m].
         scatter: relative std of k_φ, c and a_θ from trial to trial.
-        repetitions: of each variant; 0 leaves it to who asks.
+        repetitions: of each variant; 0: as asked for, else 3.
         logger: what the logger adds to the errors that the robot's record states.
         radius: relative std of each wheel's radius in each trial.
         rolls: the wheels really have these radii; otherwise they are alike, and the logger's angles are off

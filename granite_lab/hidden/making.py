@@ -299,7 +299,7 @@ def _answer(wish: Wish, off: Mapping[str, float], plans: list[Plan]) -> dict[str
             "library": name not in UNKNOWN_TO_LIBRARY,
             "parameters": {
                 size.name: {
-                    # whoever sees only the stamps sees the IMU's lateness in the offset of the clocks
+                    # in the stamps, the latency of the IMU is part of the offset of the clocks
                     "value": sizes[name][size.name] - (late if name == ClockOffset.id else 0.0),
                     "unit": size.unit,
                     "kind": size.kind,

@@ -31,7 +31,7 @@ LARGEST_SET = 3
 """Most names in a set of twins that still counts as an answer."""
 
 REMAINDER = 0.1
-"""Share of the gap from which on a discovery must say that it is left: what closes less is small."""
+"""A discovery must state a remainder of at least this share of the gap; what closes less is small."""
 
 CEILING = 0.3
 """Share of the gap that any forces could close, from which on an answer that closes nothing is a miss."""
@@ -106,7 +106,7 @@ class Score:
 
     Attributes:
         outcome: see `MEANING`; right: counts as a right answer.
-        verdict: what the discovery said; named: the ids it named first.
+        verdict: of the discovery; named: the ids that it named first.
         hidden: ids that were hidden.
         set_size: names in the largest set that holds a hidden effect.
         parameters: of the effects named rightly.
@@ -261,7 +261,7 @@ def _judge(verdict: str, names: Names, set_size: int, *, by_head: bool, somethin
     """Return the outcome by the hidden effects of the library.
 
     Args:
-        verdict: what the discovery said.
+        verdict: of the discovery.
         names: rightly named, missed and wrongly named.
         set_size: names in the largest set that holds a hidden effect.
         by_head: each hidden effect stands in front of its set.

@@ -1,7 +1,7 @@
 """The answer beside a set of trials: sealed by `hide`, or written by another laboratory as `answer.json`.
 
-The seal keeps an answer from being read by accident and changed unseen. It is no secret: whoever wants to
-open it can. Nothing of the analysis does.
+The seal keeps an answer from being read by accident and changed unseen. It is no secret: anybody
+can open it. The analysis does not.
 """
 
 from __future__ import annotations

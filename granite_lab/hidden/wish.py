@@ -43,7 +43,7 @@ class Wish:
         sand_off: φ, K, n and μ_s are 5-20 % off the soil's file.
         lab: name of the laboratory, see `granite_lab.hidden.lab`.
         sizes: parameters that are not drawn, by ``name`` or ``id.name``.
-        repetitions: of each variant; None: as the laboratory says, else 3.
+        repetitions: of each variant; None: those of the laboratory, else 3.
         variants: those of Table 2 when empty.
         label: with which the trials' names begin.
         causes: of a mixture, two to five.

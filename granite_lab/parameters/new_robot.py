@@ -53,12 +53,12 @@ def _question(*, meaning: str, unit: str, low: float, high: float, **_: str) -> 
 def text_of(name: str, given: Mapping[str, float], like: Robot | None = None) -> str:
     """Return the file of a robot.
 
-    A table that needs numbers nobody gave is a comment as a whole, because it would be refused.
+    A table that lacks a number it needs is a comment as a whole, because it would be refused.
 
     Args:
         name: of the robot.
         given: numbers by the keys of `quantities`, within their bounds.
-        like: a robot whose numbers stand in for those that are not given; the file says so.
+        like: a robot whose numbers stand in for those that are not given; a comment in the file names it.
 
     Raises:
         UsageError: the radius of the wheels is not known.

@@ -1,4 +1,4 @@
-"""What a plan needs to know of a search: trials without their data, noise, sand and what was found."""
+"""What a plan needs of a search: trials without their data, noise, sand and what was found."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ def _driven(residuals: Sequence[Residual], trials: Sequence[Trial]) -> tuple[Dri
     """Return the trials by command.
 
     Raises:
-        InputError: nothing says what was commanded, or under which conditions.
+        InputError: the command or its conditions are not stated.
     """
     groups: dict[tuple[Variant, Conditions], list[Residual]] = {}
     for trial in trials:

@@ -29,10 +29,10 @@ from granite_lab.results import gaps
 from granite_lab.rounding import axis_unit, shown_as, significant
 
 SLIP_STD_SHOWN = 0.04
-"""Measured slip is drawn where its standard deviation is below this; at crawling speed it says nothing."""
+"""Measured slip is drawn where its standard deviation is below this; at crawling speed it is larger."""
 
 WIDEST = 0.3
-"""Share of a panel's height up to which the band of ±2σ is drawn; of a wider one the width is said."""
+"""Share of a panel's height up to which the band of ±2σ is drawn; of a wider one the width is printed."""
 
 PAPER = {0.3: "Figs. 5 and 6", 0.7: "Figs. 7 and 8"}
 """Figures of the paper by speed [m/s]."""

@@ -53,7 +53,7 @@ def plain_markdown(value: object) -> str:
 def to_pdf(result: StudyResult, report: Report, made: str, figures: Mapping[str, str]) -> bytes:
     """Return the report as four pages of A4, set by Typst; the same study gives the same bytes.
 
-    `made` says with which version, when; `figures` are their SVG by name.
+    `made` states version and date; `figures` are their SVG by name.
     """
     answers = report.answers
     content = {

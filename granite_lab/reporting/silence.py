@@ -50,7 +50,7 @@ def _reason(r: TrialResult) -> str:
         return "does not exist: nothing in it is steady"
     if not fit.slip_known:
         causes = [reason for reason in motion.health.reasons if "known to ±" not in reason]
-        # what anchors the velocity says most of how well slip is known
+        # the std of slip depends most on what anchors the velocity
         causes.sort(key=lambda reason: "anchor" not in reason and "standstill" not in reason)
         because = f" ({causes[0].split(': ')[0]})" if causes else ""
         return f"is known to {{known}} points only{because.replace('{', '{{').replace('}', '}}')}"
