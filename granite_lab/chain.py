@@ -37,9 +37,8 @@ from granite_lab.running.each import HERE
 
 def read(path: Path, options: Options) -> tuple[Trial, Robot]:
     """Return the trial of a log as it was logged, and its robot; raise an InputError if it cannot be used."""
-    beside = {role: getattr(options, role) for role in ("imu", "encoders", "currents", "reference")}
     trial = logs.read_trial(
-        path, beside, map=options.column_map, robot=options.robot, info=options.known(path),
+        path, dict(options.beside), map=options.column_map, robot=options.robot, info=options.known(path),
         topics=dict(options.topics), excerpt=logs.Excerpt(options.rows, options.window),
     )  # fmt: skip
     robot = load_robot(options.robot or trial.info.robot or "granite", changes=trial.info.changes)

@@ -135,7 +135,7 @@ def ingest(
         files, chosen = together, replace(chosen, files=(together["imu"],))
     if len(chosen.files) > 1 and (files or variant):
         raise UsageError("--variant and files of sensors go with one trial", "ingest the trials one by one")
-    options = replace(chosen.options, **files)
+    options = replace(chosen.options, beside=tuple(files.items()))
     if variant:
         stated = TrialInfo(robot=options.robot, v_desired=variant)
         options = replace(options, info=over(stated, options.info or TrialInfo()))

@@ -57,33 +57,29 @@ class Plan:
     Attributes:
         wish: of the set.
         lab: where it is made; its robot is as it really is, but for what the influences change.
+        setup: of its model, with the sand and the radii of this trial.
         sizes: parameters of the influences by id in this trial, phases included.
-        soil, a_theta: of this trial; raking: by which factors it changed them.
+        a_theta: of this trial; raking: the factors by which it and the sand were changed.
         command, repetition: which trial it is.
         seed: key of its random numbers.
-        controller: id and gains of one that is not the paper's.
+        radii: (4,) true radius of each wheel over the filed one.
     """
 
     wish: Wish
     lab: Lab
+    setup: Setup
     sizes: Mapping[str, Mapping[str, float]]
-    soil: Soil
     a_theta: float
     raking: Mapping[str, float]
     command: Command
     repetition: int
     seed: tuple[int, ...]
-    controller: tuple[str, Mapping[str, float]] = ("", {})
+    radii: Array
 
     @property
     def name(self) -> str:
         """Name of the trial, which tells nothing."""
         return f"{self.wish.label}_{self.command.label}_r{self.repetition}"
-
-    @property
-    def radii(self) -> Array:
-        """True radius of each wheel in this trial over the filed one, (4,)."""
-        return np.asarray(1 + self.lab.radius * lot(*self.seed, 2).standard_normal(4))
 
 
 def make_set(
@@ -169,14 +165,18 @@ def _plans(wish: Wish, lab: Lab, ground: Soil, sizes: Mapping[str, Mapping[str, 
     # the weakest ground shows at the highest speed: that comes first, so that a bad draw costs little
     variants = sorted(wish.variants or load_variants(), key=lambda v: -v.velocity)
     repetitions = range(1, (wish.repetitions or lab.repetitions or 3) + 1)
-    plans, controller = [], _controller(wish, lab)
+    plans, (controller, gains) = [], _controller(wish, lab)
     for (k, variant), repetition in product(enumerate(variants), repetitions):
         seed = (wish.seed, 4, k, repetition)
         rng = lot(*seed, 0)
-        raking = raked(ground, lab.a_theta, lab.scatter, rng)
+        soil, a_theta, raking = raked(ground, lab.a_theta, lab.scatter, rng)
         of_trial = {name: influence(name).of_trial(size, rng) for name, size in sizes.items()}
+        radii = np.asarray(1 + lab.radius * lot(*seed, 2).standard_normal(4))
+        pairs = (float(radii[:2].mean()), float(radii[2:].mean())) if lab.rolls else (1.0, 1.0)
+        law = exponential_k92(a_theta)
+        setup = Setup(lab.robot.real, soil, law, lab.near_rest, pairs, controller=controller, gains=gains)
         command = _command(wish, k, repetition, variant)
-        plans.append(Plan(wish, lab, of_trial, *raking, command, repetition, seed, controller))
+        plans.append(Plan(wish, lab, setup, of_trial, a_theta, raking, command, repetition, seed, radii))
     return plans
 
 
@@ -213,15 +213,8 @@ def _make(plans: list[Plan], k: int) -> tuple[Trial, pd.DataFrame] | None:
 
 def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
     """Simulate and log one trial, with its true motion; None if the robot digs itself in."""
-    rng, lab = lot(*plan.seed, 1), plan.lab
-    command, radii = plan.command, plan.radii
-    rolling = radii if lab.rolls else np.ones(4)
-    pairs = float(rolling[:2].mean()), float(rolling[2:].mean())
-    setup = Setup(
-        lab.robot.real, plan.soil, exponential_k92(plan.a_theta), lab.near_rest, pairs,
-        controller=plan.controller[0], gains=plan.controller[1],
-    )  # fmt: skip
-    truth = model_of(tuple(plan.sizes), setup, command, plan.sizes)
+    rng, lab, command = lot(*plan.seed, 1), plan.lab, plan.command
+    truth = model_of(tuple(plan.sizes), plan.setup, command, plan.sizes)
     before, after = rng.uniform(*lab.before), rng.uniform(*lab.after)
     steps = np.arange(-round(before / DT), round((command.end + after) / DT) + 1)
     t = np.asarray(steps * DT)
@@ -234,7 +227,7 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
         return None
     rig, wrong = louder(lab.robot.real, plan.wish.noise), truth.misreading()
     imu, *_ = read_imu(rng, body, rig, lab.logger, wrong)
-    wheels = read_wheels(rng, body, rig, -wrong.late, wrong.encoder / (1.0 if lab.rolls else radii))
+    wheels = read_wheels(rng, body, rig, -wrong.late, wrong.encoder / (1.0 if lab.rolls else plan.radii))
     currents = read_currents(rng, body, rig, -wrong.late * wrong.later, lab.logger)
     v, a, distance = command.stated or (None, None, None)
     info = TrialInfo(
@@ -281,8 +274,8 @@ def true_motion(plan: Plan, body: Body) -> pd.DataFrame:
         "t_start_s": body.start,
         "k92_law": "exponential",
         "k92_value": plan.a_theta,
-        "frictional_modulus_Pa_mn": plan.soil.frictional_modulus,
-        "cohesion_Pa": plan.soil.cohesion,
+        "frictional_modulus_Pa_mn": plan.setup.soil.frictional_modulus,
+        "cohesion_Pa": plan.setup.soil.cohesion,
     }
     return frame
 
@@ -322,7 +315,7 @@ def _answer(wish: Wish, off: Mapping[str, float], plans: list[Plan]) -> dict[str
         "lab_a_theta": lab.a_theta,
         "command": wish.command,
         "logged": wish.logged,
-        "controller": {"id": plans[0].controller[0] or "paper", **plans[0].controller[1]},
+        "controller": {"id": plans[0].setup.controller or "paper", **plans[0].setup.gains},
         "effects": effects,
         "trials": {
             plan.name: {
