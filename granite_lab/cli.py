@@ -42,7 +42,7 @@ METAVARS = {"Path": "PATH", "float": "NUMBER", "int": "NUMBER", "str": "TEXT", "
 """Types of values as help prints them."""
 
 
-def _command(name: str) -> Any:
+def command_of(name: str) -> Any:
     """Import a command."""
     module = import_module(f"granite_lab.commands.{COMMANDS[name][0]}")
     made = getattr(module, name.replace("-", "_"))
@@ -86,7 +86,7 @@ class _Group(TyperGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
         """Return a command, which is imported now; None where there is none of that name."""
-        return _command(cmd_name) if cmd_name in COMMANDS else None
+        return command_of(cmd_name) if cmd_name in COMMANDS else None
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         """Read the arguments before the command."""

@@ -150,7 +150,7 @@ def _show_answer(answer: Mapping[str, Any], printer: Printer) -> None:
 
 def _off(filed: Mapping[str, Any], real: Mapping[str, Any]) -> dict[str, Any]:
     """Return the numbers of a robot or sand that are not those of its file."""
-    numbers = {}
+    numbers: dict[str, Any] = {}
     for key, value in real.items():
         if isinstance(value, Mapping):
             numbers |= {f"{key}.{name}": number for name, number in _off(filed[key], value).items()}

@@ -136,8 +136,11 @@ def mistaken(motion: Motion, robot: Robot, soil: Soil) -> float:
     except LabError:
         return 0.0
     wheels = (run["v_wheel_f_mps"] + run["v_wheel_r_mps"]) / 2
-    late = np.linspace(-2, 2, 9) * np.nan_to_num(motion.t_start.std)
-    off = min(_missed(motion, motion.variant, lambda t, x=x: np.interp(t - x, run.t, wheels)) for x in late)
+
+    def missed(late: float) -> float:
+        return _missed(motion, motion.variant, lambda t: np.asarray(np.interp(t - late, run.t, wheels)))
+
+    off = min(map(missed, np.linspace(-2, 2, 9) * np.nan_to_num(motion.t_start.std)))
     return off if math.isfinite(off) else 0.0
 
 
