@@ -152,7 +152,7 @@ NO_SLIP = "no trial has a slip ratio that is known to 5 points, so nothing is se
 """Why a search is left out: without known motions nothing can be said to be missing from a model."""
 
 NAME = "study"
-"""Of a study that is not written; a report has that of its folder."""
+"""Name of a study that is not written; a report has the name of its folder."""
 
 
 def over_trials(

@@ -73,7 +73,7 @@ def refuse_special(path: Path) -> None:
 
 
 def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file's content in hexadecimal; of a folder, of its files and their names.
+    """Return the SHA-256 in hexadecimal of a file's content, or of the files of a folder with their names.
 
     Raises:
         InputError: the file cannot be read.

@@ -38,7 +38,7 @@ def write(
     A part that fails costs nothing of the others.
 
     Args:
-        result: the study; of a search alone one without trials.
+        result: the study; one without trials for a search alone.
         options: of it.
         folder: to write into.
         searched: trials of a search alone, with their motion.

@@ -118,7 +118,7 @@ def ingested_in(results: Path) -> tuple[Entry, ...]:
 
 
 def _read(path: Path) -> list[Entry]:
-    """Return the entries of a list, none where there is no list; paths in it start at its folder."""
+    """Return the entries of a list, whose paths start at its folder; no entries where there is no list."""
     if not path.exists():
         return []
     try:

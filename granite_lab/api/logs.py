@@ -160,7 +160,7 @@ def _ingested(
 ) -> Ingested | LabError:
     """Return the record of a log, with its judgement if asked for; the error where there is no estimate.
 
-    Where the reference entered the estimate, the one without it, `blind`, is judged.
+    Where the reference entered the estimate, `blind`, the estimate without it, is judged.
     """
     if isinstance(outcome, LabError):
         return outcome

@@ -84,7 +84,7 @@ class Chosen:
 
 
 def project_in(folder: Path) -> Project:
-    """Return what the file of a folder says, with full paths; nothing where there is no file.
+    """Return the project of a folder, with full paths; an empty one where there is no file.
 
     Raises:
         InputError: unknown key, robot, soil or map; no such log; an excluded trial that is not there or lacks
@@ -136,7 +136,7 @@ def _logs_of(folder: Path, named: Sequence[str]) -> list[Path]:
 
 
 def named_logs(folder: Path) -> tuple[Path, ...]:
-    """Return the logs that the file of a folder names, or else those beside it; none where there is no file.
+    """Return the logs that the file of a folder names, else those beside it; no logs where there is no file.
 
     Raises:
         InputError, UsageError: the file is wrong, or a folder that it names holds no log.

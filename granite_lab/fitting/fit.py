@@ -374,9 +374,7 @@ def of_mean(
 ) -> Budget | None:
     """Return the budget of a mean over trials of a speed [m/s] by the components and the weight of each.
 
-    Without weights all are equal.
-
-    None where a trial has no components, or the mean no std: by the trials' own or by their scatter.
+    Without weights all are equal. None where a trial has no components, or the mean has no std.
     """
     if not trials or not all(trials) or not math.isfinite(mean.std):
         return None

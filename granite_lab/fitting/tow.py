@@ -106,5 +106,5 @@ def _logged(motion: Motion, logged: Series) -> Sequence[tuple[float, float]]:
 
 
 def constant(robot: Robot) -> tuple[tuple[float, float], ...]:
-    """Return the load of a robot's file, the same at all times; nothing where it tows none."""
+    """Return the constant load of a robot's file; no points where the robot tows no load."""
     return () if robot.tow is None else ((0.0, robot.tow.force), (math.inf, robot.tow.force))

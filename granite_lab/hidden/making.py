@@ -119,7 +119,7 @@ def _draws(wish: Wish, lab: Lab) -> Iterator[tuple[list[Plan], dict[str, float],
     """Yield the plans of a set, the factors on its sand, and what each cause of a mixture reopens.
 
     They are drawn anew where the last were of no use. Sand drawn off its file may be too weak for the slope,
-    drag or speed at hand. Of a mixture all is drawn again; causes that nearly count are made stronger first.
+    drag or speed at hand. All of a mixture is drawn again, after causes that nearly count were made stronger.
     """
     mixed = wish.effect == "mixture"
     for attempt in range(ATTEMPTS if mixed else 8 if wish.sand_off else 1):
@@ -255,7 +255,7 @@ def _logged(command: Command, start: float, stamps: Array, late: float) -> Serie
 def true_motion(plan: Plan, body: Body) -> pd.DataFrame:
     """Return what really happened: columns with units in their names, and single numbers as attributes.
 
-    The slip ratio (2) is that of the second half of the constant desired velocity, of a stick that of all.
+    The slip ratio (2) is taken over `Command.measured`.
     """
     import pandas as pd  # noqa: PLC0415, heavy
 

@@ -51,7 +51,7 @@ class Setup:
         near_rest: how wheels and drive go on near rest.
         radii: (2,) true radius of front and rear wheels over the filed one.
         intervals: of the quadrature along the arc.
-        controller: id of one other than (26), none where empty; gains: its numbers.
+        controller: id of a controller other than (26), empty for (26); gains: its numbers.
     """
 
     robot: Robot

@@ -70,7 +70,7 @@ class ParameterScore:
 
 @dataclass(frozen=True)
 class Names:
-    """Effects counted one by one. A set of twins names one effect; of a hidden one it may be any member.
+    """Effects counted one by one. A set of twins names one effect, which may be any of its members.
 
     Attributes:
         right: hidden effects that were named.

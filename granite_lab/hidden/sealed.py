@@ -25,7 +25,7 @@ NAME, OPEN = "sealed.bin", "answer.json"
 """Names of the sealed and of the open file beside the trials."""
 
 OUTSIDE = "unknown"
-"""Id, in an open answer, of a cause that the library does not hold."""
+"""Id of a cause outside of the library, in an open answer."""
 
 LARGEST = 10_000_000
 """Size [bytes] of an answer at most: one of a thousand trials takes a tenth of it."""

@@ -47,7 +47,7 @@ class Wish:
         variants: those of Table 2 when empty.
         label: with which the trials' names begin.
         causes: of a mixture, two to five.
-        soil_law: id of a contact law other than the paper's, or ``random``; none where it is empty.
+        soil_law: id of a contact law other than the paper's, or ``random``; empty for the paper's.
         command: one of `COMMANDS`; logged: the desired velocity is a column of the logs.
         controller: one of `CONTROLS`.
     """

@@ -104,7 +104,7 @@ class Design:
 
 
 def save_design(finding: Finding, trials: Sequence[Trial], path: Path) -> None:
-    """Write what a plan needs of a search to a file; nothing where its logs do not say what was commanded.
+    """Write what a plan needs of a search to a file, unless the logs do not state the command.
 
     Raises:
         LabError: the file cannot be written.

@@ -193,7 +193,7 @@ def speed_stem(speed: float) -> str:
 
 
 def strained_in_words(finding: Finding) -> list[str]:
-    """Say in one line which numbers lie at a bound, or far from their file or range; nothing where none."""
+    """Return a line on the numbers that lie at a bound, or far from file or range; no line without any."""
     numbers = []
     for name in finding.strained:
         effect, _, number = name.partition(".")

@@ -25,7 +25,7 @@ def silent(result: StudyResult) -> bool:
 
 
 def why_no_k92(result: StudyResult) -> str:
-    """Say why no trial of a study determines k_92; nothing where one does, or where there is none."""
+    """Say why no trial of a study determines k_92; empty where a trial does, or where there is no trial."""
     if not result.trials or any(r.comparison.fit.tells for r in result.trials):
         return ""
     reasons: dict[str, list[TrialResult]] = defaultdict(list)
@@ -76,7 +76,7 @@ def reach_in_words(speeds: Sequence[Speed]) -> str:
 
 
 def assumptions(result: StudyResult) -> str:
-    """Say which robot and soil were assumed because nobody named them; nothing where all are named."""
+    """Say which robot and soil were assumed because they were not named; empty where all are named."""
     given = dict(result.source.options)
     parts = []
     for kind in ("robot", "soil"):

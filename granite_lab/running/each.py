@@ -45,7 +45,7 @@ _alone = threading.Lock()
 
 @dataclass(frozen=True)
 class Execution:
-    """Where work is done and what is remembered of it; results do not depend on it.
+    """Where work is done and whether its results are stored; results do not depend on it.
 
     Attributes:
         jobs: number of processes of this machine; 0 means one per core, 1 means this process.
