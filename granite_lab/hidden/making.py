@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +35,6 @@ from granite_lab.hidden.wish import Wish, chosen, drawn, raked, sand
 from granite_lab.logs.trial import CurrentStream, ImuStream, Series, Trial, TrialInfo, WheelStream
 from granite_lab.parameters import Robot, Soil, Variant, load_variants
 from granite_lab.processes import shared_out
-from granite_lab.shown import jsonable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -311,7 +310,7 @@ def _answer(wish: Wish, off: Mapping[str, float], plans: list[Plan]) -> dict[str
         "strength": wish.strength,
         "noise": wish.noise,
         "sand_off": off,
-        "lab": jsonable(lab),
+        "lab": asdict(lab),
         "lab_a_theta": lab.a_theta,
         "command": wish.command,
         "logged": wish.logged,
