@@ -198,22 +198,23 @@ class _Steps:
 
         Beside effects that leave no discrepancy the leaders are fitted one by one until one of them stays,
         for most often none does. Where errors of the formulas may explain all that is left, only the first is
-        fitted: which of several rivals comes first is then decided by those errors. Where noise explains it,
-        only a candidate without a rival is.
+        fitted. Its rivals follow where it stays. Where noise explains what is left, only a candidate without
+        a rival is fitted.
         """
         self.named = max(self.named, len(model.effects))
         fine = self.settled(model)
         found = self.promised(model)
         if len(found) > 1 and not self.is_open(model):
             return model, []
+        few = fine
         if model.effects and not fine:
             left = unexplained(self.problem, model.fit, model.fit.scales, self.tolerance)
-            found = found if max(left.values(), default=0.0) > self.tolerance else found[:1]
+            few = max(left.values(), default=0.0) <= self.tolerance
         tried: list[Promise] = []
-        for group in [[p] for p in found] if fine else [found]:
+        for group in [[p] for p in (found if fine else found[:1])] if few else [found]:
             tried += group
             self.fit(model, group)
-            if (best := self.best_of(model, tried)) is not model and fine:
+            if (best := self.best_of(model, tried)) is not model and few:
                 self.fit(model, found)
                 tried = found
                 best = self.best_of(model, tried)
