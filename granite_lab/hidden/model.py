@@ -27,7 +27,7 @@ from granite_lab.hidden.contact import (
     contact,
     smoothstep,
 )  # fmt: skip
-from granite_lab.hidden.parts import Law, Method, Misreading, Push, Sizes
+from granite_lab.hidden.parts import Law, Method, Misreading, Sizes
 from granite_lab.parameters import GRAVITY, Robot, Soil
 
 X, Z, PITCH, VX, VZ, Q = range(6)
@@ -184,13 +184,16 @@ class Truth:
         """Return the torques with which tyre and ground act on the rims [N m]."""
         return wheel.M
 
-    def push(self, t: float, y: Array, wheel: Contact) -> Push:
-        """Return what acts on the body besides the wheel forces."""
-        return Push(0.0, -self.mass * GRAVITY)
+    def push(self, t: float, y: Array, wheel: Contact) -> Array:
+        """Return what acts on the body besides the wheel forces, (3,).
+
+        Forces on the centre of mass along O's x and z [N], and the moment about y, nose down [N m].
+        """
+        return np.array([0.0, -self.mass * GRAVITY, 0.0])
 
     def misreading(self) -> Misreading:
         """Return the lasting errors of the sensors."""
-        return Misreading(np.eye(3), np.eye(3))
+        return Misreading()
 
     def derivative(self, t: float, y: Array) -> Array:
         """Return dy/dt."""
@@ -210,9 +213,9 @@ class Truth:
         along, up = wheel.F + wheel.R, wheel.normal  # along O's axes
         f_x, f_z = c * along - s * up, s * along + c * up  # (19)
         dy[[X, Z, PITCH]], dy[ANGLE] = y[[VX, VZ, Q]], y[OMEGA]
-        dy[VX] = (2 * along.sum() + push.x) / self.mass  # (20) and (21), seen from O
-        dy[VZ] = (2 * up.sum() + push.z) / self.mass
-        turning = 2 * (self.arm_z * f_x - self.arm_x * f_z).sum() + push.moment
+        dy[VX] = (2 * along.sum() + push[0]) / self.mass  # (20) and (21), seen from O
+        dy[VZ] = (2 * up.sum() + push[1]) / self.mass
+        turning = 2 * (self.arm_z * f_x - self.arm_x * f_z).sum() + push[2]
         dy[Q] = turning / self.chassis.pitch_inertia  # (22)
         dy[OMEGA] = (self.torque(y) + self.load(y, wheel)) / self.rim_inertia  # (23)
         if locked is not FREE:

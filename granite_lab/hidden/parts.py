@@ -23,18 +23,6 @@ def exponential_k92(a_theta: float) -> Law:
     return lambda v_d: float(np.exp(-a_theta * v_d))
 
 
-@dataclass(frozen=True)
-class Push:
-    """Force on the centre of mass in O [N] and moment about y, nose down [N m]: weight and what else acts."""
-
-    x: float
-    z: float
-    moment: float = 0.0
-
-    def __add__(self, other: Push) -> Push:
-        return Push(self.x + other.x, self.z + other.z, self.moment + other.moment)
-
-
 @dataclass(frozen=True, eq=False)
 class Misreading:
     """Errors of the sensors that are the same in every trial.
@@ -46,8 +34,8 @@ class Misreading:
             `later` times that.
     """
 
-    accel: Array
-    gyro: Array
+    accel: Array = field(default_factory=lambda: np.eye(3))
+    gyro: Array = field(default_factory=lambda: np.eye(3))
     encoder: Array = field(default_factory=lambda: np.ones(4))
     late: float = 0.0
     later: float = 1.0

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -130,7 +130,15 @@ def simulate(variant: Variant, *, settle: float = 1.0, after: float = 1.0, **giv
     return integrate(truth, np.asarray(-settle + SPACING * np.arange(steps + 1)))
 
 
-def body_from_run(run: Result, *, steady: tuple[float, float]) -> Body:
+@dataclass(frozen=True, eq=False)
+class Driven(Body):
+    """A true motion with the end of its command [s], and the settled half of its constant part [s]."""
+
+    stop: float
+    steady: tuple[float, float]
+
+
+def body_from_run(run: Result, *, steady: tuple[float, float]) -> Driven:
     """Return the motion of a run, its first sample moved to t = 0.
 
     Args:
@@ -140,7 +148,8 @@ def body_from_run(run: Result, *, steady: tuple[float, float]) -> Body:
     origin = float(run.t[0])
     t = np.asarray(origin + DT * np.arange(int((run.t[-1] - origin) / DT + 1e-6) + 1))
     body = body_from_states(run.truth, t, CubicSpline(run.t, run.state)(t))
-    return replace(body, steady=(steady[0] - origin, steady[1] - origin))
+    end = float(run.truth.command.end - origin)
+    return Driven(**vars(body), stop=end, steady=(steady[0] - origin, steady[1] - origin))
 
 
 def forces(

@@ -22,7 +22,7 @@ from granite_lab.hidden.sensors import Logger, read_currents, read_imu, read_whe
 from granite_lab.hidden.simulator import DT, Body
 from granite_lab.logs.trial import Series, Trial, TrialInfo
 from granite_lab.parameters import ImuGrade, Robot, load_robot
-from tests.truth.simulator import Result, body_from_run, interpolated
+from tests.truth.simulator import Driven, Result, body_from_run, interpolated
 
 SLIP_SPEED = np.array([0.0, 0.2, 0.3, 0.5, 0.7, 1.0])
 SLIP_LEVEL = np.array([0.03, 0.0531, 0.0835, 0.165, 0.229, 0.3])
@@ -94,18 +94,18 @@ def random_body(
     *,
     velocity: float,
     acceleration: float,
-    mass: float,
+    robot: Robot,
     duration: float = 8.0,
     still: tuple[float, float] = (2.0, 2.0),
     slip: float | None = None,
     wobble: float = 1.0,
-) -> Body:
+) -> Driven:
     """Draw a motion.
 
     Args:
         rng: source of all randomness.
         velocity, acceleration: of the desired trapezoid [m/s], [m/s^2].
-        mass: of the robot [kg].
+        robot: with its mass and drive.
         duration: from the command's start to its end [s].
         still: rest before the command and after it [s].
         slip: mean slip ratio; drawn around the published one when None.
@@ -144,10 +144,14 @@ def random_body(
     w = v * np.sin(squat)
     each = rng.normal(0, 0.002, 4)
     unlike = 1 + each + 0.004 * np.stack([wander(rng, n, DT, 0.4) for _ in range(4)], axis=1)
+    mass, drive, per_newton = robot.chassis.total_mass, robot.drive, 0.0
+    if drive is not None:
+        torque = drive.gear_efficiency * drive.gear_ratio * drive.torque_constant
+        per_newton = robot.wheels.radius / torque
     resistance = mass * 9.81 * (0.12 + 0.2 * level) * moving
     share = np.array([0.46, 0.46, 0.54, 0.54]) / 2
     steady = still[0] + command.measured[0], still[0] + command.measured[1]
-    return Body(
+    return Driven(
         t=np.asarray(t, dtype=np.float64),
         x=x,
         v=v,
@@ -158,7 +162,7 @@ def random_body(
         roll=start_roll + field_over(rng, x, 0.3, np.radians(0.5 * wobble * TERRAIN)),
         yaw_rate=np.radians(0.5) * wobble * wander(rng, n, DT, 0.7) * moving,
         v_wheel=rolling[:, None] * unlike,
-        force=(mass * a + resistance)[:, None] * share,
+        current=(mass * a + resistance)[:, None] * share * per_newton,
         start=still[0],
         stop=still[0] + duration,
         steady=steady,
@@ -308,7 +312,7 @@ def generate(
     motion_seed, sensor_seed = np.random.SeedSequence(seed).spawn(2)
     body = random_body(
         np.random.default_rng(motion_seed), velocity=velocity, acceleration=acceleration,
-        mass=rig.chassis.total_mass, **motion,
+        robot=rig, **motion,
     )  # fmt: skip
     info = TrialInfo(
         robot=rig.name, v_desired=velocity, a_max=acceleration,
