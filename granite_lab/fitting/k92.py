@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation.motion import Motion
-from granite_lab.fitting.fit import K92_BOUNDS, FitStatus, K92Fit, Shift
+from granite_lab.fitting.fit import K92_BOUNDS, LEAST, FitStatus, K92Fit, Shift
 from granite_lab.inference.bench import RAKED, SAND, Bench, World
 from granite_lab.inference.constants import RAKING, SAND_STD, TOLERANCE
 from granite_lab.inference.fit import Fit
@@ -36,9 +36,6 @@ from granite_lab.model.instants import COAST
 from granite_lab.model.leading import LEADS, is_free
 from granite_lab.parameters import Course, Robot, Soil, Variant, load_paper
 from granite_lab.processes import one_thread
-
-LEAST_K92 = 1e-3
-"""Below it the exponential law's exponent runs away: it takes k_92 for this value."""
 
 RAKED_AS = ("k_φ, from raking to raking", "c, from raking to raking")
 """The parameters of the sand that change with the raking besides a_θ, as a budget calls them."""
@@ -74,7 +71,7 @@ def simulate_k92(
         InputError: the robot's file lacks chassis or drive.
         EstimateError: the simulation does not converge.
     """
-    a_theta = -math.log(min(max(k92, LEAST_K92), 1.0)) / reference_velocity(variant)
+    a_theta = -math.log(min(max(k92, LEAST), 1.0)) / reference_velocity(variant)
     return simulate(variant, robot, soil, a_theta=a_theta, effects=effects)
 
 

@@ -369,7 +369,7 @@ def test_the_sealed_answer_holds_what_was_drawn(wild_folder: Path) -> None:
     assert {"robot", "soil", "scatter", "logger", "radius", "rolls", "near_rest"} <= set(drawn)
     shown = command("reveal", wild_folder).out
     assert "Nothing is hidden" in shown
-    assert "near_rest: law parabola" in shown
+    assert "near_rest: holds_below" in shown
     assert "wheels.radius" not in shown  # as filed
 
 
