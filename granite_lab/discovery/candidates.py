@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.inference.bench import Task
+from granite_lab.inference.constants import NOTHING
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Normal, Posterior, posterior
 from granite_lab.inference.point import Further, stacked
@@ -17,8 +18,13 @@ from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 
-OWN_SCALES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
-"""Scales that are tried for the numbers that an effect has in each trial, as shares of the prior's range."""
+OWN_SCALES = tuple(np.geomspace(NOTHING, 1, 7).tolist())
+"""Scales that are tried for the numbers that an effect has in each trial, as shares of the prior's range,
+half a decade apart."""
+
+
+TYPICAL = 0.2
+"""Size of an effect of either sign that is probed, as a share of the largest expected; convention."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +109,8 @@ def sizes(p: EffectParameter) -> tuple[float, ...]:
     if p.per_trial:
         return (high / 2,)
     if low < 0 < high:
-        return (0.2 * high,) if p.linear else (0.2 * high, 0.2 * low)
+        both = (TYPICAL * high, TYPICAL * low)
+        return both[:1] if p.linear else both
     if p.moving:
         return tuple(np.geomspace(low / 2, high, 8).tolist())
     least = max(low, high / 30)
@@ -113,8 +120,8 @@ def sizes(p: EffectParameter) -> tuple[float, ...]:
     return tuple(size for size in every if p.neutral + size <= p.high)
 
 
-def probes_of(problem: Problem, id_: str, most: int = 99) -> list[Probe]:
-    """List the sizes of a candidate, one strength at a time, `most` of each."""
+def probes_of(problem: Problem, id_: str, most: int | None = None) -> list[Probe]:
+    """List the sizes of a candidate, one strength at a time, `most` of each, all by default."""
     return [
         Probe(id_, p, k, size)
         for k, p in enumerate(problem.parameters_of(id_))
@@ -123,14 +130,14 @@ def probes_of(problem: Problem, id_: str, most: int = 99) -> list[Probe]:
     ]
 
 
-def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int = 99) -> Screen:
+def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int | None = None) -> Screen:
     """Simulate the candidates at their sizes about a fit, and integrate everything else out.
 
     Args:
         problem: the trials.
         fit: about which the screen is linear.
         ids: the candidates.
-        most: sizes of a strength at most, the smallest first.
+        most: sizes of a strength at most, the smallest first; all by default.
     """
     probes = [probe for id_ in ids for probe in probes_of(problem, id_, most)]
     sound = np.ones(len(probes), dtype=bool)

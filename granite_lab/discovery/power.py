@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from statistics import NormalDist
 
 import numpy as np
+from scipy.optimize import brentq
 
 from granite_lab.discovery.candidates import Probe, Screen, others_of
 from granite_lab.discovery.finding import Confusion, Detectable
-from granite_lab.inference.constants import CREDIBLE, SAME, WORTH
+from granite_lab.inference.constants import CREDIBLE, DRAWS, NOTHING, SAME, TINY, WORTH
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import posterior
 from granite_lab.inference.problem import Problem
@@ -17,14 +19,14 @@ from granite_lab.inference.scales import learnt_priors
 from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 
-POWER = 0.8416
-"""Standard normal number for a power of 80 %."""
+POWER = NormalDist().inv_cdf(0.8)
+"""Standard normal number for a power of 80 %; convention."""
 
 GROWTH, GROWN = 1.2, 16
 """Step between the amplitudes that are tried, as a factor, and how many: up to fifteen times the first."""
 
-FACTOR, DRAWS = 2.0, 200
-"""Size of the candidates in the confusion table, over the smallest detectable, and sets a row."""
+FACTOR = 2.0
+"""Size of the candidates in the confusion table, over the smallest detectable; convention."""
 
 
 def detectable(
@@ -157,20 +159,23 @@ def _by_noise_own(power: Array, at: Sequence[int], needed: float) -> float:
     """
     share = np.zeros(power.shape[1])
     share[list(at)] = 1 / len(at)
-    for amplitude in np.geomspace(1e-4, 1e2, 601):
+
+    def beyond(logarithm: float) -> float:
+        amplitude = float(np.exp(logarithm))
         signal = power * (amplitude**2 * share)
         prior = power * (amplitude**2 * share.mean())
         taken = prior / (1 + prior)
         gain = 0.5 * float(np.sum((1 + signal) * taken - np.log1p(prior)))
         spread = float(np.sqrt(np.sum(taken**2 * (0.5 + signal))))
-        if gain - POWER * spread >= needed:
-            return float(amplitude)
-    return float("inf")
+        return gain - POWER * spread - needed
+
+    low, high = float(np.log(NOTHING)), -float(np.log(NOTHING))
+    return float(np.exp(brentq(beyond, low, high))) if beyond(low) < 0 < beyond(high) else float("inf")
 
 
 def _cosines(gram: Array, places: Sequence[int]) -> Array:
     G = gram[np.ix_(places, places)]
-    norm = np.sqrt(np.fmax(np.diag(G), 1e-300))
+    norm = np.sqrt(np.fmax(np.diag(G), TINY))
     return np.asarray(G / np.outer(norm, norm))
 
 
@@ -212,7 +217,7 @@ def _confusion(
     place = [next(n for n, (_, p) in enumerate(probes) if p.candidate == id_) for id_ in ids]
     at = [probes[n][0] for n in place]
     G = gram[np.ix_(at, at)]
-    power = np.fmax(np.diag(G), 1e-300)
+    power = np.fmax(np.diag(G), TINY)
     variance = np.array([(width_of(probes[n][1].parameter) / probes[n][1].size) ** 2 for n in place])
     values, vectors = np.linalg.eigh(G)
     root = vectors * np.sqrt(np.fmax(values, 0.0))

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granite_lab.inference.bench import SIGNALS, Task
+from granite_lab.inference.constants import REACH
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.point import Further, stacked
 from granite_lab.inference.problem import Problem
@@ -23,7 +24,7 @@ LARGEST = 5e7
 """Most numbers in all responses, a fifth of the memory that a search may take. Courses of minutes, with one
 push each 0.15 s, would need more; nothing is pushed there."""
 
-BEFORE = 3 * WIDTH
+BEFORE = REACH * WIDTH
 """Time from which on a push is felt before its centre [s]."""
 
 Places = npt.NDArray[np.int64]

@@ -6,7 +6,28 @@ Everything else is measured, learnt or taken from a file. Two standard deviation
 from __future__ import annotations
 
 import math
+import sys
 from statistics import NormalDist
+
+TINY = sys.float_info.min
+"""Keeps a division by zero finite."""
+
+NOTHING = 1e-3
+"""Share below which a size counts as none, as a thousandth of a range; convention."""
+
+CLOSE = 0.1
+"""Share of a std, or of what a prior leaves open, that makes no difference: an error of that size beside one
+of a whole std widens it by half a percent."""
+
+REACH = 3.0
+"""Standard deviations within which a normal number lies in all practice (99.7 %); convention."""
+
+UPDATES = 8
+"""Most steps of what is learnt beside the numbers of a fit, each time it is learnt; convention."""
+
+TRIED, FEW = 3, 2
+"""How many rivals are tried where each may be the best one, and where a second is enough. Convention; the
+ranking of first order that chooses them is off by one or two places."""
 
 TOLERANCE = 0.02
 """Discrepancy that does not matter, as a share of a channel's rms in motion; the option `--tolerance`.
@@ -53,47 +74,64 @@ REST_SPEED = 0.03
 """Speed below which the model's laws are not defined [m/s]: (1) is 0/0 at rest, (11) is made for shear that
 goes on; continuations of both differ below 2 to 3 cm/s."""
 
-REST_SHARE = 0.3
-"""Std of the discrepancy near rest, as a share of a channel's rms in motion: of the signal's order."""
-
 FORMULA_ERROR = (0.1, 0.3)
 """Median and largest error of an effect's formula, as a share of its own trace: semi-empirical terramechanics
 predicts forces within 10 to 30 % where its parameters are known (Ding et al. 2011; Wong 2008)."""
 
-LEFT = FORMULA_ERROR[1]
-"""Share that the errors of all formulas of a set may leave of what its effects explain, as an rms. What
-leaves more, or promises more, is another effect."""
+REST_SHARE = FORMULA_ERROR[1]
+"""Std of the discrepancy near rest, as a share of a channel's rms in motion: there a law of the model is no
+better than the roughest formula."""
 
-LOUD = 1 + LEFT
+LEFT = FORMULA_ERROR[1]
+"""Share that the errors of all formulas of a set may leave of what its effects explain, as an rms."""
+
+RELEVANT = FORMULA_ERROR[1]
+"""Share by which the gap must grow without an effect, as an rms, for it to be named beside the others: errors
+of their formulas make no more."""
+
+STANDS_IN = FORMULA_ERROR[1]
+"""Share of what a cause closes that an effect must leave to pass for one that only stands in for it."""
+
+RIVAL = FORMULA_ERROR[1]
+"""Share of the best candidate's gain that a rival must promise to be fitted. Gains are linear about another
+fit; full fits have changed the order of candidates by factors of up to two."""
+
+LOUD = 1 + FORMULA_ERROR[1]
 """Factor of the noise from which on a fit is bad: what it leaves is not smooth, and no noise."""
 
-SAME = math.sqrt(1 - LEFT**2)
+SAME = math.sqrt(1 - FORMULA_ERROR[1] ** 2)
 """Cosine above which two signatures count as one: they differ by no more than an error of their formulas."""
 
 SPREAD = 1.0
 """Std of the logarithm of a scale about the value at which its search begins: a factor of 2.7 either way."""
 
 PSEUDO_TRIALS = 4.0
-"""Weight of a scale's first value, counted in trials."""
+"""Weight of a scale's first value, counted in trials; convention: those of Table 2, once each."""
 
-SAND_STD = (0.20, 0.20, 0.20, 0.20, 0.12, 0.12, 0.20)
+_MODULUS, _ANGLE = 0.20, 0.12
+SAND_STD = (*(_MODULUS,) * 4, *(_ANGLE,) * 2, _MODULUS)
 """Std of the logarithm of a_θ, k_φ, c, K, φ, n and μ_s about the soil's file. Dry sands of the literature
 differ by 10 to 20 % in moduli and by 2 to 4° in the angle of friction (Wong 2008, table 2.3)."""
 
-RAKING = (0.05, 0.08, 0.08)
+_LEAST_RAKED, _RAKED = 0.05, 0.08
+RAKING = (_LEAST_RAKED, _RAKED, _RAKED)
 """First value of the std of the logarithm of a_θ, k_φ and c from one raking to the next: cone indices of
 prepared sand scatter by 5 to 10 %."""
 
 SENSOR_STD = {
     "tilt": 0.01,
     "accel_x gain": 0.005,
+    "wheel offset": 0.02,
     "wheel gain": 0.002,
     "wheel_split gain": 0.003,
     "start": 0.02,
     "arm": 0.01,
 }
 """First value of the std of what a data sheet or a file leaves open: mounting tilt [rad], gain of the
-accelerometer [-], wheel radius [-], start of the command [s], place of the IMU [m]."""
+accelerometer [-], angle at rest [rad], wheel radius [-], start of the command [s], place of the IMU [m]."""
+
+DRAWS = 4000
+"""Random draws of a probability; they determine one of 0.9 to 0.005."""
 
 EFFECT_ODDS = 0.05
 """Prior odds of one more effect in the model: of some 20 candidates about one is expected."""

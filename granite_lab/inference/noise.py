@@ -20,7 +20,11 @@ from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dtrtri
 from scipy.optimize import nnls
 
+from granite_lab.inference.constants import SMOOTH, UPDATES
 from granite_lab.logs.trial import Array
+
+EACH = 12
+"""Bins for each coefficient of an autoregression; a rule of thumb asks for ten or more."""
 
 ORDER = 16
 """Order of the autoregression that smooths a spectrum; frame and lugs vibrate in narrow peaks."""
@@ -30,13 +34,16 @@ REST_ORDER = 2
 LEAST = 9
 """Bins of which a spectrum can be told: several of each coefficient of `REST_ORDER`."""
 
-FAST = 0.8
+_NEARLY = 0.8
+"""Share of a largest value that counts as near it; convention."""
+
+FAST = _NEARLY
 """Share of the full speed from which a bin tells of the vibration."""
 
 CUT = 4.0
 """Below this frequency [Hz] a residual without repetitions may be a missing effect, not noise."""
 
-TOP = 0.8
+TOP = _NEARLY
 """Largest share of the Nyquist frequency at which the band above the cut may begin."""
 
 ABOVE = 2.5
@@ -46,7 +53,7 @@ ABOVE = 2.5
 WHOLE = 20.0
 """Longest trial that is treated as a whole [s]: the slowest command of Table 2 takes less."""
 
-STRETCH = 4.0
+STRETCH = 8 * SMOOTH[1]
 """Length of a stretch of a longer one [s], eight times the widest bump of the discrepancy: noise and
 discrepancy on both sides of a cut are taken to be independent."""
 
@@ -232,6 +239,7 @@ def learn(
 
 
 _GRID = 1024
+"""Frequencies of a spectrum: those of the bins of `WHOLE`, rounded up to a power of two."""
 
 
 def _spectrum(error: Sequence[Array], order: int, floor: float, width: float, cut: float) -> Array:
@@ -249,7 +257,7 @@ def _spectrum(error: Sequence[Array], order: int, floor: float, width: float, cu
     if cut:
         cut = min(cut, TOP * 0.5 / width)  # wide bins, of slow sensors, may hold no frequency above the cut
         raw[f < cut] = np.mean(raw[(f >= cut) & (f < ABOVE * cut)])
-    order = min(order, sum(row.size for row in rows) // 12)
+    order = min(order, sum(row.size for row in rows) // EACH)
     r = np.fft.irfft(raw)[: order + 1]
     r[0] += floor**2
     a = solve_toeplitz(r[:-1], r[1:]) if order else np.zeros(0)
@@ -269,7 +277,7 @@ def _jitter(error: Array, explained: Array, slope: Array) -> Array:
     seen = count > 0
     variance = explained.copy()
     share = np.zeros(2)
-    for _ in range(6):  # the scatter of a square is its mean
+    for _ in range(UPDATES):  # the scatter of a square is its mean
         weight = np.sqrt(count[seen] / 2) / variance[seen]
         basis = np.column_stack([explained, steep])[seen] * weight[:, None]
         share, _ = nnls(basis, power[seen] / count[seen] * weight)
@@ -277,17 +285,17 @@ def _jitter(error: Array, explained: Array, slope: Array) -> Array:
     return np.asarray(steep * share[1])
 
 
-NOMINAL = {
-    "accel_x": 0.05, "accel_z": 0.07, "pitch_rate": 0.003,
-    "wheel": 1e-3, "wheel_split": 3e-4, "current_f": 0.05, "current_r": 0.05,
-    "current_side": 0.05,
-}  # fmt: skip
-"""Std of a bin with which the first fit weights the channels [unit of the channel]."""
-
+IMU = ("accel_x", "accel_z", "pitch_rate")
+_LINEAR, _TURNING, _AMPERES = 2e-3, 1e-4, 5e-3
 FLOOR = {
-    "accel_x": 2e-3, "accel_z": 2e-3, "pitch_rate": 1e-4,
-    "wheel": 1e-4, "wheel_split": 1e-4, "current_f": 5e-3, "current_r": 5e-3,
-    "current_side": 5e-3,
+    "accel_x": _LINEAR, "accel_z": _LINEAR, "pitch_rate": _TURNING,
+    "wheel": _TURNING, "wheel_split": _TURNING,
+    "current_f": _AMPERES, "current_r": _AMPERES, "current_side": _AMPERES,
 }  # fmt: skip
 """Std below which no agreement is believed, however quiet the sensor: a wheel angle of 1e-4 rad is
 10 µm on the circumference. It enters as white noise beside what the sensor shows."""
+
+_SHAKEN, _STEADY = 25, 10
+NOMINAL = {c: level * (_SHAKEN if c in IMU else _STEADY) for c, level in FLOOR.items()}
+"""Std of a bin with which the first fit weights the channels [unit of the channel]: an IMU on a robot that
+drives is shaken more than currents and angles are. The fits that follow learn the noise."""

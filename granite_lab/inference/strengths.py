@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from granite_lab.inference.constants import CLOSE
 from granite_lab.model.effect import EffectParameter
 
 EFFECT_STEP = 0.05
@@ -19,7 +20,7 @@ def step_of(p: EffectParameter, value: float) -> float:
     width = p.prior_high - p.prior_low
     h = EFFECT_STEP * width
     if p.moving:  # blows come at other times already with a little more of it
-        h = float(np.clip(MOVING_STEP * abs(value - p.neutral), 0.1 * h, h))
+        h = float(np.clip(MOVING_STEP * abs(value - p.neutral), CLOSE * h, h))
     return h if value + h <= p.high else -h
 
 
