@@ -22,8 +22,9 @@ from granite_lab.logs.trial import Array
 POWER = NormalDist().inv_cdf(0.8)
 """Standard normal number for a power of 80 %; convention."""
 
-GROWTH, GROWN = 1.2, 16
-"""Step between the amplitudes that are tried, as a factor, and how many: up to fifteen times the first."""
+GROWTH = 1.2
+"""Step between the amplitudes that are tried, as a factor: to that accuracy a detectable size is told;
+convention."""
 
 FACTOR = 2.0
 """Size of the candidates in the confusion table, over the smallest detectable; convention."""
@@ -87,9 +88,15 @@ def detectable(
 
 def _row(probe: Probe, noise: float, matter: float, close: tuple[str, ...]) -> Detectable:
     p, size = probe.parameter, max(noise, matter) * abs(probe.size)
-    reachable = size <= max(p.high - p.neutral, p.neutral - p.low)
+    reachable = max(noise, matter) <= _reach(probe)
     limit = "noise" if noise >= matter else "tolerance"
     return Detectable(probe.candidate, p.name, p.unit, size if reachable else float("nan"), limit, close)
+
+
+def _reach(probe: Probe) -> float:
+    """Return the largest amplitude within the bounds of a strength."""
+    p = probe.parameter
+    return max(p.high - p.neutral, p.neutral - p.low) / abs(probe.size)
 
 
 def _nearest(probes: Sequence[Probe], limits: Mapping[int, tuple[float, float]]) -> list[tuple[int, Probe]]:
@@ -136,7 +143,8 @@ def _by_growing(
     now, scales = screened.posterior, fit.scales
     occam = 0.5 * np.log1p(now.rest[column, column] * variance)
     grown, follow = now, now.follow[:, column]
-    for amplitude in least * GROWTH ** np.arange(GROWN):
+    amplitude, most = least, _reach(screened.probes[column])
+    while amplitude <= most:
         mean = at + grown.step + amplitude * follow
         priors = learnt_priors(problem, fit.point, mean, np.diag(grown.covariance))
         scales = replace(scales, priors=priors)
@@ -146,6 +154,7 @@ def _by_growing(
         gain = now.evidence - grown.evidence + 0.5 * amplitude**2 * power - occam
         if gain - POWER * amplitude * np.sqrt(max(power, 0.0)) >= needed:
             return float(amplitude)
+        amplitude *= GROWTH
     return float("inf")
 
 

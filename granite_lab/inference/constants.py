@@ -35,13 +35,6 @@ TOLERANCE = 0.02
 Repeated single-wheel runs on prepared sand agree within 2 to 5 % of drawbar pull and torque (the runs of
 the K10-mini wheel at CMU: 2 % median), so that a smaller gap cannot be assigned to the model."""
 
-LEAST_SHARE = 0.1
-"""Share of the gap that an effect must close to be named; one that closes less is listed as small."""
-
-OUTLIER = 1 / LEAST_SHARE
-"""Factor by which the residuals of a trial, or its own numbers, exceed those of the median trial where
-nothing fits it (another command, a wheel off the ground, another robot): the median is then a small share."""
-
 LATENCY_LIMIT = 0.02
 """Largest delay between the stamps of two sensors that passes for latency [s]; the option `--latency`.
 
@@ -62,13 +55,22 @@ LEAD_STD = (0.05, 0.2)
 Motor controllers of mobile robots close loops on the speed at 2 to 10 Hz: wheels follow 16 to 80 ms late.
 Loops on the angle have gains of 3 to 20 per second: it follows 50 to 300 ms late."""
 
-LOW_PASS_STD = 1 / (2 * math.pi * 10) ** 2
-"""Std of the variance of the impulse response of the IMU's low-pass [s^2]: that of a first order at 10 Hz.
-Loggers set 10 to 50 Hz; a second order, or a mean over samples, of the same variance shows the same."""
+LOW_PASS = 10.0
+"""Lowest cut-off of an IMU's own low-pass [Hz]; loggers set 10 to 50 Hz."""
+
+LOW_PASS_STD = 1 / (2 * math.pi * LOW_PASS) ** 2
+"""Std of the variance of the impulse response of the IMU's low-pass [s^2]: that of a first order at
+`LOW_PASS`; a second order, or a mean over samples, of the same variance shows the same."""
 
 SMOOTH = (0.1, 0.5)
 """Time over which the discrepancy of the model is smooth [s]: the pitch and slip transients of the robot last
 0.1 s, its way to steady slip 0.35 s."""
+
+BIN = 0.02
+"""Width of a bin [s], where the sensors are fast enough: a fifth of the fastest of them."""
+
+LINEAR = 0.03
+"""Relative change within which the model is linear, and large beside the integrator's errors; measured."""
 
 REST_SPEED = 0.03
 """Speed below which the model's laws are not defined [m/s]: (1) is 0/0 at rest, (11) is made for shear that
@@ -77,6 +79,14 @@ goes on; continuations of both differ below 2 to 3 cm/s."""
 FORMULA_ERROR = (0.1, 0.3)
 """Median and largest error of an effect's formula, as a share of its own trace: semi-empirical terramechanics
 predicts forces within 10 to 30 % where its parameters are known (Ding et al. 2011; Wong 2008)."""
+
+LEAST_SHARE = FORMULA_ERROR[0]
+"""Share of the gap that an effect must close to be named. One that closes less than formulas are usually off
+by is listed as small."""
+
+OUTLIER = 1 / LEAST_SHARE
+"""Factor by which the residuals of a trial, or its own numbers, exceed those of the median trial where
+nothing fits it (another command, a wheel off the ground, another robot): the median is then a small share."""
 
 REST_SHARE = FORMULA_ERROR[1]
 """Std of the discrepancy near rest, as a share of a channel's rms in motion: there a law of the model is no
@@ -109,7 +119,7 @@ PSEUDO_TRIALS = 4.0
 """Weight of a scale's first value, counted in trials; convention: those of Table 2, once each."""
 
 _MODULUS, _ANGLE = 0.20, 0.12
-SAND_STD = (*(_MODULUS,) * 4, *(_ANGLE,) * 2, _MODULUS)
+SAND_STD = (_MODULUS, _MODULUS, _MODULUS, _MODULUS, _ANGLE, _ANGLE, _MODULUS)
 """Std of the logarithm of a_θ, k_φ, c, K, φ, n and μ_s about the soil's file. Dry sands of the literature
 differ by 10 to 20 % in moduli and by 2 to 4° in the angle of friction (Wong 2008, table 2.3)."""
 
@@ -118,17 +128,22 @@ RAKING = (_LEAST_RAKED, _RAKED, _RAKED)
 """First value of the std of the logarithm of a_θ, k_φ and c from one raking to the next: cone indices of
 prepared sand scatter by 5 to 10 %."""
 
+_BY_HAND, _WHEEL = 0.01, 0.002
 SENSOR_STD = {
-    "tilt": 0.01,
+    "tilt": _BY_HAND,
     "accel_x gain": 0.005,
     "wheel offset": 0.02,
-    "wheel gain": 0.002,
-    "wheel_split gain": 0.003,
+    "wheel gain": _WHEEL,
+    "wheel_split gain": math.sqrt(2) * _WHEEL,
     "start": 0.02,
-    "arm": 0.01,
+    "arm": _BY_HAND,
 }
 """First value of the std of what a data sheet or a file leaves open: mounting tilt [rad], gain of the
-accelerometer [-], angle at rest [rad], wheel radius [-], start of the command [s], place of the IMU [m]."""
+accelerometer [-], angle at rest [rad], wheel radius of one axle [-] and of
+both, start of the command [s], place of the IMU [m]."""
+
+MEMORY = 4e8
+"""Bytes that one table may take: a fifth of the 2 GB that a search may."""
 
 DRAWS = 4000
 """Random draws of a probability; they determine one of 0.9 to 0.005."""

@@ -39,7 +39,11 @@ NO_RANK = 2 * WORTH
 """Drop of the objective with new derivatives below which a rough fit ends: less than what a further effect
 must bring changes no rank of sets."""
 
-TRUSTED, TRUSTED_ROUGH = CLOSE, 0.4
+HALF = 0.5
+"""Drop over the promised one above which a fine fit doubles the share of a step of Gauss and Newton that it
+tries; convention."""
+
+TRUSTED, TRUSTED_ROUGH = CLOSE, HALF
 """How far from one the drop over the promised one may be for the derivatives to be kept, far from the
 optimum; of a rough fit."""
 
@@ -62,12 +66,9 @@ STRENGTH = ("cohesion", "friction_angle")
 WITHIN = REACH**2
 """Promised drop below which a fine fit shortens a step in place of damping it: three std."""
 
-HALF = 0.5
-"""Drop over the promised one above which a fine fit doubles the share of a step of Gauss and Newton that it
-tries; convention."""
-
 LEAST_PACE = CLOSE
-"""Least such share. Damping would keep numbers of little influence where they are."""
+"""Least share of a step of Gauss and Newton that a fine fit tries. Damping would keep numbers of little
+influence where they are."""
 
 LEAST_DAMPED = CLOSE**2
 """Damping below which there is none."""
@@ -75,7 +76,7 @@ LEAST_DAMPED = CLOSE**2
 MOST_DAMPED = 1 / NOTHING
 """Damping at which a fit ends: steps are then a thousandth of those of Gauss and Newton."""
 
-SETTLED = 0.02
+SETTLED = CLOSE**2
 """Change of the logarithm of a scale at which scales and numbers are at their joint optimum: the numbers then
 hardly move."""
 

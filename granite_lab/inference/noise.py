@@ -9,6 +9,7 @@ residuals into independent numbers of unit variance.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +21,7 @@ from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dtrtri
 from scipy.optimize import nnls
 
-from granite_lab.inference.constants import SMOOTH, UPDATES
+from granite_lab.inference.constants import BIN, LOW_PASS, SMOOTH, UPDATES
 from granite_lab.logs.trial import Array
 
 EACH = 12
@@ -46,9 +47,9 @@ CUT = 4.0
 TOP = _NEARLY
 """Largest share of the Nyquist frequency at which the band above the cut may begin."""
 
-ABOVE = 2.5
-"""The band above `CUT` that tells how loud noise and vibration are ends at this multiple of it."""
-
+ABOVE = LOW_PASS / CUT
+"""The band above `CUT` that tells how loud noise and vibration are ends at this multiple of it, where an
+IMU's low-pass may begin."""
 
 WHOLE = 20.0
 """Longest trial that is treated as a whole [s]: the slowest command of Table 2 takes less."""
@@ -238,7 +239,7 @@ def learn(
     return [found[mask.tobytes()] for mask in known]
 
 
-_GRID = 1024
+_GRID = 2 ** math.ceil(math.log2(WHOLE / BIN))
 """Frequencies of a spectrum: those of the bins of `WHOLE`, rounded up to a power of two."""
 
 
@@ -285,7 +286,6 @@ def _jitter(error: Array, explained: Array, slope: Array) -> Array:
     return np.asarray(steep * share[1])
 
 
-IMU = ("accel_x", "accel_z", "pitch_rate")
 _LINEAR, _TURNING, _AMPERES = 2e-3, 1e-4, 5e-3
 FLOOR = {
     "accel_x": _LINEAR, "accel_z": _LINEAR, "pitch_rate": _TURNING,
@@ -295,7 +295,7 @@ FLOOR = {
 """Std below which no agreement is believed, however quiet the sensor: a wheel angle of 1e-4 rad is
 10 µm on the circumference. It enters as white noise beside what the sensor shows."""
 
-_SHAKEN, _STEADY = 25, 10
-NOMINAL = {c: level * (_SHAKEN if c in IMU else _STEADY) for c, level in FLOOR.items()}
-"""Std of a bin with which the first fit weights the channels [unit of the channel]: an IMU on a robot that
-drives is shaken more than currents and angles are. The fits that follow learn the noise."""
+_LOUD = 25
+NOMINAL = {c: _LOUD * level for c, level in FLOOR.items()}
+"""Std of a bin with which the first fit weights the channels [unit of the channel]: on a robot that drives
+an accelerometer is so much louder. The fits that follow learn the noise."""

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import SIGNALS
 from granite_lab.inference.binning import CURRENTS, Binning, Stream, at_edges_or_between
+from granite_lab.inference.constants import BIN, REACH, SMOOTH
 from granite_lab.inference.noise import LEAST
 from granite_lab.logs.sensors.imu import mounted
 from granite_lab.logs.sensors.stamps import GAP_PERIODS
@@ -26,14 +27,12 @@ from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import duration, phase_of
 from granite_lab.parameters import GRAVITY, Robot, Variant, is_driven
 
-BIN = 0.02
-"""Width of a bin [s], where the sensors are fast enough."""
-
 COVERED = 0.3
 """Least share of the bins that sensors must cover; convention."""
 
-BEFORE, AFTER = 0.5, 1.5
-"""How much rest before the command and how much time after its end is compared [s]."""
+BEFORE, AFTER = SMOOTH[1], REACH * SMOOTH[1]
+"""How much rest before the command and how much time after its end is compared [s]: as long as transients
+last, and until they have faded."""
 
 UNITS = {
     "accel_x": "m/s^2",

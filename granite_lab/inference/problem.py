@@ -10,7 +10,7 @@ from itertools import chain
 import numpy as np
 
 from granite_lab.inference.bench import RAKED, SIMULATED, Bench, Setting, Task
-from granite_lab.inference.constants import LEAD_STD, REACH, SAND_STD, TOLERANCE
+from granite_lab.inference.constants import LEAD_STD, LINEAR, REACH, SAND_STD, TOLERANCE
 from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, joined, modulated, scale_of
 from granite_lab.inference.noise import Filter, Whitener, stretches
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
@@ -21,8 +21,8 @@ from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 from granite_lab.model.leading import LEADS
 
-_PLAIN, _WIDE, _NARROW = 0.01, 0.03, 0.005
-_STEPS = {"cohesion": _WIDE, "tyre_friction": _NARROW} | dict.fromkeys(LEADS, _NARROW)
+_PLAIN, _NARROW = 0.01, 0.005
+_STEPS = {"cohesion": LINEAR, "tyre_friction": _NARROW} | dict.fromkeys(LEADS, _NARROW)
 STEP = np.array([_STEPS.get(name, _PLAIN) for name in SIMULATED])
 """Steps of the differences by `SIMULATED`, a tenth of their std and less: wide where little depends on a
 number, so that the integrator's errors are less than the difference, and narrow where a kink is near."""

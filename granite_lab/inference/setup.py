@@ -9,19 +9,29 @@ import numpy as np
 
 from granite_lab.errors import EstimateError, InputError
 from granite_lab.estimation.motion import Motion
-from granite_lab.inference.constants import FEW, LATENCY_STD, NOTHING, REST_SHARE, TRIED, UPDATES
+from granite_lab.inference.constants import (
+    BIN,
+    FEW,
+    LATENCY_STD,
+    NOTHING,
+    REACH,
+    REST_SHARE,
+    SENSOR_STD,
+    TRIED,
+    UPDATES,
+)
 from granite_lab.inference.fit import LEAST, LEAST_OF_ROUGH, Fit, fit
 from granite_lab.inference.noise import FAST, FLOOR, NOMINAL, Whitener, at_rest, errors, learn, white
 from granite_lab.inference.nuisances import TrialModel
-from granite_lab.inference.observation import BIN, bin_width, observe
+from granite_lab.inference.observation import bin_width, observe
 from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import alike, velocities_at
 from granite_lab.parameters import Robot, Variant, load_variants
 
-TURNED = 0.005
-"""Wheel angle by which the command has certainly begun [rad]; half a millimetre on the circumference."""
+TURNED = SENSOR_STD["wheel offset"]
+"""Wheel angle by which the command has certainly begun [rad]."""
 
 QUICK, ROUGH = FEW, UPDATES
 """Most steps of the first fit of one trial, whose noise follows from the fast part of its residuals; of the
@@ -32,8 +42,7 @@ FAR, TIMES = 1.5, TRIED
 was learnt: there residuals were not yet noise."""
 
 
-_SPAN = 5
-LATENCIES = LATENCY_STD * np.arange(-_SPAN, _SPAN + 1)
+LATENCIES = LATENCY_STD * np.arange(-REACH, REACH + 1)
 """Latencies of the IMU that are tried before the first fit [s]; the robot takes 0.1 to 0.35 s to set off."""
 
 STILL = NOTHING
