@@ -113,7 +113,7 @@ def sizes(p: EffectParameter) -> tuple[float, ...]:
         return both[:1] if p.linear else both
     if p.moving:
         return tuple(np.geomspace(low / 2, high, 8).tolist())
-    least = max(low, high / 30)
+    least = max(low, high / 30)  # three sizes a decade and a half, and one beyond; convention
     if p.linear:
         return (float(np.sqrt(least * high)),)
     every = (least / 2, float(np.sqrt(least * high)), high, 4 * high)

@@ -28,7 +28,7 @@ REVISED = FEW
 
 FINE = 12
 """Most steps of a fit that begins where another one ended: a fine one at a rough one's end, or one of the
-best set with an effect exchanged."""
+best set with an effect exchanged; convention."""
 
 UNLIKELY = NOTHING
 """Odds below which a set changes no probability that is told in percent."""

@@ -113,7 +113,8 @@ SAME = math.sqrt(1 - FORMULA_ERROR[1] ** 2)
 """Cosine above which two signatures count as one: they differ by no more than an error of their formulas."""
 
 SPREAD = 1.0
-"""Std of the logarithm of a scale about the value at which its search begins: a factor of 2.7 either way."""
+"""Std of the logarithm of a scale about the value at which its search begins: a factor of 2.7 either way;
+convention."""
 
 PSEUDO_TRIALS = 4.0
 """Weight of a scale's first value, counted in trials; convention: those of Table 2, once each."""
@@ -135,12 +136,13 @@ SENSOR_STD = {
     "wheel offset": 0.02,
     "wheel gain": _WHEEL,
     "wheel_split gain": math.sqrt(2) * _WHEEL,
-    "start": 0.02,
+    "start": BIN,
     "arm": _BY_HAND,
 }
 """First value of the std of what a data sheet or a file leaves open: mounting tilt [rad], gain of the
-accelerometer [-], angle at rest [rad], wheel radius of one axle [-] and of
-both, start of the command [s], place of the IMU [m]."""
+accelerometer [-], angle of the wheels at rest [rad], their radius [-] and its difference between the axles [-],
+start of the command [s], place of the IMU [m]. By hand a sensor is mounted to a centimetre, and as straight over
+a metre. The radii of the axles differ independently."""
 
 MEMORY = 4e8
 """Bytes that one table may take: a fifth of the 2 GB that a search may."""
@@ -155,7 +157,8 @@ WORTH = -math.log(EFFECT_ODDS)
 """Gain of log likelihood that makes up for those odds: a candidate that promises less is not fitted."""
 
 CREDIBLE = 0.9
-"""Posterior probability that a name, or a set that cannot be told apart, must hold."""
+"""Posterior probability that a name, or a set that cannot be told apart, must hold;
+convention."""
 
 CERTAIN = 2 * NormalDist().cdf(2) - 1
 """The same of a name that explains no more than errors of other formulas at their limit could: as sure as

@@ -81,7 +81,7 @@ SETTLED = CLOSE**2
 hardly move."""
 
 ROUNDS = 40
-"""Most steps of a fit."""
+"""Most steps of a fit; convention."""
 
 
 @dataclass(frozen=True, eq=False)

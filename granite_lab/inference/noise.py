@@ -31,6 +31,7 @@ ORDER = 16
 """Order of the autoregression that smooths a spectrum; frame and lugs vibrate in narrow peaks."""
 
 REST_ORDER = 2
+"""The same of a sensor at standstill: a low-pass of second order."""
 
 LEAST = 9
 """Bins of which a spectrum can be told: several of each coefficient of `REST_ORDER`."""
