@@ -140,9 +140,9 @@ SENSOR_STD = {
     "arm": _BY_HAND,
 }
 """First value of the std of what a data sheet or a file leaves open: mounting tilt [rad], gain of the
-accelerometer [-], angle of the wheels at rest [rad], their radius [-] and its difference between the axles [-],
-start of the command [s], place of the IMU [m]. By hand a sensor is mounted to a centimetre, and as straight over
-a metre. The radii of the axles differ independently."""
+accelerometer [-], angle of the wheels at rest [rad], their radius [-] and its difference between the axles
+[-], start of the command [s], place of the IMU [m]. By hand a sensor is mounted to a centimetre, and as
+straight over a metre. The radii of the axles differ independently."""
 
 MEMORY = 4e8
 """Bytes that one table may take: a fifth of the 2 GB that a search may."""
