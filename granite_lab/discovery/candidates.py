@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.inference.bench import Task
-from granite_lab.inference.constants import NOTHING
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Normal, Posterior, posterior
 from granite_lab.inference.point import Further, stacked
@@ -18,7 +17,7 @@ from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 
-OWN_SCALES = tuple(np.geomspace(NOTHING, 1, 7).tolist())
+OWN_SCALES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
 """Scales that are tried for the numbers that an effect has in each trial, as shares of the prior's range,
 half a decade apart."""
 

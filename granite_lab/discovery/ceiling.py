@@ -23,7 +23,7 @@ from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.latent import PUSHES
 
-LARGEST, LEAST = 1.0, NOTHING**2
+LARGEST, LEAST = 1.0, 1e-5
 """Largest and least std of a push, as a share of the robot's weight: all that a robot on sand can bear, and
 what no sensor shows."""
 

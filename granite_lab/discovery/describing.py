@@ -13,7 +13,7 @@ import numpy as np
 
 from granite_lab.discovery.heldout import Equations
 from granite_lab.discovery.pushes import Pushes
-from granite_lab.inference.constants import EFFECT_ODDS, NOTHING
+from granite_lab.inference.constants import EFFECT_ODDS
 from granite_lab.inference.gap import tolerated
 from granite_lab.inference.normal import posterior
 from granite_lab.inference.problem import Problem
@@ -27,7 +27,7 @@ from granite_lab.model.simulator import along
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import GRAVITY
 
-SMALL = NOTHING
+SMALL = 1e-4
 """Size of a correction whose force is computed; forces are smooth in it."""
 
 OF_AXLE = (

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from granite_lab.estimate import Estimate
-from granite_lab.inference.constants import NOTHING
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import held, tolerated
 from granite_lab.inference.normal import JITTER, least_within, posterior
@@ -80,7 +79,7 @@ class Equations:
         return sum(held(c, scales) for c in self.normal.parts[part].channels)
 
 
-PINNED = NOTHING**2
+PINNED = 1e-4
 """Std of a number that is not to move, over that of its prior."""
 
 

@@ -135,14 +135,14 @@ SENSOR_STD = {
     "accel_x gain": 0.005,
     "wheel offset": 0.02,
     "wheel gain": _WHEEL,
-    "wheel_split gain": math.sqrt(2) * _WHEEL,
+    "wheel_split gain": 0.003,
     "start": BIN,
     "arm": _BY_HAND,
 }
 """First value of the std of what a data sheet or a file leaves open: mounting tilt [rad], gain of the
 accelerometer [-], angle of the wheels at rest [rad], their radius [-] and its difference between the axles
 [-], start of the command [s], place of the IMU [m]. By hand a sensor is mounted to a centimetre, and as
-straight over a metre. The radii of the axles differ independently."""
+straight over a metre."""
 
 MEMORY = 4e8
 """Bytes that one table may take: a fifth of the 2 GB that a search may."""

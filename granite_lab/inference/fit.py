@@ -43,7 +43,7 @@ HALF = 0.5
 """Drop over the promised one above which a fine fit doubles the share of a step of Gauss and Newton that it
 tries; convention."""
 
-TRUSTED, TRUSTED_ROUGH = CLOSE, HALF
+TRUSTED, TRUSTED_ROUGH = CLOSE, 0.4
 """How far from one the drop over the promised one may be for the derivatives to be kept, far from the
 optimum; of a rough fit."""
 
@@ -76,7 +76,7 @@ LEAST_DAMPED = CLOSE**2
 MOST_DAMPED = 1 / NOTHING
 """Damping at which a fit ends: steps are then a thousandth of those of Gauss and Newton."""
 
-SETTLED = CLOSE**2
+SETTLED = 0.02
 """Change of the logarithm of a scale at which scales and numbers are at their joint optimum: the numbers then
 hardly move."""
 

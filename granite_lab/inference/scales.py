@@ -25,7 +25,7 @@ from granite_lab.logs.trial import Array
 
 _FURTHEST = 32
 SHARES = (TOLERANCE / _FURTHEST, _FURTHEST * TOLERANCE)
-FORMULAS = (NOTHING**2, FORMULA_ERROR[1])
+FORMULAS = (FORMULA_ERROR[1] / 2**14, FORMULA_ERROR[1])
 """Smallest and largest scales of the discrepancy: none that matters, and all that a channel shows; of the
 error of formulas, which is a share of traces that may be 10,000 times the noise (a wrong wheel radius)."""
 

@@ -14,9 +14,7 @@ from granite_lab.inference.constants import (
     FEW,
     LATENCY_STD,
     NOTHING,
-    REACH,
     REST_SHARE,
-    SENSOR_STD,
     TRIED,
     UPDATES,
 )
@@ -30,8 +28,8 @@ from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import alike, velocities_at
 from granite_lab.parameters import Robot, Variant, load_variants
 
-TURNED = SENSOR_STD["wheel offset"]
-"""Wheel angle by which the command has certainly begun [rad]."""
+TURNED = 0.005
+"""Wheel angle by which the command has certainly begun [rad]; half a millimetre on the circumference."""
 
 QUICK, ROUGH = FEW, UPDATES
 """Most steps of the first fit of one trial, whose noise follows from the fast part of its residuals; of the
@@ -42,7 +40,8 @@ FAR, TIMES = 1.5, TRIED
 was learnt: there residuals were not yet noise."""
 
 
-LATENCIES = LATENCY_STD * np.arange(-REACH, REACH + 1)
+_SPAN = 5
+LATENCIES = LATENCY_STD * np.arange(-_SPAN, _SPAN + 1)
 """Latencies of the IMU that are tried before the first fit [s]; the robot takes 0.1 to 0.35 s to set off."""
 
 STILL = NOTHING
