@@ -111,7 +111,7 @@ class WindGust(Influence):
         sizes = self.sizes[WindGust.id]
         u = (t - sizes["instant"] * self.command.end) / (0.5 * sizes["duration"])
         force = sizes["force"] * float(np.exp(-(u**2))) * self.fade(y)
-        return np.asarray(super().push(t, y, wheel) + [-force, 0.0, 0.0])
+        return np.asarray(super().push(t, y, wheel) + np.array([-force, 0.0, 0.0]))
 
 
 class StrapDrag(Influence):

@@ -92,7 +92,7 @@ class GroundSlope(Influence):
         weight = self.mass * GRAVITY
         back, held = weight * float(np.sin(self.rise)), 1 - self.fade(y)
         down = weight * (1 - np.cos(self.rise))
-        turned = [(held - 1) * back, down, held * back * self.arm_z]
+        turned = np.array([(held - 1) * back, down, held * back * self.arm_z])
         return np.asarray(super().push(t, y, wheel) + turned)
 
 
