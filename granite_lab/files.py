@@ -105,7 +105,7 @@ def read_json(path: Path, hint: str, schema: str = "") -> dict[str, Any]:
         document = json.loads(path.read_bytes())
     except OSError as error:
         raise readable(error, path) from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: not JSON: {error}", hint) from None
     if not isinstance(document, dict) or (schema and document.get("schema") != schema):
         expected = f"schema '{schema}'" if schema else "an object"

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from granite_lab.errors import InputError, nearest
-from granite_lab.files import readable
+from granite_lab.files import read_json, readable
 
 HEAD = b"granite-lab sealed answer 1; opened by: granite-lab reveal\n"
 
@@ -80,12 +80,9 @@ def open_answer(folder: Path) -> dict[str, Any]:
     Raises:
         InputError: there is none, or it is damaged.
     """
-    return unseal(_bytes_of(folder / NAME), folder / NAME)
-
-
-def _bytes_of(path: Path) -> bytes:
+    path = folder / NAME
     try:
-        return path.read_bytes()
+        return unseal(path.read_bytes(), path)
     except OSError as error:
         raise readable(error, path) from None
 
@@ -101,10 +98,11 @@ def read_answer(path: Path, units: Mapping[str, Mapping[str, str]]) -> dict[str,
         InputError: it cannot be read, is another document, or names what there is not.
     """
     example = 'expected {"effects": [{"id": "tyre_windup", "parameters": {"compliance": 0.002}}]}'
+    document = read_json(path, example)
     try:
-        effects = json.loads(_bytes_of(path))["effects"]
+        effects = document["effects"]
         named = [(str(e["id"]), str(e.get("title", "")), dict(e.get("parameters", {}))) for e in effects]
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except (KeyError, TypeError, ValueError, AttributeError):
         raise InputError(f"{path}: no answer that can be used", example) from None
     return {"effects": [_effect(path, *each, units) for each in named], "trials": {}}
 

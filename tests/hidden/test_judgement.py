@@ -70,8 +70,8 @@ def test_a_folder_with_logs_and_an_open_answer_is_enough_for_a_judgement(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "no answer that can be used"),
-        ("[]", "no answer that can be used"),
+        ("{", "not JSON"),
+        ("[]", "expected an object"),
         ('{"effects": "none"}', "no answer that can be used"),
         ('{"effects": [{"id": "drive_reaction", "parameters": [1]}]}', "no answer that can be used"),
         ('{"effects": [{"id": "tire_windup"}]}', "unknown effect 'tire_windup'"),
