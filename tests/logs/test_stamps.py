@@ -184,6 +184,23 @@ def test_counters_tell_a_step_forward_from_a_gap() -> None:
         set_forward(np.delete(t, np.arange(400, 600)), np.delete(counts, np.arange(400, 600), axis=0)) == []
     )
     assert set_forward(late, np.zeros((1000, 4))) == []  # at rest nothing tells
+    burst = t.copy()
+    burst[400:420] = t[419]  # twenty samples arrive late, at once
+    assert set_forward(burst, counts) == []
+
+
+def test_samples_that_arrive_late_and_at_once_are_no_step_of_the_clock(tmp_path: Path) -> None:
+    def late(table: pd.DataFrame) -> None:
+        for begin in (3.0, 4.4, 6.2, 7.5):
+            table.loc[table["t_s"].between(begin, begin + 0.2), "t_s"] = begin + 0.2
+
+    trial = read(tmp_path, late)
+    assert not said(trial, "leave the time line")
+    assert not said(trial, "the clock was set")
+    assert said(trial, "have the stamp of another one")
+    assert trial.imu is not None
+    assert GOOD.imu is not None
+    assert len(trial.imu.t) > 0.95 * len(GOOD.imu.t)
 
 
 def test_a_logger_that_was_started_anew_is_refused_with_its_line(tmp_path: Path) -> None:

@@ -126,8 +126,10 @@ def stray(raw: Array) -> list[slice]:
     done = -1
     for k, i in enumerate(jumps):
         for j in jumps[k + 1 : k + 20]:
-            hole, count = raw[seen[j + 1]] - raw[seen[i]], int(j - i)
-            if i > done and count < 0.2 * len(seen) and 0.3 < hole / ((count + 1) * period) < 3:
+            begin, end, block = raw[seen[i]], raw[seen[j + 1]], raw[seen[i + 1 : j + 1]]
+            hole, count, leaves = end - begin, int(j - i), block.min() < begin or block.max() > end
+            fits = count < 0.2 * len(seen) and 0.3 < hole / ((count + 1) * period) < 3
+            if i > done and leaves and fits:
                 blocks.append(slice(int(seen[i + 1]), int(seen[j]) + 1))
                 done = j
                 break
@@ -218,13 +220,16 @@ def set_forward(t: Array, counts: Array) -> list[int]:
     scatter = spread_of(np.diff(t), period)
     for cut in (np.flatnonzero(np.diff(t) > GAP_PERIODS * max(period, 3.0 * scatter)) + 1).tolist():
         gap = float(t[cut] - t[cut - 1])
+        # what came late in one burst has one stamp: the wheels turned between its samples
+        last = cut + int(np.argmax(np.append(t[cut:] != t[cut], True))) - 1
+        turned = np.abs(counts[last] - counts[cut - 1])
         near, at = np.abs(np.diff(counts[max(cut - 6, 0) : cut + 6], axis=0)), min(cut - 1, 5)
         if at == 0 or at == len(near) - 1:
             continue
         usual = np.minimum(np.median(near[:at], axis=0), np.median(near[at + 1 :], axis=0))
         turning = usual > 0
         if turning.any():
-            stood = bool(np.median((near[at] - _STOOD * gap / period * usual)[turning]) < 0)
+            stood = bool(np.median((turned - _STOOD * gap / period * usual)[turning]) < 0)
         else:
             stood = gap > float(np.ptp(t)) - gap and goes_on(counts, cut)
         if stood:
