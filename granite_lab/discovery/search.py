@@ -198,22 +198,23 @@ class _Steps:
 
         Beside effects that leave no discrepancy the leaders are fitted one by one until one of them stays,
         for most often none does. Where errors of the formulas may explain all that is left, only the first is
-        fitted: which of several rivals comes first is then decided by those errors. Where noise explains it,
-        only a candidate without a rival is.
+        fitted. Its rivals follow where it stays. Where noise explains what is left, only a candidate without
+        a rival is fitted.
         """
         self.named = max(self.named, len(model.effects))
         fine = self.settled(model)
         found = self.promised(model)
         if len(found) > 1 and not self.is_open(model):
             return model, []
+        few = fine
         if model.effects and not fine:
             left = unexplained(self.problem, model.fit, model.fit.scales, self.tolerance)
-            found = found if max(left.values(), default=0.0) > self.tolerance else found[:1]
+            few = max(left.values(), default=0.0) <= self.tolerance
         tried: list[Promise] = []
-        for group in [[p] for p in found] if fine else [found]:
+        for group in [[p] for p in (found if fine else found[:1])] if few else [found]:
             tried += group
             self.fit(model, group)
-            if (best := self.best_of(model, tried)) is not model and fine:
+            if (best := self.best_of(model, tried)) is not model and few:
                 self.fit(model, found)
                 tried = found
                 best = self.best_of(model, tried)
@@ -261,7 +262,7 @@ class _Steps:
         for other in sorted(better, key=lambda m: -m.log_posterior):
             if other.log_posterior <= least:
                 break
-            if self.stays(model, other):
+            if gains(model, other) and self.stays(model, other):
                 return other
             self.small.add(other.effects)  # it cannot be named; it is listed
         return model
@@ -381,6 +382,14 @@ def _where_alone(problem: Problem, point: Point, known: Mapping[tuple[str, ...],
 def _model(effects: tuple[str, ...], result: Fit) -> Model:
     """Give a fit the prior of its set: equal odds for each effect."""
     return Model(effects, result, result.evidence + len(effects) * float(np.log(EFFECT_ODDS)))
+
+
+def gains(model: Model, other: Model) -> bool:
+    """Tell whether a set is likelier than a smaller one would be at the optimum that its fit may have missed.
+
+    By its derivatives that is half of `Fit.promised` above what the fit has reached.
+    """
+    return bool(other.log_posterior > model.log_posterior + WORTH + model.fit.promised / 2)
 
 
 def _words(effects: Sequence[str]) -> str:
