@@ -213,6 +213,16 @@ def repeated(times: int, length: float, log: Log, rng: Rng) -> Log:
     return replace(log, force=force, rate=rate)
 
 
+def hangs(length: float, log: Log, rng: Rng) -> Log:
+    """The encoders' bus hangs once in motion: the last angle is logged again, then it goes on."""
+    angle = log.angle.copy()
+    turns = log.t_wheels[np.flatnonzero(np.abs(np.diff(angle.mean(axis=1))) > 1e-4)]
+    begin = rng.uniform(turns[0], turns[-1] - length)
+    k = np.flatnonzero((log.t_wheels >= begin) & (log.t_wheels < begin + length))
+    angle[k] = angle[k[0]]
+    return replace(log, angle=angle)
+
+
 def held(rate: float, log: Log, _: Rng) -> Log:
     """One table at a rate of its own, in each row the last value of each sensor."""
     t = np.arange(max(log.t[0], log.t_wheels[0]), min(log.t[-1], log.t_wheels[-1]), 1.0 / rate)
@@ -373,6 +383,7 @@ KINDS: dict[str, Kind] = {
     **{f"late by {1e3 * s:g} ms": partial(late_stamps, s) for s in (0.003, 0.01)},
     **{f"hangs of up to {1e3 * s:g} ms": partial(burst, p, s) for p, s in ((0.05, 0.05), (0.01, 0.2))},
     **{f"{n} x {s:g} s repeated": partial(repeated, n, s) for n, s in ((5, 0.05), (5, 0.2))},
+    **{f"encoders hang for {s:g} s": partial(hangs, s) for s in (0.1, 0.6)},
     **{f"one table at {n} Hz": partial(held, n) for n in (50, 100, 500)},
     **{f"{100 * s:g} % dropped": partial(dropped, s) for s in (0.02, 0.1, 0.3)},
     **{f"encoder clock {100 * s:g} %": partial(wheels_clock, s) for s in (0.005, 0.01, 0.02, 0.03)},

@@ -88,6 +88,39 @@ def test_a_slip_from_samples_that_were_lost_and_repeated_is_not_called_good(tmp_
     assert any("that repeat the last one" in line for line in motion.warnings)
 
 
+@pytest.mark.parametrize("wheels", [make.WHEELS, make.WHEELS[1:2]], ids=["all", "one"])
+@pytest.mark.parametrize(("begin", "length"), [(3.2, 0.08), (4.1, 0.6), (6.0, 0.3)])
+def test_counters_that_hang_and_catch_up_have_lost_no_way(
+    wheels: list[str], begin: float, length: float, tmp_path: Path
+) -> None:
+    def hang(table: pd.DataFrame) -> None:
+        rows = table.index[table["t_s"].between(begin, begin + length) & table[make.WHEELS[0]].notna()]
+        table.loc[rows, wheels] = table.loc[rows[0], wheels].to_numpy(dtype=float)
+
+    trial, sample = read_trial(make.changed(tmp_path, SAMPLE, hang)), read_trial(SAMPLE)
+    assert trial.wheels is not None
+    assert sample.wheels is not None
+    same = np.isin(sample.wheels.t, trial.wheels.t)
+    angle, true = trial.wheels.angle, sample.wheels.angle[same]
+    known = np.isfinite(angle)
+    np.testing.assert_allclose(angle[known], true[known], atol=1e-9)
+    assert known.all(axis=1).sum() < len(sample.wheels.t)
+    assert any("readings that repeat the last one" in line for line in trial.warnings)
+
+
+@pytest.mark.parametrize("counts", [64, 512])
+def test_coarse_counts_and_standstills_are_no_hang(counts: int, tmp_path: Path) -> None:
+    def coarse(table: pd.DataFrame) -> None:
+        step = 2 * np.pi / counts
+        table[make.WHEELS] = np.floor(table[make.WHEELS] / step) * step
+
+    trial, sample = read_trial(make.changed(tmp_path, SAMPLE, coarse)), read_trial(SAMPLE)
+    assert trial.wheels is not None
+    assert sample.wheels is not None
+    assert trial.wheels.t.size == sample.wheels.t.size
+    assert np.isfinite(trial.wheels.angle).all()
+
+
 def test_a_log_that_holds_each_reading_for_two_rows_is_that_of_the_sample(tmp_path: Path) -> None:
     def twice(table: pd.DataFrame) -> pd.DataFrame:
         copies = table[table["imu_ax_mps2"].notna()].copy()

@@ -14,7 +14,14 @@ from granite_lab.logs.dates import RANGES
 from granite_lab.logs.layouts import Binding
 from granite_lab.logs.quantities import DATE, ENCODERS, SENSORS
 from granite_lab.logs.sensors.doubt import Doubt
-from granite_lab.logs.sensors.stamps import GAP_PERIODS, SECONDS, spread_of, ticks_too_rarely, unit_factor
+from granite_lab.logs.sensors.stamps import (
+    GAP_PERIODS,
+    SECONDS,
+    sampling_period,
+    spread_of,
+    ticks_too_rarely,
+    unit_factor,
+)
 from granite_lab.logs.source import Source
 from granite_lab.logs.trial import Array
 
@@ -220,16 +227,13 @@ def set_forward(t: Array, counts: Array) -> list[int]:
     scatter = spread_of(np.diff(t), period)
     for cut in (np.flatnonzero(np.diff(t) > GAP_PERIODS * max(period, 3.0 * scatter)) + 1).tolist():
         gap = float(t[cut] - t[cut - 1])
-        # what came late in one burst has one stamp: the wheels turned between its samples
-        last = cut + int(np.argmax(np.append(t[cut:] != t[cut], True))) - 1
-        turned = np.abs(counts[last] - counts[cut - 1])
         near, at = np.abs(np.diff(counts[max(cut - 6, 0) : cut + 6], axis=0)), min(cut - 1, 5)
         if at == 0 or at == len(near) - 1:
             continue
         usual = np.minimum(np.median(near[:at], axis=0), np.median(near[at + 1 :], axis=0))
         turning = usual > 0
         if turning.any():
-            stood = bool(np.median((turned - _STOOD * gap / period * usual)[turning]) < 0)
+            stood = bool(np.median((near[at] - _STOOD * gap / period * usual)[turning]) < 0)
         else:
             stood = gap > float(np.ptp(t)) - gap and goes_on(counts, cut)
         if stood:
@@ -314,6 +318,8 @@ def _counted(source: Source, t: Array) -> tuple[Rows, Array]:
 
 def _refuse_step(source: Source, t: Array, row: int, best: Step, steps: Sequence[Step]) -> None:
     """Refuse a step of the clock over which time may have passed that nothing shows."""
+    if best.size > 0:
+        _refuse_burst(source, t, row)
     rows, counts = _counted(source, t)
     cut = int(np.searchsorted(rows, row))
     counted = 0 < cut < len(rows)
@@ -330,3 +336,19 @@ def _refuse_step(source: Source, t: Array, row: int, best: Step, steps: Sequence
         message += ", and the wheels' counters do not go on"
     hint = "the clock was reset: cut the file there and read the parts as separate trials"
     raise InputError(f"{source.place(row)}: {message}", hint)
+
+
+def _refuse_burst(source: Source, t: Array, row: int) -> None:
+    """Refuse samples that waited and were stamped at once, as they came: it looks like a step of the clock.
+
+    Their number fits into the time without samples before them. When each was taken is not known.
+    """
+    for rows in _series(source, t):
+        at_once = np.flatnonzero(t[rows] == t[row])
+        if len(at_once) < 2 or at_once[0] == 0:
+            continue
+        gap = float(t[row] - t[rows[at_once[0] - 1]])
+        if len(at_once) * sampling_period(t[rows]) > 0.5 * gap:
+            seen = f"{len(at_once)} samples have the stamp {t[row]:.3f} s, after {gap:.3f} s without any"
+            message = f"{source.place(row)}: {seen}: they were stamped when they arrived"
+            raise InputError(message, "log the time at which each sample was taken, or choose that column")
