@@ -172,7 +172,7 @@ def _acceleration(imu: ImuStream, seen: Windows, log: Log) -> tuple[float, bool]
     message = f"{log.where}: {reads}, expected 9.81 m/s^2, 1 g, 1000 mg or, with gravity removed, 0"
     alike = (imu.specific_force == imu.specific_force[:, :1]).all(axis=1)
     if alike.mean() > _FILLED:
-        filler = f"all axes read {np.median(imu.specific_force[alike]):g} in {alike.mean():.0%} of them"
+        filler = f"all axes read {np.median(imu.specific_force[alike]):g} again and again"
         raise InputError(f"{message}; {filler}", "leave cells empty where the sensor gave no value")
     named = log.column(*(channel for channel in ACCELERATION if channel in log.columns))
     fits = f"unit = … or scale = {STANDARD_GRAVITY / g:.4g}" if g > 0 else "unit = … or scale = …"
