@@ -10,7 +10,7 @@ import pytest
 import granite_lab as gl
 from granite_lab.logs import read_trial
 from granite_lab.logs.sensors.doubt import Doubt
-from granite_lab.logs.sensors.repeats import read_once, without_held
+from granite_lab.logs.sensors.repeats import read_once, without_blanks, without_held
 from granite_lab.logs.trial import ImuStream
 from tests.corpus import cli
 from tests.logs import make
@@ -58,6 +58,20 @@ def test_readings_that_come_two_and_three_times_in_turn_are_spaced_evenly() -> N
     late = once.t - stream.t[: once.t.size]
     assert np.ptp(late[50:-50]) < 1 / 230
     assert once.stamp_std < 1 / 230
+
+
+def test_samples_of_zeros_are_missing_where_gravity_is_felt() -> None:
+    stream, doubts = imu(), list[Doubt]()
+    up = stream.specific_force + np.array([0.0, 0.0, 9.8])
+    up[[100, 400, 401]] = 0.0
+    left = without_blanks(dataclasses.replace(stream, specific_force=up), doubts)
+    assert left.t.size == 997
+    assert "3 samples of 0 on all axes (t = 1.000 s first)" in str(doubts[0])
+    # a logger that removes gravity may well read 0
+    free = stream.specific_force.copy()
+    free[[100, 400]] = 0.0
+    same = dataclasses.replace(stream, specific_force=free)
+    assert without_blanks(same, doubts) is same
 
 
 def test_equal_readings_by_rounding_stay() -> None:

@@ -15,7 +15,23 @@ from granite_lab.logs.trial import Array, ImuStream, part
 from granite_lab.rounding import plural
 
 _FEW = 20  # readings that change, by which the others are judged
+_FALLS = 0.3  # no wheeled robot loses so much of gravity as to feel this share of it
 _RULE = 0.2  # repeated rows beyond this share of all are the rule, not losses
+
+
+def without_blanks(imu: ImuStream, doubts: list[Doubt]) -> ImuStream:
+    """Leave out samples of an accelerometer that are 0 on all axes, where it always feels gravity else."""
+    force = imu.specific_force[:, np.isfinite(imu.specific_force).all(axis=0)]
+    blank = (force == 0).all(axis=1)
+    if force.shape[1] < 2 or not 0 < np.count_nonzero(blank) < 0.5 * len(blank):
+        return imu
+    size = np.linalg.norm(force[~blank], axis=1)
+    if size.min() < _FALLS * np.median(size):
+        return imu
+    count = int(np.count_nonzero(blank))
+    seen = f"{plural(count, 'sample')} of 0 on all axes (t = {imu.t[blank][0]:.3f} s first)"
+    doubts.append(Doubt(seen, "accelerometer", "taken for missing"))
+    return part(imu, ~blank)
 
 
 def read_once(imu: ImuStream, doubts: list[Doubt]) -> ImuStream:
