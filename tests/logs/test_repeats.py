@@ -10,6 +10,7 @@ import pytest
 import granite_lab as gl
 from granite_lab.logs import read_trial
 from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.encoders import caught_up
 from granite_lab.logs.sensors.repeats import read_once, without_blanks, without_held
 from granite_lab.logs.trial import ImuStream
 from tests.corpus import cli
@@ -120,6 +121,16 @@ def test_counters_that_hang_and_catch_up_have_lost_no_way(
     np.testing.assert_allclose(angle[known], true[known], atol=1e-9)
     assert known.all(axis=1).sum() < len(sample.wheels.t)
     assert any("readings that repeat the last one" in line for line in trial.warnings)
+
+
+def test_a_wheel_that_stops_and_sets_off_again_does_not_hang() -> None:
+    t = np.arange(400) / 50
+    speed = 40.0 * np.clip(np.abs(((t + 0.5) % 2.0) - 1.0) - 0.3, 0.0, 0.5)  # [counts/s]
+    stopping = np.floor(np.cumsum(speed / 50) * 9)
+    assert not caught_up(t, stopping).any()
+    running = np.floor(9.0 * np.arange(400.0))
+    running[200:215] = running[200]
+    assert np.flatnonzero(caught_up(t, running)).tolist() == list(range(201, 215))
 
 
 @pytest.mark.parametrize("counts", [64, 512])

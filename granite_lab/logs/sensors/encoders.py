@@ -189,7 +189,7 @@ def _anchored(raw: Array, rate: Array, width: float) -> Array:
     return rate - turns.pop() * width
 
 
-def _caught_up(t: Array, angle: Array) -> Mask:
+def caught_up(t: Array, angle: Array) -> Mask:
     """(N,) True where the last value was logged again, as a bus that hangs does, and the counter went on.
 
     A turning wheel's counter then stands much longer than it usually does, and makes up for it in one step.
@@ -197,7 +197,7 @@ def _caught_up(t: Array, angle: Array) -> Mask:
     lost, after = np.zeros(len(angle), dtype=bool), np.flatnonzero(np.diff(angle) != 0) + 1
     if len(after) < 4 * _OFTEN:
         return lost
-    lengths, least = np.diff(after), float(np.abs(np.diff(angle)[after - 1]).min())
+    lengths, sizes = np.diff(after), np.abs(np.diff(angle)[after - 1])
     usual = float(np.quantile(lengths, 0.95))
     for k in np.flatnonzero(lengths >= max(_OFTEN, _OFTEN * usual)):
         if not _OFTEN <= k < len(after) - 1 - _OFTEN:
@@ -208,8 +208,9 @@ def _caught_up(t: Array, angle: Array) -> Mask:
         low, high = np.sort(np.array(rates) * (t[b] - t[a]))
         step = angle[b] - angle[a]
         made_up = min(abs(low), abs(high)) < 2 * abs(step) < 4 * max(abs(low), abs(high))
-        # less than some counts is no more than a creep
-        if low * high > 0 and step * low > 0 and made_up and abs(step) >= _OFTEN * least:
+        # a wheel that stops and sets off makes no larger steps than before and after
+        beside = float(np.delete(sizes[k - _OFTEN : k + 2 + _OFTEN], _OFTEN + 1).max())
+        if low * high > 0 and step * low > 0 and made_up and abs(step) > 2 * beside:
             lost[a + 1 : b] = True
     return lost
 
@@ -219,7 +220,7 @@ def _without_jumps(t: Array, angle: Array, fastest: float, doubts: list[Doubt]) 
 
     What was logged again while the wheel turned on is NaN.
     """
-    lost = _caught_up(t, angle)
+    lost = caught_up(t, angle)
     if not lost.any():
         return _joined(t, angle, fastest, doubts)
     at = ", ".join(f"{t[a]:.3f}" for a, _ in runs(lost)[:3])
