@@ -135,8 +135,8 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int = 99) ->
     probes = [probe for id_ in ids for probe in probes_of(problem, id_, most)]
     sound = np.ones(len(probes), dtype=bool)
     changes: dict[int, Array] = {}
-    for command, everyone in enumerate(problem.commands):  # the responses of all would take gigabytes
-        base, *moved = problem.bench.run(_tasks(problem, fit, probes, command), keep=False)
+    for number, everyone in enumerate(problem.inputs):  # the responses of all would take gigabytes
+        base, *moved = problem.bench.run(_tasks(problem, fit, probes, number), keep=False)
         sound &= np.array([base is not None and run is not None for run in moved], dtype=bool)
         if base is None:
             break
@@ -152,7 +152,7 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int = 99) ->
     columns = {i: problem.columns(i, fit.point, fit.slopes) for i, _ in enumerate(problem.trials)}
     if order:
         columns = {i: np.column_stack([table, changes[i][:, order]]) for i, table in columns.items()}
-    further = Further.numbered(len(order), len(order) - len(shared), len(problem.commands))
+    further = Further.numbered(len(order), len(order) - len(shared))
     normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=further, known=columns)
     first = [everyone[0] for everyone in problem.commands]
     raw = {i: columns[i] for i in first}
@@ -166,14 +166,14 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int = 99) ->
     )
 
 
-def _tasks(problem: Problem, fit: Fit, probes: Sequence[Probe], command: int) -> list[Task]:
-    """Return the simulations of a command: at a fit, and with each of the probes."""
-    tasks = [problem.centre(fit.point, command)]
+def _tasks(problem: Problem, fit: Fit, probes: Sequence[Probe], number: int) -> list[Task]:
+    """Return the simulations of an input: at a fit, and with each of the probes."""
+    tasks = [problem.centre(fit.point, number)]
     for probe in probes:
         values = [p.neutral for p in problem.parameters_of(probe.candidate)]
         values[probe.place] += probe.size
         moved = problem.with_effect(fit.point, probe.candidate, values)
-        tasks.append(problem.centre(moved, command))
+        tasks.append(problem.centre(moved, number))
     return tasks
 
 

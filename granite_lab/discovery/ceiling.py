@@ -129,7 +129,7 @@ def _shown(problem: Problem, pushes: Pushes, amplitudes: Array) -> dict[str, flo
     found: dict[str, float] = {}
     for command, own in enumerate(problem.commands):
         trial, x = problem.trials[own[0]], pushes.fit.point.trials[own[0]]
-        felt = pushes.changes[command] @ amplitudes[pushes.further.places(command)]
+        felt = pushes.changes[problem.input_of[own[0]]] @ amplitudes[pushes.further.places(command)]
         shown = trial.effect_columns(felt[..., None], x, pushes.fit.point.sensors)
         for c, row in zip(trial.channels, shown.reshape(len(trial.channels), -1), strict=True):
             size, moving = problem.size_of(command, c)
