@@ -35,7 +35,7 @@ SAND = (
 """Parameters of the sand that are fitted, as logarithms of their ratio to the file's value."""
 
 SIMULATED = (*SAND, *LEADS)
-"""Numbers of a simulation that all trials share: the sand, and how a command of which nobody states the start or
+"""Numbers of a simulation that all trials share: the sand, and how a command of which nobody states start or
 the course leads the wheels [s]."""
 
 RAKED = 3

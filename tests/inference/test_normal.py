@@ -305,7 +305,7 @@ def test_repetitions_scatter_by_what_changes_slowly_from_trial_to_trial(share: f
     problem, *_ = measured(6, commands=(0, 0, 0, 1, 1, 1))
     k = problem.trials[0].channels.index("pitch_rate")
     for i, t in enumerate(problem.trials):
-        size, moving = problem.size_of(problem.variants.index(t.variant), "pitch_rate")
+        size, moving = problem.size_of(problem.command_of[i], "pitch_rate")
         wave = np.sin(4 * np.pi * t.observation.t + 2 * np.pi * i / 3)
         t.measured[k] += np.sqrt(2) * share * size * wave * (moving > 0)
     found = scatter(problem, fit(problem, problem.neutral(), FIRST))
