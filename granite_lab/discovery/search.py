@@ -261,7 +261,7 @@ class _Steps:
         for other in sorted(better, key=lambda m: -m.log_posterior):
             if other.log_posterior <= least:
                 break
-            if self.stays(model, other):
+            if gains(model, other) and self.stays(model, other):
                 return other
             self.small.add(other.effects)  # it cannot be named; it is listed
         return model
@@ -381,6 +381,14 @@ def _where_alone(problem: Problem, point: Point, known: Mapping[tuple[str, ...],
 def _model(effects: tuple[str, ...], result: Fit) -> Model:
     """Give a fit the prior of its set: equal odds for each effect."""
     return Model(effects, result, result.evidence + len(effects) * float(np.log(EFFECT_ODDS)))
+
+
+def gains(model: Model, other: Model) -> bool:
+    """Tell whether a set is likelier than a smaller one would be at the optimum that its fit may have missed.
+
+    By its derivatives that is half of `Fit.promised` above what the fit has reached.
+    """
+    return bool(other.log_posterior > model.log_posterior + WORTH + model.fit.promised / 2)
 
 
 def _words(effects: Sequence[str]) -> str:

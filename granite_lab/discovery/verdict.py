@@ -182,7 +182,9 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     * Effects of the likeliest set are named that trials left out show, and that close at least `LEFT` of the
       gap or show in a channel, see `Named.matters`, by more than the tolerance. Alone,
       or with at most two others that cannot be told from them, they must have a probability of `CREDIBLE`.
-      Where more is missing, see `Named.is_sure_beside`, too.
+      Where the likeliest set leaves more than noise and the tolerance in a channel, each must close more than
+      the set leaves: what is missing could otherwise be all that speaks for it. Where more is missing, see
+      `Named.is_sure_beside`.
     * ``named`` where these are all that matters, and together leave less than `LEFT` of the gap, as an rms;
       or not more by two standard errors, if errors of their formulas within `FORMULA_ERROR` and the tolerance
       explain what they leave.
@@ -212,10 +214,12 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     scales, remainder = best.fit.scales, 1 - whole.closed.value
     relevant = [n for n in parts if n.matters(remainder, tolerance, scales)]
     beyond = remainder - 2 * whole.closed.std > LEFT**2  # not so where the standard error is not known
-    explained = not beyond and good(problem, best.fit, tolerance)
-    enough = remainder < LEFT**2 or explained
+    explained = good(problem, best.fit, tolerance)
+    enough = remainder < LEFT**2 or (explained and not beyond)
+    least = 0.0 if explained else remainder
     stand_out = [n for n in relevant if not differ or n.stands_out(differ, tolerance)]
-    named = [n for n in stand_out if n.is_sure() and (enough or n.is_sure_beside(remainder, scales))]
+    usual = [n for n in stand_out if n.is_sure()]
+    named = [n for n in usual if (enough and n.closes.value > least) or n.is_sure_beside(remainder, scales)]
     every = enough and len(named) == len(relevant)
     verdict: Verdict = "unknown" if not named else "named" if every else "partly named"
     rest = [n for n in parts if n not in named]

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from granite_lab.discovery import verdict
 from granite_lab.discovery.candidates import rescreened, rivals, scores, screen
 from granite_lab.discovery.finding import FoundEffect
 from granite_lab.discovery.heldout import Equations, closed, predict
 from granite_lab.discovery.power import _by_noise_own, _shares
 from granite_lab.discovery.relevance import needed, strained
-from granite_lab.discovery.search import MOST, Search, search
+from granite_lab.discovery.search import MOST, Search, gains, search
 from granite_lab.discovery.sets import fit_sets
 from granite_lab.discovery.verdict import OPEN, Judgement, Named, by_posterior, judge
 from granite_lab.discovery.words import provisional, sentence
@@ -131,9 +132,9 @@ def test_what_changes_from_trial_to_trial_by_much_is_unknown_though_repetitions_
     assert "changes from trial to trial" in text
 
 
-@pytest.mark.parametrize(("factor", "verdict"), [(1.1, "unknown"), (0.9, "named")])
+@pytest.mark.parametrize(("factor", "expected"), [(1.1, "unknown"), (0.9, "named")])
 def test_an_effect_is_named_only_where_it_changes_more_than_repetitions_differ(
-    monkeypatch: pytest.MonkeyPatch, factor: float, verdict: str
+    monkeypatch: pytest.MonkeyPatch, factor: float, expected: str
 ) -> None:
     """What changes from trial to trial acts on the mean over repetitions, too."""
     answer = ask(push=0.5)
@@ -141,20 +142,18 @@ def test_an_effect_is_named_only_where_it_changes_more_than_repetitions_differ(
     scattered = {c: factor * moved for c, moved in push.changes.items()}
     monkeypatch.setattr("granite_lab.discovery.verdict.scatter", lambda *_: scattered)
     found = judge(answer.problem, answer.search, TOLERANCE)
-    assert (found.verdict, {n.id for n in found.named}) == (
-        verdict,
-        {"push"} if verdict == "named" else set(),
-    )
+    named = {"push"} if expected == "named" else set()
+    assert (found.verdict, {n.id for n in found.named}) == (expected, named)
 
 
-@pytest.mark.parametrize(("std", "verdict"), [(0.22, "named"), (0.2, "unknown")])
+@pytest.mark.parametrize(("std", "expected"), [(0.22, "named"), (0.2, "unknown")])
 def test_errors_of_formulas_cannot_explain_what_is_left_of_trials_left_out_beyond_its_standard_error(
-    monkeypatch: pytest.MonkeyPatch, std: float, verdict: str
+    monkeypatch: pytest.MonkeyPatch, std: float, expected: str
 ) -> None:
     """Half of the gap is left, of which formulas 30 % off leave a tenth; the fit itself leaves nothing."""
     answer = ask(push=0.3)
     monkeypatch.setattr("granite_lab.discovery.verdict.closed", lambda *_: Estimate(0.5, std))
-    assert judge(answer.problem, answer.search, TOLERANCE).verdict == verdict
+    assert judge(answer.problem, answer.search, TOLERANCE).verdict == expected
 
 
 def test_where_repetitions_differ_a_change_below_the_tolerance_does_not_stand_out() -> None:
@@ -402,6 +401,40 @@ def test_beside_what_is_not_explained_a_name_needs_speeds_left_out_and_numbers_a
     scales = Scales(0.01, 0.1, formulas={"accel_z": 0.3})
     effect = Named("push", (), 1.0, Estimate(0.5, 0.1), Estimate(0.5, 0.1), changes={"accel_x": 0.5})
     assert replace(effect, **changes).is_sure_beside(0.2, scales) is sure
+
+
+@pytest.mark.parametrize(
+    ("clean", "closes", "named"),
+    [(False, 0.02, {"push"}), (False, 0.04, {"push", "shake"}), (True, 0.02, {"push", "shake"})],
+)
+def test_an_effect_that_closes_less_than_a_channel_s_noise_leaves_unexplained_is_not_named(
+    monkeypatch: pytest.MonkeyPatch, clean: bool, closes: float, named: set[str]
+) -> None:
+    """The set leaves 3 % of the gap."""
+    answer = ask(push=0.3, shake=0.15, discrepancy=0.0)
+    asked, whole = verdict._named, verdict.whole_of
+
+    def one(*given: Any) -> Named:
+        effect = asked(*given)
+        return replace(effect, closes=Estimate(closes, 0.001)) if effect.id == "shake" else effect
+
+    monkeypatch.setattr(verdict, "_named", one)
+    monkeypatch.setattr(
+        verdict, "whole_of", lambda *given: replace(whole(*given), closed=Estimate(0.97, 0.001))
+    )
+    monkeypatch.setattr(verdict, "good", lambda *_: clean)
+    found = judge(answer.problem, answer.search, TOLERANCE)
+    assert {n.id for n in found.named} == named
+    assert found.verdict == ("named" if len(named) == 2 else "partly named")
+
+
+@pytest.mark.parametrize(("promised", "more"), [(0.0, True), (18.0, True), (22.0, False)])
+def test_a_larger_set_must_be_likelier_than_what_the_fit_of_a_smaller_one_has_missed(
+    promised: float, more: bool
+) -> None:
+    best = ask(push=0.3).search.best
+    small = replace(best, fit=replace(best.fit, promised=promised))
+    assert gains(small, replace(best, log_posterior=best.log_posterior + WORTH + 10)) is more
 
 
 def test_an_effect_is_named_beside_another_cause() -> None:
