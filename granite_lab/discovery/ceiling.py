@@ -50,7 +50,7 @@ def ceiling(problem: Problem, alone: Fit, pushes: Pushes, tolerance: float) -> C
     left = misfits[1][0]
     gap = misfits[0][0] - min(floor for _, floor in misfits)
     kind = np.concatenate(pushes.kind)
-    normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=pushes.further)
+    normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=pushes.further, keep=False)
     solve = _Solver(problem, fit, normal, tolerance, kind)
     sizes = solve.learnt()
     found, value = solve.closed(sizes)

@@ -136,8 +136,9 @@ class Screened:
     def __init__(self, problem: Problem, pushes: Pushes, terms: Sequence[Term]) -> None:
         self.problem, self.fit, self.terms = problem, pushes.fit, tuple(terms)
         fit = self.fit
-        normal = problem.normal(fit.point, fit.slopes, fit.residuals, apart=True, further=pushes.further)
-        self.normal = normal.alone()
+        self.normal = problem.normal(
+            fit.point, fit.slopes, fit.residuals, apart=True, further=pushes.further, keep=False
+        )
         acting = [forces(problem, pushes, k, terms) for k, _ in enumerate(problem.inputs)]
         self._acting = [acting[problem.input_of[i]] for own in problem.commands for i in own]
         self._known: dict[tuple[int, float], tuple[Array, float]] = {}

@@ -60,7 +60,7 @@ class Equations:
 
     def __init__(self, problem: Problem, fit: Fit, pinned: Sequence[int] = ()) -> None:
         self.fit = fit
-        self.normal = problem.normal(fit.point, fit.slopes, fit.residuals, apart=True)
+        self.normal = problem.normal(fit.point, fit.slopes, fit.residuals, apart=True, keep=False)
         std, mean = problem.prior(fit.point, fit.scales)
         first = std.size - fit.point.common.size
         neutral = [p.neutral for _, p in problem.parameters(fit.point.effects, per_trial=False)]

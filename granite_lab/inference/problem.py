@@ -10,8 +10,17 @@ from itertools import chain
 import numpy as np
 
 from granite_lab.inference.bench import RAKED, SIMULATED, Bench, Setting, Task
-from granite_lab.inference.constants import LEAD_STD, SAND_STD, TOLERANCE
-from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, joined, modulated, scale_of
+from granite_lab.inference.constants import LEAD_STD, SAND_STD
+from granite_lab.inference.discrepancy import (
+    FORMULA,
+    MOTION,
+    REST,
+    Basis,
+    joined,
+    least_size,
+    modulated,
+    scale_of,
+)
 from granite_lab.inference.noise import Filter, Whitener, stretches
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
 from granite_lab.inference.nuisances import SENSORS, SENSORS_LEAST, SENSORS_STD, TrialModel
@@ -28,10 +37,7 @@ KINKED = ("cohesion", "shear_modulus", "friction_angle", "tyre_friction")
 rule, and a difference to one side shows one of the two."""
 
 
-Groups = tuple[tuple[int, ...], ...]
-
-
-def _numbered(of: Sequence[int]) -> tuple[Groups, tuple[int, ...]]:
+def _numbered(of: Sequence[int]) -> tuple[tuple[tuple[int, ...], ...], tuple[int, ...]]:
     """Return the trials that have each of some numbers, in their order, and per trial its place there."""
     every = sorted(set(of))
     groups = tuple(tuple(i for i, own in enumerate(of) if own == number) for number in every)
@@ -160,11 +166,7 @@ class Problem:
 
     def task(self, point: Point, trial: int) -> Task:
         """Return the simulation of one trial at its own sand."""
-        x = point.trials[trial]
-        numbers = point.shared[: len(SIMULATED)].copy()
-        numbers[:RAKED] += x[:RAKED]
-        setting = self.setting(point.effects, point.common, x[self.trials[trial].size :])
-        return self.bench.world.task(self.trials[trial].variant, numbers, setting)
+        return self._middle(point, (trial,))
 
     def centre(self, point: Point, number: int) -> Task:
         """Return the simulation of an input at the mean of its trials' own numbers."""
@@ -319,7 +321,8 @@ class Problem:
             t, x, response = self.trials[own[0]], point.trials[own[0]], slopes.response[self.input_of[own[0]]]
             bins = t.bins_of(response, x, point.sensors)
             size, moving, resting = scale_of(t, response, bins)
-            size = {c: max(level, self._least_size(own, c, moving)) for c, level in size.items()}
+            repeated = [self.trials[i] for i in own]
+            size = {c: max(level, least_size(repeated, c, moving)) for c, level in size.items()}
             plain = {}
             for c in dict.fromkeys(c for i in own for c in self.trials[i].channels):
                 level, width = size.get(c, 0.0), t.observation.width
@@ -334,24 +337,6 @@ class Problem:
                 )
             self._plain.append(plain)
             self._sizes.append({c: (size.get(c, 0.0), moving, resting) for c in plain})
-
-    def _least_size(self, own: Sequence[int], channel: str, moving: Array) -> float:
-        """Return the least that the discrepancy of a channel is a share of.
-
-        It is the rms in motion as measured, vibration included. Wheels follow a command; theirs is such that
-        the rounding of the encoders, which repetitions and wheels that roll alike share, is within the
-        tolerance.
-        """
-        if channel.startswith("wheel"):
-            return max(self.trials[i].observation.rounding(channel) for i in own) / TOLERANCE
-        squares = []
-        for t in (self.trials[i] for i in own if channel in self.trials[i].channels):
-            values = t.measured[t.channels.index(channel)]
-            before = values[t.observation.t < 0]
-            level = float(np.nanmean(before)) if np.isfinite(before).any() else 0.0
-            squares.append((values[moving > 0] - level) ** 2)
-        every = np.concatenate(squares)
-        return float(np.sqrt(np.nanmean(every))) if np.isfinite(every).any() else 0.0
 
     def size_of(self, command: int, channel: str) -> tuple[float, Array]:
         """Return the rms of a channel in motion, and (n,) 1 where the robot moves, else 0."""
@@ -371,6 +356,7 @@ class Problem:
         apart: bool = False,
         further: Further | None = None,
         known: Mapping[int, Array] | None = None,
+        keep: bool = True,
     ) -> Normal:
         """Return the normal equations at a point.
 
@@ -382,6 +368,7 @@ class Problem:
             further: columns behind those of the parameters; those that each trial has of its own become a
                 column a trial, behind the others.
             known: trial to its `columns`, of the trials for which they were computed already.
+            keep: keep the rows, which only other residuals need.
         """
         known = known or {}
         white = self.white(residuals)
@@ -407,7 +394,8 @@ class Problem:
                 at = np.unique(np.concatenate([*(rows[i][0] for i in some), [size - 1]]))
                 names = dict.fromkeys(c for i in some for c in self.trials[i].channels)
                 of = partial(self._channel, command, some, at, rows, white, traces)
-                parts.append(CommandPart(at, tuple(chain.from_iterable(map(of, names)))))
+                part = CommandPart(at, tuple(chain.from_iterable(map(of, names))))
+                parts.append(part if keep else part.alone())
         return Normal(tuple(parts), size, p)
 
     def _traces(self, point: Point, slopes: Slopes, command: int) -> dict[str, list[Array]]:
