@@ -131,4 +131,7 @@ def leaders(looks: Sequence[Look]) -> list[Promise]:
     found = _of_one_kind([k for k in looks if not k.tolerated], TRIED)
     if held := [k for k in looks if k.tolerated]:
         found += _of_one_kind(held, TRIED_HELD)
-    return list({p.score.candidate: p for p in reversed(found)}.values())[::-1]
+    first: dict[str, Promise] = {}
+    for promise in found:
+        first.setdefault(promise.score.candidate, promise)
+    return list(first.values())

@@ -196,30 +196,38 @@ class _Steps:
     def extended(self, model: Model) -> tuple[Model, list[Score]]:
         """Return the best set with one more effect, the set itself if none is better, and what was tried.
 
-        Beside effects that leave no discrepancy the leaders are fitted one by one until one of them stays,
-        for most often none does. Where errors of the formulas may explain all that is left, only the first is
-        fitted: which of several rivals comes first is then decided by those errors. Where noise explains it,
-        only a candidate without a rival is.
+        Where noise explains what a set leaves, only a candidate without a rival is fitted.
         """
         self.named = max(self.named, len(model.effects))
-        fine = self.settled(model)
         found = self.promised(model)
         if len(found) > 1 and not self.is_open(model):
             return model, []
-        if model.effects and not fine:
-            left = unexplained(self.problem, model.fit, model.fit.scales, self.tolerance)
-            found = found if max(left.values(), default=0.0) > self.tolerance else found[:1]
         tried: list[Promise] = []
-        for group in [[p] for p in found] if fine else [found]:
+        for group in self.in_turn(model, found):
             tried += group
             self.fit(model, group)
-            if (best := self.best_of(model, tried)) is not model and fine:
+            best = self.best_of(model, tried)
+            if best is not model and len(tried) < len(found):
+                tried = found  # its rivals
                 self.fit(model, found)
-                tried = found
-                best = self.best_of(model, tried)
+                best = self.best_of(model, found)
             if best is not model:
                 return best, [p.score for p in tried]
         return model, [p.score for p in tried]
+
+    def in_turn(self, model: Model, found: list[Promise]) -> list[list[Promise]]:
+        """Return the groups in which candidates are fitted beside a model until one of them stays.
+
+        Beside effects that leave no discrepancy that is one after the other, for most often none stays. Where
+        errors of the formulas may explain all that is left, it is the first alone; elsewhere all together.
+        """
+        if self.settled(model):
+            return [[p] for p in found]
+        if model.effects:
+            left = unexplained(self.problem, model.fit, model.fit.scales, self.tolerance)
+            if max(left.values(), default=0.0) <= self.tolerance:
+                return [found[:1]]
+        return [found]
 
     def promised(self, model: Model) -> list[Promise]:
         """Return the candidates to be fitted beside a model, those of the scales as learnt first."""

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from granite_lab.discovery import verdict
-from granite_lab.discovery.candidates import rescreened, rivals, scores, screen
+from granite_lab.discovery.candidates import Score, rescreened, rivals, scores, screen
 from granite_lab.discovery.finding import FoundEffect
 from granite_lab.discovery.heldout import Equations, closed, predict
+from granite_lab.discovery.leaders import Look, leaders
 from granite_lab.discovery.power import _by_noise_own, _shares
 from granite_lab.discovery.relevance import needed, strained
 from granite_lab.discovery.search import MOST, Search, gains, search
@@ -426,6 +427,16 @@ def test_an_effect_that_closes_less_than_a_channel_s_noise_leaves_unexplained_is
     found = judge(answer.problem, answer.search, TOLERANCE)
     assert {n.id for n in found.named} == named
     assert found.verdict == ("named" if len(named) == 2 else "partly named")
+
+
+def test_the_candidate_that_promises_most_is_fitted_first_though_both_screens_have_it() -> None:
+    origin = ask(push=0.3).search.best.fit
+    learnt, tolerated = (
+        tuple(Score(id_, gain, (0.1,), np.zeros((1, 1))) for id_, gain in gains.items())
+        for gains in ({"push": 160.0, "pull": 83.0}, {"push": 90.0, "shake": 80.0})
+    )
+    looks = [Look(origin, None, learnt), Look(origin, None, tolerated, tolerated=True)]
+    assert [p.score.candidate for p in leaders(looks)] == ["push", "pull", "shake"]
 
 
 @pytest.mark.parametrize(("promised", "more"), [(0.0, True), (18.0, True), (22.0, False)])
