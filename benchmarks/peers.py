@@ -5,6 +5,9 @@ predict the residual of each channel from the motion at that instant: sparse reg
 products of two inputs, and a Gaussian process of scikit-learn. Their inputs are smoothed: the motion as the
 model without effects has it, which follows from the command; or as it was estimated from each trial itself.
 
+A run that was interrupted, or whose minutes are over, goes on where it ended; results of other code are
+refused.
+
 ``python -m benchmarks.peers [--outside DIR] [--mixtures DIR] [--blind 20] [--minutes 60] [--out FILE]``
 """
 
@@ -18,6 +21,7 @@ import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -27,10 +31,10 @@ import numpy as np
 import granite_lab
 from benchmarks.blind_code import ROOT, code_hash, commit
 from benchmarks.judging import short, side_by_side
-from benchmarks.lines import Line, add, read, show
+from benchmarks.lines import Line, add, of_code, read, show
 from benchmarks.mixtures import task
 from benchmarks.peers_learn import INPUTS, PEERS, Places, Table, measured, residuals_without, simulated
-from benchmarks.peers_page import page
+from benchmarks.peers_page import GROUPS, page
 from granite_lab.discovery import discover
 from granite_lab.discovery.heldout import Equations, by_others, closed, gaps
 from granite_lab.discovery.search import Search
@@ -135,19 +139,17 @@ def sets(outside: Path, mixtures: Path, blind: int) -> list[str]:
 
 def one(name: str) -> Line:
     """Compare on one set; a failure becomes a line, too."""
-    line: Line = {"key": Path(name).name}
+    folder = Path(name)
+    line: Line = {"key": folder.name, "of": folder.parent.name if folder.parent.name in GROUPS else "blind"}
     try:
         if not name.startswith("seed "):
-            folder = Path(name)
             hidden = truth(json.loads((folder.parent / "answers.json").read_text("utf-8"))[folder.name])
-            return (
-                line | {"of": folder.parent.name, "hidden": hidden} | compared(sorted(folder.glob("*.csv")))
-            )
+            return line | {"hidden": hidden} | compared(sorted(folder.glob("*.csv")))
         seed = int(name.removeprefix("seed "))
         with tempfile.TemporaryDirectory(prefix="granite-peers-") as made:
             hid = granite_lab.hide("mixture", made, seed=seed, lab="wild", **task(seed))
             hidden = "+".join(e["id"] for e in granite_lab.reveal(made).answer["effects"])
-            return line | {"of": "blind", "hidden": hidden} | compared(hid.trials)
+            return line | {"hidden": hidden} | compared(hid.trials)
     except LabError as error:
         return line | {"status": "refused", "error": f"{error.message} ({error.hint})"}
     except Exception:  # a crash is a result
@@ -171,7 +173,10 @@ def main() -> None:
     parser.add_argument("--mixtures", type=Path, default=Path("../shared/mixtures"))
     parser.add_argument("--blind", type=int, default=20, help="number of sets made by hide")
     parser.add_argument("--only", default="", help="names of sets, with commas between")
-    parser.add_argument("--minutes", type=float, default=math.inf, help="no set is begun later; 0: the page")
+    parser.add_argument(
+        "--minutes", type=float, default=math.inf, help="no set is begun later; 0: only the page"
+    )
+    parser.add_argument("--afresh", action="store_true", help="drop results of other code")
     parser.add_argument("--jobs", type=int, default=2, help="sets side by side")
     parser.add_argument("--results", type=Path, default=RESULTS, help="one line for each set")
     parser.add_argument("--out", type=Path, help="write the page here, too")
@@ -179,13 +184,15 @@ def main() -> None:
     version = {"code": code_hash(), "commit": commit()}
     lines = read(options.results)
     if options.minutes > 0:
-        lines = [x for x in lines if x["code"] == version["code"]]
+        lines = of_code(
+            lines, version["code"], options.results, afresh=options.afresh, page_only="--minutes 0"
+        )
     done, only = {x["key"] for x in lines}, set(filter(None, options.only.split(",")))
-    names = [n for n in sets(options.outside, options.mixtures, options.blind) if Path(n).name not in done]
-    names = [n for n in names if not only or Path(n).name in only]
+    every = sets(options.outside, options.mixtures, options.blind)
+    names = [n for n in every if Path(n).name not in done and (not only or Path(n).name in only)]
     judged = side_by_side(one, names, options.minutes, options.jobs)
     add(options.results, lines, judged, version)
-    show(lines, page, options.out)
+    show(lines, partial(page, of=len(every)), options.out)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.against_truth import table
+from benchmarks.blind_page import current
 from benchmarks.peers_learn import POINTS
 
 Lines = Sequence[Mapping[str, Any]]
@@ -21,16 +22,21 @@ GROUPS = {
 PARTS = ("trials", "speeds")
 
 
-def page(lines: Lines) -> str:
-    """Return the page in Markdown, of the lines of the code that made the last one."""
-    lines = sorted((x for x in lines if x["code"] == lines[-1]["code"]), key=lambda x: (x["of"], x["key"]))
+def page(lines: Lines, of: int) -> str:
+    """Return the page in Markdown, of the lines of the code that made the last one.
+
+    Args:
+        lines: of the results.
+        of: number of sets that are to be compared.
+    """
+    code, lines = lines[-1], sorted(current(lines), key=lambda x: (list(GROUPS).index(x["of"]), x["key"]))
     kept = [x for x in lines if x["status"] == "compared"]
     no_gap = sum(x["status"] == "no gap" for x in lines)
     lost = [x["key"] for x in lines if x["status"] in ("refused", "crashed")]
     ways = list(dict.fromkeys(way for x in kept for way in x["closed"]))
     seconds = {way: [x["peer_seconds"][way] for x in kept if way in x["peer_seconds"]] for way in ways}
     seconds["this"] = [x["seconds"] for x in kept]
-    took = "; ".join(f"{way} {np.median(s):.0f} s" for way, s in seconds.items() if s)
+    took = "; ".join(f"{way}: {np.median(s):.0f} s" for way, s in seconds.items() if s)
     return f"""# Beside peers
 
 How much of the gap between virtual trials and the model without effects is closed on trials and on speeds
@@ -49,8 +55,9 @@ its command. *Trial*: as estimated from that very trial, its accelerometer inclu
 In all cases start, offsets, gains and sand of a trial that is left out are refitted. A share may exceed one,
 and is below zero where the prediction is worse than none. Peers name no cause.
 
-{len(kept)} sets are compared by code {lines[-1]["code"]} ({lines[-1]["commit"]}), {no_gap} more have no gap\
-{f", {len(lost)} lost ({', '.join(lost)})" if lost else ""}. Processor time of a set (median): {took or "–"}.
+Code {code["code"]} ({code["commit"]}) has seen {len(lines)} of {of} sets: {len(kept)} are compared, \
+{no_gap} have no gap, {len(lost)} were refused or crashed\
+{f" ({', '.join(lost)})" if lost else ""}. Processor time of a set (median): {took or "–"}.
 
 ## Medians
 
@@ -77,7 +84,7 @@ def _medians(lines: Lines, ways: Sequence[str]) -> str:
             cells = []
             for way in ways:
                 known = [v for x in own if (v := share(x, way, part)) is not None]
-                cells.append(f"{100 * np.median(known):.0f}" if known else "–")
+                cells.append(percent(float(np.median(known)) if known else None))
             first = [best(x, ways, part) == "this" for x in own]
             rows.append([GROUPS[group], part, *cells, f"{sum(first)} of {len(first)}"])
     return table(head, rows)
@@ -89,6 +96,11 @@ def best(line: Mapping[str, Any], ways: Sequence[str], part: str) -> str:
     return max(known, key=lambda way: known[way], default="")
 
 
+def percent(value: float | None) -> str:
+    """Return a share in percent; how far a prediction is worse than none does not matter beyond the gap."""
+    return "–" if value is None else "below -100" if value < -1 else f"{100 * value:.0f}"
+
+
 def _sets(lines: Lines, ways: Sequence[str]) -> str:
     rows = []
     for line in lines:
@@ -96,8 +108,7 @@ def _sets(lines: Lines, ways: Sequence[str]) -> str:
         for way in ways:
             parts = []
             for part in PARTS:
-                value = share(line, way, part)
-                text = "–" if value is None else f"{100 * value:.0f}"
+                text = percent(share(line, way, part))
                 parts.append(f"**{text}**" if best(line, ways, part) == way else text)
             cells.append(" / ".join(parts))
         rows.append([line["key"], line["hidden"], "+".join(line["named"]) or line["verdict"], *cells])

@@ -81,7 +81,7 @@ def _effect(e: FoundEffect) -> dict[str, Any]:
     return picked(e, "id", "formula", "empirical", "probability", "closes", "speeds") | {
         "parameters": {
             p.name: p.estimate.as_json()
-            | {"ci95": [p.estimate.value - 1.96 * p.estimate.std, p.estimate.value + 1.96 * p.estimate.std]}
+            | {"ci95": list(p.estimate.interval())}
             | {"unit": p.unit}
             | ({"per_trial": p.per_trial} if p.per_trial else {})
             for p in e.parameters

@@ -22,6 +22,7 @@ from granite_lab.discovery.finding import (
     Residual,
     Status,
 )
+from granite_lab.discovery.power import POWER
 from granite_lab.discovery.resampling import SUREST, by_evidence
 from granite_lab.discovery.search import Model, Search
 from granite_lab.discovery.verdict import AT_BOUND, OPEN, Judgement, Named, holding
@@ -172,7 +173,7 @@ def _clock_detectable(late: Estimate, limit: float, effects: Mapping[str, Effect
     """Return from which offset of the clocks on the latency is named."""
     if "clock_offset" not in effects:
         return ()
-    return (Detectable("clock_offset", "offset", "s", limit + 3 * late.std, "tolerance", ()),)
+    return (Detectable("clock_offset", "offset", "s", limit + (2 + POWER) * late.std, "tolerance", ()),)
 
 
 def _effect(problem: Problem, model: Model, named: Named, effects: Mapping[str, Effect]) -> FoundEffect:

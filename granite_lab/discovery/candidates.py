@@ -18,7 +18,12 @@ from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 
 OWN_SCALES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
-"""Scales that are tried for the numbers that an effect has in each trial, as shares of the prior's range."""
+"""Scales that are tried for the numbers that an effect has in each trial, as shares of the prior's range,
+half a decade apart."""
+
+
+TYPICAL = 0.2
+"""Size of an effect of either sign that is probed, as a share of the largest expected; convention."""
 
 
 AT_ONCE = 8
@@ -107,18 +112,19 @@ def sizes(p: EffectParameter) -> tuple[float, ...]:
     if p.per_trial:
         return (high / 2,)
     if low < 0 < high:
-        return (0.2 * high,) if p.linear else (0.2 * high, 0.2 * low)
+        both = (TYPICAL * high, TYPICAL * low)
+        return both[:1] if p.linear else both
     if p.moving:
         return tuple(np.geomspace(low / 2, high, 8).tolist())
-    least = max(low, high / 30)
+    least = max(low, high / 30)  # three sizes a decade and a half, and one beyond; convention
     if p.linear:
         return (float(np.sqrt(least * high)),)
     every = (least / 2, float(np.sqrt(least * high)), high, 4 * high)
     return tuple(size for size in every if p.neutral + size <= p.high)
 
 
-def probes_of(problem: Problem, id_: str, most: int = 99) -> list[Probe]:
-    """List the sizes of a candidate, one strength at a time, `most` of each."""
+def probes_of(problem: Problem, id_: str, most: int | None = None) -> list[Probe]:
+    """List the sizes of a candidate, one strength at a time, `most` of each, all by default."""
     return [
         Probe(id_, p, k, size)
         for k, p in enumerate(problem.parameters_of(id_))
@@ -127,14 +133,14 @@ def probes_of(problem: Problem, id_: str, most: int = 99) -> list[Probe]:
     ]
 
 
-def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int = 99) -> Screen:
+def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int | None = None) -> Screen:
     """Simulate the candidates at their sizes about a fit, and integrate everything else out.
 
     Args:
         problem: the trials.
         fit: about which the screen is linear.
         ids: the candidates.
-        most: sizes of a strength at most, the smallest first.
+        most: sizes of a strength at most, the smallest first; all by default.
     """
     probes = [probe for id_ in ids for probe in probes_of(problem, id_, most)]
     sound = np.ones(len(probes), dtype=bool)

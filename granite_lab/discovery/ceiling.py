@@ -15,21 +15,17 @@ from scipy.special import ndtri
 from granite_lab.discovery.finding import Ceiling, Push
 from granite_lab.discovery.pushes import Places, Pushes
 from granite_lab.discovery.where import intervals
-from granite_lab.inference.constants import CREDIBLE
-from granite_lab.inference.fit import Fit
+from granite_lab.inference.constants import CLOSE, CREDIBLE, NOTHING, TINY
+from granite_lab.inference.fit import ROUNDS, Fit
 from granite_lab.inference.gap import beyond, tolerated
 from granite_lab.inference.normal import Normal, Posterior, posterior
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.scales import CLOSE
 from granite_lab.logs.trial import Array
 from granite_lab.model.latent import PUSHES
 
 LARGEST, LEAST = 1.0, 1e-5
 """Largest and least std of a push, as a share of the robot's weight: all that a robot on sand can bear, and
 what no sensor shows."""
-
-ROUNDS = 30
-"""Most steps by which the sizes are learnt."""
 
 
 def ceiling(problem: Problem, alone: Fit, pushes: Pushes, tolerance: float) -> Ceiling:
@@ -93,7 +89,7 @@ class _Solver:
 
     def at(self, sizes: Array) -> tuple[Posterior, Array]:
         """Return the posterior under std of the pushes, (5,), and the (K,) share the trials determine."""
-        s = np.fmax(sizes[self.kind], 1e-3 * LEAST)
+        s = np.fmax(sizes[self.kind], NOTHING * LEAST)
         precision = np.concatenate([self.precision, s**-2.0])
         found = posterior(self.M, self.logdet, precision, np.append(self.pull, np.zeros(s.size)))
         known = 1 - np.diag(found.covariance)[-s.size :] / s**2
@@ -112,7 +108,7 @@ class _Solver:
             squares = found.step[-self.kind.size :] ** 2
             new = np.array(
                 [
-                    np.sqrt(squares[self.kind == q].sum() / max(known[self.kind == q].sum(), 1e-9))
+                    np.sqrt(squares[self.kind == q].sum() / max(known[self.kind == q].sum(), TINY))
                     for q in range(sizes.size)
                 ]
             )

@@ -11,15 +11,13 @@ from granite_lab.discovery.heldout import Equations, Predicted, predict, predict
 from granite_lab.discovery.pushes import Pushes
 from granite_lab.discovery.search import FINE
 from granite_lab.errors import EstimateError
+from granite_lab.inference.constants import TRIED
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.problem import Problem
 from granite_lab.model.dictionary import Term, dictionary, is_term
 
 MOST = 8
 """Effects and terms in a model at most: with more a sum follows any curve at the speeds that were driven."""
-
-TRIED = 3
-"""Terms of a screen whose prediction of speeds left out is compared: their gains are first-order."""
 
 
 def described(problem: Problem, pushes: Pushes, tolerance: float) -> Fit | None:

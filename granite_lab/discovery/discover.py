@@ -238,7 +238,7 @@ def _outliers(problem: Problem, base: Fit) -> dict[int, str]:
     They are weighed by the nominal noise and the first values of the priors: what was learnt is loud and wide
     where such a trial differs from its repetitions.
     """
-    if len(problem.trials) < 3:
+    if len(problem.trials) <= 2:  # which of two is strange?
         return {}
     found: dict[int, str] = {}
     rows = zip(nominal(problem), base.residuals, strict=True)

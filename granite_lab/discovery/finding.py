@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import PhaseName
 from granite_lab.fitting.fit import View
+from granite_lab.inference.constants import CERTAIN
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active
 from granite_lab.origin import NOWHERE, Origin
@@ -212,7 +213,7 @@ class Confusion:
     factor: float
     draws: int
 
-    def taken_for(self, id_: str, share: float = 0.05) -> tuple[tuple[str, float], ...]:
+    def taken_for(self, id_: str, share: float = 1 - CERTAIN) -> tuple[tuple[str, float], ...]:
         """Return the wrong candidates that come first in more than `share` of the sets, likeliest first."""
         row = self.matrix[self.ids.index(id_)]
         wrong = [(o, float(x)) for o, x in zip(self.ids, row, strict=True) if o != id_ and x > share]

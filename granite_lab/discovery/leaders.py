@@ -10,13 +10,10 @@ import numpy as np
 from granite_lab.discovery.candidates import Score, Screen, rescreened, rivals, scores, screen
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED
-from granite_lab.inference.constants import LEFT, TOLERANCE, WORTH
+from granite_lab.inference.constants import FEW, RIVAL, TOLERANCE, TRIED, WORTH
 from granite_lab.inference.fit import Fit, fit, taken
 from granite_lab.inference.gap import tolerated
 from granite_lab.inference.problem import Problem
-
-TRIED, TRIED_HELD = 3, 2
-"""Candidates of a screen that are fitted in full: with the discrepancy as learnt, and as tolerated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +54,7 @@ def origins(problem: Problem, result: Fit) -> list[Fit]:
 
 
 def screened(
-    problem: Problem, origin: Fit, candidates: Sequence[str], sizes: int, tolerance: float | None
+    problem: Problem, origin: Fit, candidates: Sequence[str], sizes: int | None, tolerance: float | None
 ) -> list[Look]:
     """Return the screens about a fit: with the scales as learnt, and with a tolerated discrepancy.
 
@@ -105,10 +102,10 @@ def _promises(looks: Sequence[Look]) -> dict[str, Promise]:
 def _promising(promises: Mapping[str, Promise], most: int) -> list[Promise]:
     """Return what is promised by the candidates to be fitted.
 
-    They are the `most` best. A rival must promise `LEFT` of what the best one does: the screen is linear,
+    They are the `most` best. A rival must promise `RIVAL` of what the best one does: the screen is linear,
     and full fits have changed the order of candidates by factors of up to two.
     """
-    least = max(WORTH, LEFT * max((p.gain for p in promises.values()), default=0.0))
+    least = max(WORTH, RIVAL * max((p.gain for p in promises.values()), default=0.0))
     ranked = sorted((p for p in promises.values() if p.gain > least), key=lambda p: -p.gain)
     return ranked[:most]
 
@@ -127,10 +124,13 @@ def _of_one_kind(looks: Sequence[Look], most: int) -> list[Promise]:
 
 
 def leaders(looks: Sequence[Look]) -> list[Promise]:
-    """Return the candidates of some screens that are fitted in full, those of the scales as learnt first."""
+    """Return the candidates of some screens that are fitted in full.
+
+    They are `TRIED` under the scales as learnt, which come first, and `FEW` under the tolerated ones.
+    """
     found = _of_one_kind([k for k in looks if not k.tolerated], TRIED)
     if held := [k for k in looks if k.tolerated]:
-        found += _of_one_kind(held, TRIED_HELD)
+        found += _of_one_kind(held, FEW)
     first: dict[str, Promise] = {}
     for promise in found:
         first.setdefault(promise.score.candidate, promise)

@@ -17,12 +17,12 @@ from granite_lab.inference.gap import remaining
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 
-ORDERS = np.arange(1, 61)
-"""Orders that are looked at: treads of measured wheels have 14 to 30 lugs (`docs/validation.md`); at twice as
-many the slowest speed of Table 2 is still resolved."""
+LUGS = (6, 30)
+"""Least and largest number of lugs: lower orders are those of run-out and of what is not round, and treads of
+measured wheels have 14 to 30 (`docs/validation.md`)."""
 
-LUGS_FROM = 6
-"""Least number of lugs: lower orders are those of run-out and of what is not round."""
+ORDERS = np.arange(1, 2 * LUGS[1] + 1)
+"""Orders that are looked at: at twice the most lugs the slowest speed of Table 2 is still resolved."""
 
 SHOWN_BY = ("accel_x", "accel_z", "pitch_rate")
 """Channels that are not behind the inertia of wheel and motor."""
@@ -92,7 +92,7 @@ def standing_out(table: Array, filed: float) -> float:
         filed: number of lugs in the robot's file.
     """
     whole = table.sum(axis=1) - (table.max(axis=1) if table.shape[1] > 1 else 0.0)
-    possible = np.where(ORDERS >= LUGS_FROM, whole, -np.inf)
+    possible = np.where(LUGS[0] <= ORDERS, whole, -np.inf)
     way, best = np.unravel_index(int(np.argmax(possible)), whole.shape)
     at_file = max(float(whole[:, round(filed) == ORDERS].max(initial=0.0)), 0.0)
     worth = WORTH + math.log(whole.size)

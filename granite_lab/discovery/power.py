@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from statistics import NormalDist
 
 import numpy as np
+from scipy.optimize import brentq
 
 from granite_lab.discovery.candidates import Probe, Screen, others_of
 from granite_lab.discovery.finding import Confusion, Detectable
-from granite_lab.inference.constants import CREDIBLE, SAME, WORTH
+from granite_lab.inference.constants import CREDIBLE, DRAWS, NOTHING, SAME, TINY, WORTH
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import posterior
 from granite_lab.inference.problem import Problem
@@ -17,14 +19,15 @@ from granite_lab.inference.scales import learnt_priors
 from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 
-POWER = 0.8416
-"""Standard normal number for a power of 80 %."""
+POWER = NormalDist().inv_cdf(0.8)
+"""Standard normal number for a power of 80 %; convention."""
 
-GROWTH, GROWN = 1.2, 16
-"""Step between the amplitudes that are tried, as a factor, and how many: up to fifteen times the first."""
+GROWTH = 1.2
+"""Step between the amplitudes that are tried, as a factor: to that accuracy a detectable size is told;
+convention."""
 
-FACTOR, DRAWS = 2.0, 200
-"""Size of the candidates in the confusion table, over the smallest detectable, and sets a row."""
+FACTOR = 2.0
+"""Size of the candidates in the confusion table, over the smallest detectable; convention."""
 
 
 def detectable(
@@ -85,9 +88,15 @@ def detectable(
 
 def _row(probe: Probe, noise: float, matter: float, close: tuple[str, ...]) -> Detectable:
     p, size = probe.parameter, max(noise, matter) * abs(probe.size)
-    reachable = size <= max(p.high - p.neutral, p.neutral - p.low)
+    reachable = max(noise, matter) <= _reach(probe)
     limit = "noise" if noise >= matter else "tolerance"
     return Detectable(probe.candidate, p.name, p.unit, size if reachable else float("nan"), limit, close)
+
+
+def _reach(probe: Probe) -> float:
+    """Return the largest amplitude within the bounds of a strength."""
+    p = probe.parameter
+    return max(p.high - p.neutral, p.neutral - p.low) / abs(probe.size)
 
 
 def _nearest(probes: Sequence[Probe], limits: Mapping[int, tuple[float, float]]) -> list[tuple[int, Probe]]:
@@ -134,7 +143,8 @@ def _by_growing(
     now, scales = screened.posterior, fit.scales
     occam = 0.5 * np.log1p(now.rest[column, column] * variance)
     grown, follow = now, now.follow[:, column]
-    for amplitude in least * GROWTH ** np.arange(GROWN):
+    amplitude, most = least, _reach(screened.probes[column])
+    while amplitude <= most:
         mean = at + grown.step + amplitude * follow
         priors = learnt_priors(problem, fit.point, mean, np.diag(grown.covariance))
         scales = replace(scales, priors=priors)
@@ -144,6 +154,7 @@ def _by_growing(
         gain = now.evidence - grown.evidence + 0.5 * amplitude**2 * power - occam
         if gain - POWER * amplitude * np.sqrt(max(power, 0.0)) >= needed:
             return float(amplitude)
+        amplitude *= GROWTH
     return float("inf")
 
 
@@ -157,20 +168,23 @@ def _by_noise_own(power: Array, at: Sequence[int], needed: float) -> float:
     """
     share = np.zeros(power.shape[1])
     share[list(at)] = 1 / len(at)
-    for amplitude in np.geomspace(1e-4, 1e2, 601):
+
+    def beyond(logarithm: float) -> float:
+        amplitude = float(np.exp(logarithm))
         signal = power * (amplitude**2 * share)
         prior = power * (amplitude**2 * share.mean())
         taken = prior / (1 + prior)
         gain = 0.5 * float(np.sum((1 + signal) * taken - np.log1p(prior)))
         spread = float(np.sqrt(np.sum(taken**2 * (0.5 + signal))))
-        if gain - POWER * spread >= needed:
-            return float(amplitude)
-    return float("inf")
+        return gain - POWER * spread - needed
+
+    low, high = float(np.log(NOTHING)), -float(np.log(NOTHING))
+    return float(np.exp(brentq(beyond, low, high))) if beyond(low) < 0 < beyond(high) else float("inf")
 
 
 def _cosines(gram: Array, places: Sequence[int]) -> Array:
     G = gram[np.ix_(places, places)]
-    norm = np.sqrt(np.fmax(np.diag(G), 1e-300))
+    norm = np.sqrt(np.fmax(np.diag(G), TINY))
     return np.asarray(G / np.outer(norm, norm))
 
 
@@ -212,7 +226,7 @@ def _confusion(
     place = [next(n for n, (_, p) in enumerate(probes) if p.candidate == id_) for id_ in ids]
     at = [probes[n][0] for n in place]
     G = gram[np.ix_(at, at)]
-    power = np.fmax(np.diag(G), 1e-300)
+    power = np.fmax(np.diag(G), TINY)
     variance = np.array([(width_of(probes[n][1].parameter) / probes[n][1].size) ** 2 for n in place])
     values, vectors = np.linalg.eigh(G)
     root = vectors * np.sqrt(np.fmax(values, 0.0))

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granite_lab.inference.bench import SIGNALS, Task
+from granite_lab.inference.constants import LINEAR, MEMORY, REACH
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.point import Further, stacked
 from granite_lab.inference.problem import Problem
@@ -16,14 +17,14 @@ from granite_lab.model.command import duration
 from granite_lab.model.latent import PERIOD, PUSHES, SPACING, WIDTH, LatentForce
 from granite_lab.parameters import GRAVITY, Robot
 
-SIZE = 0.03
+SIZE = LINEAR
 """Size of the pushes that are simulated, as a share of the robot's weight: the model is linear there."""
 
-LARGEST = 5e7
-"""Most numbers in all responses, a fifth of the memory that a search may take. Courses of minutes, with one
+LARGEST = MEMORY / np.dtype(float).itemsize
+"""Most numbers in all responses. Courses of minutes, with one
 push each 0.15 s, would need more; nothing is pushed there."""
 
-BEFORE = 3 * WIDTH
+BEFORE = REACH * WIDTH
 """Time from which on a push is felt before its centre [s]."""
 
 Places = npt.NDArray[np.int64]

@@ -22,18 +22,12 @@ import numpy as np
 
 from granite_lab.discovery.heldout import FEWEST_SPEEDS, Predicted, units
 from granite_lab.discovery.search import Model, Search
-from granite_lab.inference.constants import EFFECT_ODDS
+from granite_lab.inference.constants import DRAWS, EFFECT_ODDS, TINY, TRIED
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 
-DRAWS = 4000
-"""Draws of the sums; they determine a probability of 0.9 to 0.005."""
-
 SUREST = 1 - 0.5 / DRAWS
 """The largest probability that is stated: so many draws show no larger one."""
-
-RIVALS = 3
-"""Sets without an effect that compete with the best set: as many candidates are fitted of a screen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +73,7 @@ def compete(
     if known.sum() < FEWEST_SPEEDS:
         return by_evidence(search)
     odds = np.array([m.log_posterior - m.fit.evidence for m in models])
-    densities = -0.5 * (losses - squares + free * np.log(np.fmax(squares, 1e-300)))
+    densities = -0.5 * (losses - squares + free * np.log(np.fmax(squares, TINY)))
     return Competition(models, winners(densities[:, known], odds))
 
 
@@ -93,7 +87,7 @@ def competitors(search: Search) -> tuple[Model, ...]:
     for id_ in best.effects:
         lacking = [m for m in search.models if id_ not in m.effects]
         rest = [m for m in lacking if set(m.effects) == set(best.effects) - {id_}]
-        found += [*rest, *lacking[:RIVALS]]
+        found += [*rest, *lacking[:TRIED]]
     found += [m for m in search.models if not m.effects]
     return tuple({m.effects: m for m in found}.values())
 

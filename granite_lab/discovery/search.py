@@ -10,10 +10,10 @@ import numpy as np
 from granite_lab.discovery.candidates import Score
 from granite_lab.discovery.carrying import carried, filed, worse
 from granite_lab.discovery.heldout import predict, predicts_better
-from granite_lab.discovery.leaders import TRIED, Look, Promise, leaders, origins, screened
+from granite_lab.discovery.leaders import Look, Promise, leaders, origins, screened
 from granite_lab.discovery.relevance import good, made, needed, shows, strained, unexplained
 from granite_lab.discovery.sets import attempts, fit_sets, set_of
-from granite_lab.inference.constants import EFFECT_ODDS, LEFT, TOLERANCE, WORTH
+from granite_lab.inference.constants import EFFECT_ODDS, FEW, LEFT, NOTHING, RIVAL, TOLERANCE, TRIED, WORTH
 from granite_lab.inference.fit import LEAST, ROUNDS, Fit, under
 from granite_lab.inference.gap import moved
 from granite_lab.inference.point import Point
@@ -23,18 +23,15 @@ from granite_lab.inference.scales import FORMULAS
 MOST = 6
 """Effects in a set at most."""
 
-REVISED = 2
+REVISED = FEW
 """Effects that are taken out of a set to be revised, each in turn."""
 
 FINE = 12
 """Most steps of a fit that begins where another one ended: a fine one at a rough one's end, or one of the
-best set with an effect exchanged."""
+best set with an effect exchanged; convention."""
 
-UNLIKELY = 1e-3
+UNLIKELY = NOTHING
 """Odds below which a set changes no probability that is told in percent."""
-
-FEW, ALL = 2, 99
-"""Sizes of a strength that are probed, the smallest first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +231,7 @@ class _Steps:
         if model.effects not in self.looks:
             self.tell(f"screening candidates beside {_words(model.effects)}", self.named)
             others = [c for c in self.candidates if c not in model.effects]
-            sizes = FEW if model.effects else ALL
+            sizes = FEW if model.effects else None  # of a strength, the smallest first
             begins = [model.fit] if model.effects else origins(self.problem, model.fit)
             scales = model.fit.scales
             wide = scales.largest > self.tolerance or scales.loud or strained(self.problem, model.fit)
@@ -311,7 +308,7 @@ class _Steps:
     def exchange(self, best: Model, taken: Sequence[_Extension]) -> None:
         """Fit the best set with each of its effects exchanged for rivals that were tried in its place.
 
-        A rival must have gained `LEFT` of what the effect did: the sets beside which they stood differ.
+        A rival must have gained `RIVAL` of what the effect did: the sets beside which they stood differ.
 
         Args:
             best: the set.
@@ -324,7 +321,7 @@ class _Steps:
             (id_,) = set(after.effects) - set(before.effects)
             without = self.problem.without_effect(best.fit.point, id_)
             points.append(_where_alone(self.problem, without, self.models))
-            least = before.log_posterior + LEFT * (after.log_posterior - before.log_posterior)
+            least = before.log_posterior + RIVAL * (after.log_posterior - before.log_posterior)
             for score in (s for s in step.tried if s.candidate not in best.effects):
                 own = self.models.get(tuple(sorted((*before.effects, score.candidate))))
                 if own and own.log_posterior > least:

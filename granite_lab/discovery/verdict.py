@@ -13,7 +13,16 @@ from granite_lab.discovery.relevance import good, made, matters, needed, shows
 from granite_lab.discovery.resampling import Competition, by_evidence, compete, nothing_missing
 from granite_lab.discovery.search import Model, Search
 from granite_lab.estimate import Estimate
-from granite_lab.inference.constants import CERTAIN, CREDIBLE, LEAST_SHARE, LEFT
+from granite_lab.inference.constants import (
+    CERTAIN,
+    CREDIBLE,
+    LEAST_SHARE,
+    LEFT,
+    NOTHING,
+    RELEVANT,
+    STANDS_IN,
+    TRIED,
+)
 from granite_lab.inference.fit import Fit, under
 from granite_lab.inference.gap import moved, scatter
 from granite_lab.inference.normal import Scales
@@ -22,13 +31,14 @@ from granite_lab.inference.scales import FORMULAS
 from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 
-LARGEST_SET = 3
-"""Most effects that cannot be told apart in an answer that still is one."""
+LARGEST_SET = TRIED
+"""Most effects that cannot be told apart in an answer that still is one: no more rivals of a screen are
+fitted."""
 
 OPEN = Estimate(float("nan"))
 """A share that is not known."""
 
-AT_BOUND = 1e-3
+AT_BOUND = NOTHING
 """Share of a parameter's range within which it counts as being at its bound."""
 
 
@@ -71,7 +81,7 @@ class Named:
         """Tell whether it closes enough to be named.
 
         Trials left out must show it, and it must do more than the errors of the formulas beside it may do.
-        Without it the gap must be larger by `LEFT`, as an rms of all channels; or in a channel of whose
+        Without it the gap must be larger by `RELEVANT`, as an rms of all channels; or in a channel of whose
         change it makes `LEAST_SHARE`, the others must leave more than the tolerance even if their formulas
         are off by as much as they may be. An effect that shows beyond the errors as learnt, see `shows`, and
         not beyond their limit must be certain by two standard deviations.
@@ -86,7 +96,7 @@ class Named:
         left = max(remainder, 0.0)
         closes = np.sqrt(max(left + self.closes.value, 0.0)) - np.sqrt(left)
         own = [c for c, share in self.made.items() if share >= LEAST_SHARE]
-        if closes >= LEFT or any(self.needed.get(c, 0.0) > tolerance for c in own):
+        if closes >= RELEVANT or any(self.needed.get(c, 0.0) > tolerance for c in own):
             return True
         return self.probability >= CERTAIN and shows(self.made, scales)
 
@@ -101,13 +111,13 @@ class Named:
     def is_sure_beside(self, unexplained: float, scales: Scales) -> bool:
         """Tell whether it may be named though more is missing, for which it could stand in.
 
-        Of what it closes and of what is left unexplained together, less than `LEFT` must be left: what stands
-        in for another cause leaves more. Speeds left out must show it. Its numbers must be as expected; so
-        must the error of its formula in the channel that it changes most.
+        Of what it closes and of what is left unexplained together, less than `STANDS_IN` must be left: what
+        stands in for another cause leaves more. Speeds left out must show it. Its numbers must be as
+        expected; so must the error of its formula in the channel that it changes most.
         """
         speeds = self.speeds.value >= 2 * self.speeds.std
         most = max(self.changes, key=lambda c: self.changes[c], default="")
-        more = unexplained < LEFT * (self.closes.value + unexplained)
+        more = unexplained < STANDS_IN * (self.closes.value + unexplained)
         usual = not self.strained and scales.formula_of(most) < FORMULAS[1]
         return self.is_sure() and more and speeds and usual
 
@@ -179,9 +189,9 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
 
     * ``none`` where the model alone leaves no discrepancy beyond the tolerance, the trials differing as the
       likeliest model says, and that model changes no channel by more than the tolerance.
-    * Effects of the likeliest set are named that trials left out show, and that close at least `LEFT` of the
-      gap or show in a channel, see `Named.matters`, by more than the tolerance. Alone,
-      or with at most two others that cannot be told from them, they must have a probability of `CREDIBLE`.
+    * Effects of the likeliest set are named that trials left out show, and that close at least `RELEVANT` of
+      the gap or show in a channel, see `Named.matters`, by more than the tolerance. Alone, or with at most
+      two others that cannot be told from them, they must have a probability of `CREDIBLE`.
       Where the likeliest set leaves more than noise and the tolerance in a channel, each must close more than
       the set leaves: what is missing could otherwise be all that speaks for it. Where more is missing, see
       `Named.is_sure_beside`.
@@ -346,7 +356,7 @@ def _named(
         likely = probability < CREDIBLE and share >= LEAST_SHARE * doubt
         if not likely and remainder > 0:
             left = 1 - closed(whole.base, held_out.of((model,))[0].unseen, whole.gap).value
-            likely = left < 4 * remainder and left - remainder < LEFT * closes.value
+            likely = left < 2**2 * remainder and left - remainder < STANDS_IN * closes.value
         if likely:
             twins.append(rival)
             probability += share

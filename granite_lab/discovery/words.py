@@ -15,7 +15,8 @@ from granite_lab.parameters import is_driven
 from granite_lab.rounding import chance
 
 LIKELY = 0.5
-"""Probability from which on an effect that is not sure is called likely: it then acts rather than not."""
+"""Probability from which on an effect that is not sure is called likely: it acts rather than not.
+Convention."""
 
 
 def provisional(problem: Problem) -> tuple[str, ...]:
@@ -80,7 +81,7 @@ def _shrinks(judgement: Judgement) -> str:
     predicted = np.isfinite(judgement.before.left_out).any()
     where = "On trials that were left out" if predicted else "No trial could be left out; in the fit itself"
     text = f"{where} {100 * (1 - left):.0f} % of the gap is closed"
-    return text + ("." if left < 0.1 else f"; {100 * left:.0f} % is not explained.")
+    return text + ("." if left < LEAST_SHARE else f"; {100 * left:.0f} % is not explained.")
 
 
 def _name(effect: FoundEffect) -> str:

@@ -12,6 +12,7 @@ from typing import ClassVar, Self, TypeVar
 import numpy as np
 
 from granite_lab.errors import EstimateError, InputError
+from granite_lab.inference.constants import CLOSE, MEMORY, RAKING
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active, Effect, activate
 from granite_lab.model.instants import Accuracy
@@ -38,7 +39,7 @@ SIMULATED = (*SAND, *LEADS)
 """Numbers of a simulation that all trials share: the sand, and how a command of which nobody states start or
 the course leads the wheels [s]."""
 
-RAKED = 3
+RAKED = len(RAKING)
 """The first of `SAND` change with the raking from trial to trial."""
 
 ACCURACY = Accuracy(relative=1e-5, absolute=2e-8, travel=0.0018, lean=True, order=3)
@@ -46,8 +47,9 @@ ACCURACY = Accuracy(relative=1e-5, absolute=2e-8, travel=0.0018, lean=True, orde
 five times the errors the differences of neighbouring runs, which are derivatives, were too rough for a fit
 to end twice at the same numbers."""
 
-KEPT = 4e7
-"""Bytes of the responses that are remembered, each of about 200 kB for a command of Table 2."""
+KEPT = CLOSE * MEMORY
+"""Bytes of the responses that are remembered, little beside other tables; each is of about 200 kB for a
+command of Table 2."""
 
 Values = tuple[float, ...]
 Setting = tuple[tuple[str, Values], ...]

@@ -135,11 +135,9 @@ class InTheRut(MultiPass):
 
     def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
         """Stiffen the soil under every wheel."""
-        return super().soil(soil, dataclasses.replace(state, front=False, travel=FAR), own)
+        behind = 2 * own.model.chassis.wheel_base  # of travel: no wheel is at the edge of the rut
+        return super().soil(soil, dataclasses.replace(state, front=False, travel=behind), own)
 
-
-FAR = 1e3
-"""Travel at which a wheel is in the rut of another one [m]."""
 
 STAGING: dict[str, Effect] = {e.id: e for e in (OnABlock(), InTheRut())}
 """Effects that stand for conditions."""

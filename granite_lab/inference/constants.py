@@ -6,20 +6,34 @@ Everything else is measured, learnt or taken from a file. Two standard deviation
 from __future__ import annotations
 
 import math
+import sys
 from statistics import NormalDist
+
+TINY = sys.float_info.min
+"""Keeps a division by zero finite."""
+
+NOTHING = 1e-3
+"""Share below which a size counts as none, as a thousandth of a range; convention."""
+
+CLOSE = 0.1
+"""Share of a std, or of what a prior leaves open, that makes no difference: an error of that size beside one
+of a whole std widens it by half a percent."""
+
+REACH = 3.0
+"""Standard deviations within which a normal number lies in all practice (99.7 %); convention."""
+
+UPDATES = 8
+"""Most steps of what is learnt beside the numbers of a fit, each time it is learnt; convention."""
+
+TRIED, FEW = 3, 2
+"""How many rivals are tried where each may be the best one, and where a second is enough. Convention; the
+ranking of first order that chooses them is off by one or two places."""
 
 TOLERANCE = 0.02
 """Discrepancy that does not matter, as a share of a channel's rms in motion; the option `--tolerance`.
 
 Repeated single-wheel runs on prepared sand agree within 2 to 5 % of drawbar pull and torque (the runs of
 the K10-mini wheel at CMU: 2 % median), so that a smaller gap cannot be assigned to the model."""
-
-LEAST_SHARE = 0.1
-"""Share of the gap that an effect must close to be named; one that closes less is listed as small."""
-
-OUTLIER = 1 / LEAST_SHARE
-"""Factor by which the residuals of a trial, or its own numbers, exceed those of the median trial where
-nothing fits it (another command, a wheel off the ground, another robot): the median is then a small share."""
 
 LATENCY_LIMIT = 0.02
 """Largest delay between the stamps of two sensors that passes for latency [s]; the option `--latency`.
@@ -41,59 +55,100 @@ LEAD_STD = (0.05, 0.2)
 Motor controllers of mobile robots close loops on the speed at 2 to 10 Hz: wheels follow 16 to 80 ms late.
 Loops on the angle have gains of 3 to 20 per second: it follows 50 to 300 ms late."""
 
-LOW_PASS_STD = 1 / (2 * math.pi * 10) ** 2
-"""Std of the variance of the impulse response of the IMU's low-pass [s^2]: that of a first order at 10 Hz.
-Loggers set 10 to 50 Hz; a second order, or a mean over samples, of the same variance shows the same."""
+LOW_PASS = 10.0
+"""Lowest cut-off of an IMU's own low-pass [Hz]; loggers set 10 to 50 Hz."""
+
+LOW_PASS_STD = 1 / (2 * math.pi * LOW_PASS) ** 2
+"""Std of the variance of the impulse response of the IMU's low-pass [s^2]: that of a first order at
+`LOW_PASS`; a second order, or a mean over samples, of the same variance shows the same."""
 
 SMOOTH = (0.1, 0.5)
 """Time over which the discrepancy of the model is smooth [s]: the pitch and slip transients of the robot last
 0.1 s, its way to steady slip 0.35 s."""
 
+BIN = 0.02
+"""Width of a bin [s], where the sensors are fast enough: a fifth of the fastest of them."""
+
+LINEAR = 0.03
+"""Relative change within which the model is linear, and large beside the integrator's errors; measured."""
+
 REST_SPEED = 0.03
 """Speed below which the model's laws are not defined [m/s]: (1) is 0/0 at rest, (11) is made for shear that
 goes on; continuations of both differ below 2 to 3 cm/s."""
-
-REST_SHARE = 0.3
-"""Std of the discrepancy near rest, as a share of a channel's rms in motion: of the signal's order."""
 
 FORMULA_ERROR = (0.1, 0.3)
 """Median and largest error of an effect's formula, as a share of its own trace: semi-empirical terramechanics
 predicts forces within 10 to 30 % where its parameters are known (Ding et al. 2011; Wong 2008)."""
 
-LEFT = FORMULA_ERROR[1]
-"""Share that the errors of all formulas of a set may leave of what its effects explain, as an rms. What
-leaves more, or promises more, is another effect."""
+LEAST_SHARE = FORMULA_ERROR[0]
+"""Share of the gap that an effect must close to be named. One that closes less than formulas are usually off
+by is listed as small."""
 
-LOUD = 1 + LEFT
+OUTLIER = 1 / LEAST_SHARE
+"""Factor by which the residuals of a trial, or its own numbers, exceed those of the median trial where
+nothing fits it (another command, a wheel off the ground, another robot): the median is then a small share."""
+
+REST_SHARE = FORMULA_ERROR[1]
+"""Std of the discrepancy near rest, as a share of a channel's rms in motion: there a law of the model is no
+better than the roughest formula."""
+
+LEFT = FORMULA_ERROR[1]
+"""Share that the errors of all formulas of a set may leave of what its effects explain, as an rms."""
+
+RELEVANT = FORMULA_ERROR[1]
+"""Share by which the gap must grow without an effect, as an rms, for it to be named beside the others: errors
+of their formulas make no more."""
+
+STANDS_IN = FORMULA_ERROR[1]
+"""Share of what a cause closes that an effect must leave to pass for one that only stands in for it."""
+
+RIVAL = FORMULA_ERROR[1]
+"""Share of the best candidate's gain that a rival must promise to be fitted. Gains are linear about another
+fit; full fits have changed the order of candidates by factors of up to two."""
+
+LOUD = 1 + FORMULA_ERROR[1]
 """Factor of the noise from which on a fit is bad: what it leaves is not smooth, and no noise."""
 
-SAME = math.sqrt(1 - LEFT**2)
+SAME = math.sqrt(1 - FORMULA_ERROR[1] ** 2)
 """Cosine above which two signatures count as one: they differ by no more than an error of their formulas."""
 
 SPREAD = 1.0
-"""Std of the logarithm of a scale about the value at which its search begins: a factor of 2.7 either way."""
+"""Std of the logarithm of a scale about the value at which its search begins: a factor of 2.7 either way;
+convention."""
 
 PSEUDO_TRIALS = 4.0
-"""Weight of a scale's first value, counted in trials."""
+"""Weight of a scale's first value, counted in trials; convention: those of Table 2, once each."""
 
-SAND_STD = (0.20, 0.20, 0.20, 0.20, 0.12, 0.12, 0.20)
+_MODULUS, _ANGLE = 0.20, 0.12
+SAND_STD = (_MODULUS, _MODULUS, _MODULUS, _MODULUS, _ANGLE, _ANGLE, _MODULUS)
 """Std of the logarithm of a_θ, k_φ, c, K, φ, n and μ_s about the soil's file. Dry sands of the literature
 differ by 10 to 20 % in moduli and by 2 to 4° in the angle of friction (Wong 2008, table 2.3)."""
 
-RAKING = (0.05, 0.08, 0.08)
+_LEAST_RAKED, _RAKED = 0.05, 0.08
+RAKING = (_LEAST_RAKED, _RAKED, _RAKED)
 """First value of the std of the logarithm of a_θ, k_φ and c from one raking to the next: cone indices of
 prepared sand scatter by 5 to 10 %."""
 
+_BY_HAND, _WHEEL = 0.01, 0.002
 SENSOR_STD = {
-    "tilt": 0.01,
+    "tilt": _BY_HAND,
     "accel_x gain": 0.005,
-    "wheel gain": 0.002,
+    "wheel offset": 0.02,
+    "wheel gain": _WHEEL,
     "wheel_split gain": 0.003,
-    "start": 0.02,
-    "arm": 0.01,
+    "start": BIN,
+    "arm": _BY_HAND,
 }
 """First value of the std of what a data sheet or a file leaves open: mounting tilt [rad], gain of the
-accelerometer [-], wheel radius [-], start of the command [s], place of the IMU [m]."""
+accelerometer [-], angle of the wheels at rest [rad], their radius [-] and its difference between the axles
+[-], start of the command [s], place of the IMU [m]. By hand a sensor is mounted to a centimetre, and as
+straight over a metre."""
+
+MEMORY = 4e8
+"""Bytes that one table may take: a fifth of the 2 GB that a search may."""
+
+DRAWS = 4000
+"""Random draws of a probability; they determine one of 0.9 to 0.005."""
 
 EFFECT_ODDS = 0.05
 """Prior odds of one more effect in the model: of some 20 candidates about one is expected."""
@@ -102,7 +157,8 @@ WORTH = -math.log(EFFECT_ODDS)
 """Gain of log likelihood that makes up for those odds: a candidate that promises less is not fitted."""
 
 CREDIBLE = 0.9
-"""Posterior probability that a name, or a set that cannot be told apart, must hold."""
+"""Posterior probability that a name, or a set that cannot be told apart, must hold;
+convention."""
 
 CERTAIN = 2 * NormalDist().cdf(2) - 1
 """The same of a name that explains no more than errors of other formulas at their limit could: as sure as

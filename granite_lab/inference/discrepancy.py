@@ -21,7 +21,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab.inference.constants import REST_SHARE, REST_SPEED, SMOOTH, TOLERANCE
+from granite_lab.inference.bench import SIGNALS
+from granite_lab.inference.constants import NOTHING, REST_SHARE, REST_SPEED, SMOOTH, TINY, TOLERANCE
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import distances_at
@@ -48,7 +49,7 @@ def variances(kind: npt.NDArray[np.int64], share: float, formula: float) -> Arra
     return np.asarray(np.array([share**2, REST_SHARE**2, formula**2])[kind])
 
 
-@lru_cache(maxsize=64)
+@lru_cache
 def bumps(n: int, width: float, spacing: float) -> Array:
     """Return (n, m) raised cosines that add up to one, a spacing apart.
 
@@ -63,7 +64,7 @@ def bumps(n: int, width: float, spacing: float) -> Array:
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * away))
 
 
-@lru_cache(maxsize=32)
+@lru_cache
 def smooth(n: int, width: float, times: tuple[float, ...] = SMOOTH) -> Array:
     """Return the (n, m) bumps of several widths; with unit variances their sum has about unit variance."""
     fine = [bumps(n, width, max(spacing, 2 * width)) for spacing in times]
@@ -81,7 +82,7 @@ def modulated(size: Array, kind: int, width: float) -> Basis:
     times = (float(np.sqrt(np.prod(SMOOTH))),) if kind == FORMULA else SMOOTH
     columns = smooth(size.size, width, times) * size[:, None]
     power = np.sqrt((columns**2).sum(axis=0))
-    columns = columns[:, power > 1e-3 * max(float(power.max()), 1e-300)]
+    columns = columns[:, power > NOTHING * max(float(power.max()), TINY)]
     return Basis(columns, np.full(columns.shape[1], kind))
 
 
@@ -105,8 +106,9 @@ def scale_of(
     """
     o = trial.observation
     radius = trial.radius
-    wheels = np.minimum(*(np.interp(o.t, trial.t, np.gradient(response[k], trial.t)) for k in (3, 4)))
-    body = np.interp(o.t, trial.t, response[7])
+    angles = [SIGNALS.index(name) for name in ("enc_f_rad", "enc_r_rad")]
+    wheels = np.minimum(*(np.interp(o.t, trial.t, np.gradient(response[k], trial.t)) for k in angles))
+    body = np.interp(o.t, trial.t, response[SIGNALS.index("v_mps")])
     if np.abs(body).max() < REST_SPEED:
         body = wheels * radius  # on a block: only the wheels can tell
     slowest = np.minimum(np.abs(wheels) * radius, np.abs(body))

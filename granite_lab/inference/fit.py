@@ -8,14 +8,12 @@ import numpy as np
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED, SAND
-from granite_lab.inference.constants import WORTH
+from granite_lab.inference.constants import CLOSE, NOTHING, REACH, UPDATES, WORTH
 from granite_lab.inference.normal import Normal, Posterior, Scales, least_within
 from granite_lab.inference.point import SHARED, Point, Slopes
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import (
-    CLOSE,
     FIRST,
-    UPDATES,
     change,
     discrepancy,
     learn,
@@ -25,12 +23,12 @@ from granite_lab.inference.scales import (
 )
 from granite_lab.logs.trial import Array
 
-LEAST, LEAST_OF_ROUGH = 0.002, 0.2
+LEAST, LEAST_OF_ROUGH = 2 * NOTHING, 2 * CLOSE
 """Drop of the objective below which no further step is taken: a thousandth of a log likelihood, so that no
 number is further from the optimum than 0.045 of its std. Of a rough fit, which serves to learn the noise or
 to rank sets of effects, a tenth."""
 
-NO_FURTHER = 0.1**2
+NO_FURTHER = CLOSE**2
 """The same where steps with new derivatives no longer lower the objective, for the integrator's errors are as
 large: no number is then further from the optimum than a tenth of its std."""
 
@@ -41,7 +39,11 @@ NO_RANK = 2 * WORTH
 """Drop of the objective with new derivatives below which a rough fit ends: less than what a further effect
 must bring changes no rank of sets."""
 
-TRUSTED, TRUSTED_ROUGH = 0.1, 0.4
+HALF = 0.5
+"""Drop over the promised one above which a fine fit doubles the share of a step of Gauss and Newton that it
+tries; convention."""
+
+TRUSTED, TRUSTED_ROUGH = CLOSE, 0.4
 """How far from one the drop over the promised one may be for the derivatives to be kept, far from the
 optimum; of a rough fit."""
 
@@ -49,11 +51,11 @@ NEAR = 1.0
 """Promised drop below which a step of Gauss and Newton is taken although the objective does not fall: within
 a std it tells of kinks of the model and of derivatives at the centre of a command, not of the optimum."""
 
-AS_GOOD, AS_GOOD_ROUGH = 0.1, 1.0
+AS_GOOD, AS_GOOD_ROUGH = CLOSE, NEAR
 """How far a fit may move, in std of the numbers, with derivatives that count as those of the point; a rough
 one."""
 
-LEAST_OF_LOUD = 0.01
+LEAST_OF_LOUD = CLOSE**2
 """Promised drop, as a share of the objective, below which a fit ends where the noise is louder than
 repetitions show: the model is wrong, its kinks are sharper than the noise, and half a percent of its rms does
 not change that. Such a fit has not converged."""
@@ -61,17 +63,17 @@ not change that. Such a fit has not converged."""
 STRENGTH = ("cohesion", "friction_angle")
 """Numbers of the sand that say nothing where another limit of the shear stress rules in (10)."""
 
-WITHIN = 3.0**2
+WITHIN = REACH**2
 """Promised drop below which a fine fit shortens a step in place of damping it: three std."""
 
-LEAST_PACE, HALF = 1 / 8, 0.5
-"""Least share of a step of Gauss and Newton that a fine fit tries; drop over the promised one above which it
-doubles the share. Damping would keep numbers of little influence where they are."""
+LEAST_PACE = CLOSE
+"""Least share of a step of Gauss and Newton that a fine fit tries. Damping would keep numbers of little
+influence where they are."""
 
-LEAST_DAMPED = 0.01
+LEAST_DAMPED = CLOSE**2
 """Damping below which there is none."""
 
-MOST_DAMPED = 1e3
+MOST_DAMPED = 1 / NOTHING
 """Damping at which a fit ends: steps are then a thousandth of those of Gauss and Newton."""
 
 SETTLED = 0.02
@@ -79,7 +81,7 @@ SETTLED = 0.02
 hardly move."""
 
 ROUNDS = 40
-"""Most steps of a fit."""
+"""Most steps of a fit; convention."""
 
 
 @dataclass(frozen=True, eq=False)

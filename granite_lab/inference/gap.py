@@ -9,14 +9,11 @@ from scipy.signal import periodogram
 
 from granite_lab.inference.discrepancy import FORMULA, MOTION
 from granite_lab.inference.fit import Fit, under
-from granite_lab.inference.noise import ABOVE, CUT, errors
+from granite_lab.inference.noise import ABOVE, CUT, LEAST, errors
 from granite_lab.inference.normal import ChannelPart, Scales, posterior
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FORMULAS, SHARES
 from granite_lab.logs.trial import Array
-
-LEAST_BINS = 8
-"""Number of bins above which a spectrum is computed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +163,7 @@ def _powers(rows: Array, width: float, low: float, high: float) -> Array:
     """Return the power densities of (k, n) rows between two frequencies; none where they are too short."""
     found = [np.zeros(0)]
     for row in (r[np.isfinite(r)] for r in rows):
-        if row.size > LEAST_BINS:
+        if row.size >= LEAST:
             f, power = periodogram(row, 1 / width, "hann")
             found.append(power[(f > 0) & (f >= low) & (f < high)])
     return np.concatenate(found)

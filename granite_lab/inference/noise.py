@@ -9,6 +9,7 @@ residuals into independent numbers of unit variance.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,33 +21,41 @@ from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dtrtri
 from scipy.optimize import nnls
 
+from granite_lab.inference.constants import BIN, LOW_PASS, SMOOTH
 from granite_lab.logs.trial import Array
+
+EACH = 12
+"""Bins for each coefficient of an autoregression; a rule of thumb asks for ten or more."""
 
 ORDER = 16
 """Order of the autoregression that smooths a spectrum; frame and lugs vibrate in narrow peaks."""
 
 REST_ORDER = 2
+"""The same of a sensor at standstill: a low-pass of second order."""
 
 LEAST = 9
 """Bins of which a spectrum can be told: several of each coefficient of `REST_ORDER`."""
 
-FAST = 0.8
+_NEARLY = 0.8
+"""Share of a largest value that counts as near it; convention."""
+
+FAST = _NEARLY
 """Share of the full speed from which a bin tells of the vibration."""
 
 CUT = 4.0
 """Below this frequency [Hz] a residual without repetitions may be a missing effect, not noise."""
 
-TOP = 0.8
+TOP = _NEARLY
 """Largest share of the Nyquist frequency at which the band above the cut may begin."""
 
-ABOVE = 2.5
-"""The band above `CUT` that tells how loud noise and vibration are ends at this multiple of it."""
-
+ABOVE = LOW_PASS / CUT
+"""The band above `CUT` that tells how loud noise and vibration are ends at this multiple of it, where an
+IMU's low-pass may begin."""
 
 WHOLE = 20.0
 """Longest trial that is treated as a whole [s]: the slowest command of Table 2 takes less."""
 
-STRETCH = 4.0
+STRETCH = 8 * SMOOTH[1]
 """Length of a stretch of a longer one [s], eight times the widest bump of the discrepancy: noise and
 discrepancy on both sides of a cut are taken to be independent."""
 
@@ -231,7 +240,8 @@ def learn(
     return [found[mask.tobytes()] for mask in known]
 
 
-_GRID = 1024
+_GRID = 2 ** math.ceil(math.log2(WHOLE / BIN))
+"""Frequencies of a spectrum: those of the bins of `WHOLE`, rounded up to a power of two."""
 
 
 def _spectrum(error: Sequence[Array], order: int, floor: float, width: float, cut: float) -> Array:
@@ -249,7 +259,7 @@ def _spectrum(error: Sequence[Array], order: int, floor: float, width: float, cu
     if cut:
         cut = min(cut, TOP * 0.5 / width)  # wide bins, of slow sensors, may hold no frequency above the cut
         raw[f < cut] = np.mean(raw[(f >= cut) & (f < ABOVE * cut)])
-    order = min(order, sum(row.size for row in rows) // 12)
+    order = min(order, sum(row.size for row in rows) // EACH)
     r = np.fft.irfft(raw)[: order + 1]
     r[0] += floor**2
     a = solve_toeplitz(r[:-1], r[1:]) if order else np.zeros(0)
@@ -277,17 +287,17 @@ def _jitter(error: Array, explained: Array, slope: Array) -> Array:
     return np.asarray(steep * share[1])
 
 
-NOMINAL = {
-    "accel_x": 0.05, "accel_z": 0.07, "pitch_rate": 0.003,
-    "wheel": 1e-3, "wheel_split": 3e-4, "current_f": 0.05, "current_r": 0.05,
-    "current_side": 0.05,
-}  # fmt: skip
-"""Std of a bin with which the first fit weights the channels [unit of the channel]."""
-
+_LINEAR, _TURNING, _AMPERES = 2e-3, 1e-4, 5e-3
 FLOOR = {
-    "accel_x": 2e-3, "accel_z": 2e-3, "pitch_rate": 1e-4,
-    "wheel": 1e-4, "wheel_split": 1e-4, "current_f": 5e-3, "current_r": 5e-3,
-    "current_side": 5e-3,
+    "accel_x": _LINEAR, "accel_z": _LINEAR, "pitch_rate": _TURNING,
+    "wheel": _TURNING, "wheel_split": _TURNING,
+    "current_f": _AMPERES, "current_r": _AMPERES, "current_side": _AMPERES,
 }  # fmt: skip
 """Std below which no agreement is believed, however quiet the sensor: a wheel angle of 1e-4 rad is
 10 µm on the circumference. It enters as white noise beside what the sensor shows."""
+
+NOMINAL = {
+    "accel_x": 0.05, "accel_z": 0.07, "pitch_rate": 0.003, "wheel": 1e-3, "wheel_split": 3e-4,
+} | dict.fromkeys(("current_f", "current_r", "current_side"), 0.05)  # fmt: skip
+"""Std of a bin with which the first fit weights the channels [unit of the channel]: on a robot that drives
+each is 3 to 35 times louder than `FLOOR`. The fits that follow learn the noise."""

@@ -12,7 +12,7 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 from scipy.optimize import lsq_linear
 
-from granite_lab.inference.constants import LOUD
+from granite_lab.inference.constants import LOUD, TINY
 from granite_lab.inference.discrepancy import variances
 from granite_lab.logs.trial import Array
 
@@ -271,7 +271,7 @@ def least_within(N: Array, right: Array, low: Array, high: Array, damping: float
     Raises:
         numpy.linalg.LinAlgError: N leaves a direction open.
     """
-    scale = 1 / np.sqrt(np.fmax(np.diag(N), 1e-300))
+    scale = 1 / np.sqrt(np.fmax(np.diag(N), TINY))
     factor = cholesky(N * np.outer(scale, scale) + damping * np.eye(scale.size), lower=True)
     white = solve_triangular(factor, scale * right, lower=True)
     step = np.asarray(scale * solve_triangular(factor, white, lower=True, trans="T"))
@@ -327,7 +327,7 @@ def posterior(M: Array, logdet: float, precision: Array, pull: Array) -> Posteri
     N = M[:p, :p] + np.diag(precision)
     right = M[:p, p:].copy()
     right[:, -1] += precision * pull
-    scale = 1 / np.sqrt(np.fmax(np.diag(N), 1e-300))
+    scale = 1 / np.sqrt(np.fmax(np.diag(N), TINY))
     factor = cho_factor(N * np.outer(scale, scale) + JITTER * np.eye(p), lower=True, check_finite=False)
     solved = scale[:, None] * cho_solve(factor, scale[:, None] * right, check_finite=False)
     rest = M[p:, p:] - right.T @ solved

@@ -18,6 +18,7 @@ from granite_lab.inference.constants import (
     LATENCY_STD,
     LOW_PASS_STD,
     RAKING,
+    REACH,
     SENSOR_STD,
 )
 from granite_lab.inference.observation import Observation
@@ -222,7 +223,7 @@ def _slacks(observation: Observation, robot: Robot) -> tuple[Slack, ...]:
     """
     grade, currents = robot.imu_grade, robot.currents
     bias, rate_bias = (grade.accel_bias, grade.gyro_bias) if grade else (0.2, 0.01)
-    accel_z = 1.0 if observation.gravity_removed else 3 * bias + 0.05
+    accel_z = 1.0 if observation.gravity_removed else REACH * bias + 0.05
     table = {
         "accel_x": [
             Slack("tilt", SENSOR_STD["tilt"], "rad", True),
@@ -230,13 +231,13 @@ def _slacks(observation: Observation, robot: Robot) -> tuple[Slack, ...]:
             Slack("accel_x gain", SENSOR_STD["accel_x gain"], "", True),
         ],
         "accel_z": [Slack("accel_z offset", accel_z, "m/s^2")],
-        "pitch_rate": [Slack("pitch_rate offset", 3 * rate_bias, "rad/s")],
+        "pitch_rate": [Slack("pitch_rate offset", REACH * rate_bias, "rad/s")],
         "wheel": [
-            Slack("wheel offset", 0.02, "rad"),
+            Slack("wheel offset", SENSOR_STD["wheel offset"], "rad"),
             Slack("wheel gain", SENSOR_STD["wheel gain"], "", True),
         ],
         "wheel_split": [
-            Slack("wheel_split offset", 0.02, "rad"),
+            Slack("wheel_split offset", SENSOR_STD["wheel offset"], "rad"),
             Slack("wheel_split gain", SENSOR_STD["wheel_split gain"], "", True),
         ],
     } | {

@@ -19,16 +19,20 @@ from scipy.spatial.transform import Rotation
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import SIGNALS
 from granite_lab.inference.binning import CURRENTS, Binning, Stream, at_edges_or_between
+from granite_lab.inference.constants import BIN, REACH, SMOOTH
+from granite_lab.inference.noise import LEAST
 from granite_lab.logs.sensors.imu import mounted
+from granite_lab.logs.sensors.stamps import GAP_PERIODS
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import duration, phase_of
 from granite_lab.parameters import GRAVITY, Robot, Variant, is_driven
 
-BIN = 0.02
-"""Width of a bin [s], where the sensors are fast enough."""
+COVERED = 0.3
+"""Least share of the bins that sensors must cover; convention."""
 
-BEFORE, AFTER = 0.5, 1.5
-"""How much rest before the command and how much time after its end is compared [s]."""
+BEFORE, AFTER = SMOOTH[1], REACH * SMOOTH[1]
+"""How much rest before the command and how much time after its end is compared [s]: as long as transients
+last, and until they have faded."""
 
 UNITS = {
     "accel_x": "m/s^2",
@@ -141,7 +145,7 @@ def observe(
     streams = {name: _from_zero(s, edges[before]) if s.is_angle else s for name, s in streams.items()}
     values = {name: _masked(s, edges) for name, s in streams.items()}
     known = np.isfinite(np.concatenate(list(values.values()))).mean()
-    if known < 0.3:
+    if known < COVERED:
         raise EstimateError(
             f"trial '{trial.name}': its sensors cover {100 * known:.0f} % of the time of the command",
             "check the start of the command",
@@ -183,7 +187,7 @@ def _streams(trial: Trial, robot: Robot) -> dict[str, Stream]:
                 found[own] = replace(stream, window=interval)  # an IMU integrates from sample to sample
     offset = trial.info.clock_offset or 0.0
     if trial.wheels is not None:
-        found |= _axles("wheel", trial.wheels.t + offset, trial.wheels.angle, 3)
+        found |= _axles("wheel", trial.wheels.t + offset, trial.wheels.angle)
         if {"wheel_f", "wheel_r"} <= found.keys():
             front, rear = found.pop("wheel_f"), found.pop("wheel_r")
             if np.array_equal(front.t, rear.t):
@@ -196,7 +200,7 @@ def _streams(trial: Trial, robot: Robot) -> dict[str, Stream]:
             found["wheel"] = found.pop("wheel_f" if "wheel_f" in found else "wheel_r")
     if trial.currents is not None:
         stamps, table = trial.currents.t + offset, trial.currents.current
-        found |= _of_sides(stamps, table) if robot.motors == "side" else _axles("current", stamps, table, 5)
+        found |= _of_sides(stamps, table) if robot.motors == "side" else _axles("current", stamps, table)
     return found
 
 
@@ -205,16 +209,17 @@ def _of_sides(t: Array, table: Array) -> dict[str, Stream]:
 
     By (24) it is the sum of the currents that a motor for each of the two would draw.
     """
-    axles = _axles("current", t, table, 5)
+    axles = _axles("current", t, table)
     if len(axles) < 2:
         return {}
     front, rear = axles["current_f"], axles["current_r"]
     return {"current_side": replace(front, weights=front.weights + rear.weights)}
 
 
-def _axles(kind: str, t: Array, table: Array, first: int) -> dict[str, Stream]:
+def _axles(kind: str, t: Array, table: Array) -> dict[str, Stream]:
     """Return the means of the wheels of each axle that were logged."""
     found: dict[str, Stream] = {}
+    first = SIGNALS.index("enc_f_rad" if kind == "wheel" else "cur_f_A")
     for k, axle in enumerate("fr"):
         own = table[:, 2 * k : 2 * k + 2]
         own = own[:, np.isfinite(own).sum(axis=0) > 1]
@@ -227,7 +232,7 @@ def _axles(kind: str, t: Array, table: Array, first: int) -> dict[str, Stream]:
 def _stream(
     name: str, t: Array, values: Array, fine: Mask, signal: int, *, is_angle: bool
 ) -> dict[str, Stream]:
-    if fine.sum() < 20:
+    if fine.sum() < LEAST:
         return {}
     return {name: Stream(t[fine], np.asarray(values[fine]), np.eye(len(SIGNALS))[signal], is_angle)}
 
@@ -236,7 +241,7 @@ def _masked(stream: Stream, edges: Array) -> Array:
     """Return the binned measurement, NaN where the stamps leave a gap of more than three periods."""
     values: Array = at_edges_or_between(stream, edges) @ stream.value
     gaps = np.diff(stream.t)
-    for k in np.flatnonzero(gaps > 3.5 * np.median(gaps)):
+    for k in np.flatnonzero(gaps > (GAP_PERIODS + 0.5) * np.median(gaps)):
         values[(edges[1:] > stream.t[k]) & (edges[:-1] < stream.t[k + 1])] = np.nan
     outside = (edges[:-1] < stream.t[0]) | (edges[1:] > stream.t[-1])
     values[outside] = np.nan

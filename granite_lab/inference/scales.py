@@ -7,7 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from granite_lab.inference.constants import FORMULA_ERROR, PSEUDO_TRIALS, SPREAD, TOLERANCE
+from granite_lab.inference.constants import (
+    CLOSE,
+    FORMULA_ERROR,
+    NOTHING,
+    PSEUDO_TRIALS,
+    SPREAD,
+    TOLERANCE,
+    UPDATES,
+)
 from granite_lab.inference.discrepancy import FORMULA, MOTION
 from granite_lab.inference.normal import Normal, Posterior, Scales, posterior
 from granite_lab.inference.point import Point
@@ -15,19 +23,14 @@ from granite_lab.inference.problem import Problem
 from granite_lab.inference.strengths import own_name, width_of
 from granite_lab.logs.trial import Array
 
-SHARES = (TOLERANCE / 32, 32 * TOLERANCE)
+_FURTHEST = 32
+SHARES = (TOLERANCE / _FURTHEST, _FURTHEST * TOLERANCE)
 FORMULAS = (FORMULA_ERROR[1] / 2**14, FORMULA_ERROR[1])
 """Smallest and largest scales of the discrepancy: none that matters, and all that a channel shows; of the
 error of formulas, which is a share of traces that may be 10,000 times the noise (a wrong wheel radius)."""
 
-LEAST_OWN = 1e-3
+LEAST_OWN = NOTHING
 """Least scale of the numbers that an effect has in each trial, as a share of their prior's range."""
-
-UPDATES = 8
-"""Most steps of the scales, each time they are learnt."""
-
-CLOSE = 0.1
-"""Change of the logarithm of a scale at which it is learnt: a tenth of what its prior leaves open."""
 
 FIRST = Scales(2 * TOLERANCE, FORMULA_ERROR[0])
 """Scales with which a search begins."""

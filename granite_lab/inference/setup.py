@@ -9,11 +9,19 @@ import numpy as np
 
 from granite_lab.errors import EstimateError, InputError
 from granite_lab.estimation.motion import Motion
-from granite_lab.inference.constants import LATENCY_STD, REST_SHARE
+from granite_lab.inference.constants import (
+    BIN,
+    FEW,
+    LATENCY_STD,
+    NOTHING,
+    REST_SHARE,
+    TRIED,
+    UPDATES,
+)
 from granite_lab.inference.fit import LEAST, LEAST_OF_ROUGH, Fit, fit
 from granite_lab.inference.noise import FAST, FLOOR, NOMINAL, Whitener, at_rest, errors, learn, white
 from granite_lab.inference.nuisances import TrialModel
-from granite_lab.inference.observation import BIN, bin_width, observe
+from granite_lab.inference.observation import bin_width, observe
 from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array, Trial
@@ -23,19 +31,20 @@ from granite_lab.parameters import Course, Robot, Variant, load_variants
 TURNED = 0.005
 """Wheel angle by which the command has certainly begun [rad]; half a millimetre on the circumference."""
 
-QUICK, ROUGH = 2, 8
+QUICK, ROUGH = FEW, UPDATES
 """Most steps of the first fit of one trial, whose noise follows from the fast part of its residuals; of the
 first fit of several."""
 
-FAR, TIMES = 1.5, 3
+FAR, TIMES = 1.5, TRIED
 """A trial alone learns its noise again, up to so often, while a fit ends more std away from where the noise
 was learnt: there residuals were not yet noise."""
 
 
-LATENCIES = LATENCY_STD * np.arange(-5, 6)
+_SPAN = 5
+LATENCIES = LATENCY_STD * np.arange(-_SPAN, _SPAN + 1)
 """Latencies of the IMU that are tried before the first fit [s]; the robot takes 0.1 to 0.35 s to set off."""
 
-STILL = 1e-3
+STILL = NOTHING
 """Share of the full speed below which a wheel counts as standing."""
 
 
@@ -236,7 +245,7 @@ def variant_of_trial(trial: Trial, motion: Motion | None) -> Variant:
     info = trial.info
     if info.v_desired is not None:
         for known in load_variants():
-            if abs(known.velocity - info.v_desired) < 1e-6:
+            if np.isclose(known.velocity, info.v_desired):
                 return Variant(
                     velocity=known.velocity,
                     acceleration=info.a_max or known.acceleration,

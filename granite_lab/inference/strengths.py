@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from granite_lab.inference.constants import CLOSE, LINEAR
 from granite_lab.model.effect import EffectParameter
 
 EFFECT_STEP = 0.05
 """Step of a difference by an effect's parameter, as a share of its prior range. At 0.02 the errors of the
 integrator moved a number of little influence by 0.6 of its std from one point to the next."""
 
-MOVING_STEP = 0.03
+MOVING_STEP = LINEAR
 """Step by a parameter whose trace moves in time, as a share of its value."""
 
 
@@ -19,7 +20,7 @@ def step_of(p: EffectParameter, value: float) -> float:
     width = p.prior_high - p.prior_low
     h = EFFECT_STEP * width
     if p.moving:  # blows come at other times already with a little more of it
-        h = float(np.clip(MOVING_STEP * abs(value - p.neutral), 0.1 * h, h))
+        h = float(np.clip(MOVING_STEP * abs(value - p.neutral), CLOSE * h, h))
     return h if value + h <= p.high else -h
 
 

@@ -16,8 +16,9 @@ from granite_lab.errors import InputError
 from granite_lab.files import write_text
 from granite_lab.inference.bench import SAND
 from granite_lab.inference.conditions import PLAIN, Conditions, conditions_of
+from granite_lab.inference.constants import BIN
 from granite_lab.inference.noise import CUT, FAST, FLOOR, at_rest, errors
-from granite_lab.inference.observation import AFTER, BEFORE, BIN
+from granite_lab.inference.observation import AFTER, BEFORE
 from granite_lab.inference.setup import variant_of_trial
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import duration, peak_velocity, velocities_at

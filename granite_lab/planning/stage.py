@@ -18,11 +18,11 @@ from granite_lab.effects.library import get
 from granite_lab.errors import EstimateError, InputError
 from granite_lab.inference.bench import SAND, Bench, Setting, Values
 from granite_lab.inference.binning import Stream
-from granite_lab.inference.constants import FORMULA_ERROR
+from granite_lab.inference.constants import BIN, FORMULA_ERROR
 from granite_lab.inference.noise import FLOOR, Whitener, white, whitener
 from granite_lab.inference.normal import Posterior, Scales, posterior
 from granite_lab.inference.nuisances import TrialModel
-from granite_lab.inference.observation import BIN, CHANNELS, Observation
+from granite_lab.inference.observation import CHANNELS, Observation
 from granite_lab.inference.point import SHARED, Further, Point, Slopes, stacked
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array

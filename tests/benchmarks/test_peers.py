@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import granite_lab
+from benchmarks.peers import one
 from benchmarks.peers_learn import NAMES, Table, process, simulated, sparse, spread
 from benchmarks.peers_page import best, page
 from granite_lab.inference.fit import fit
@@ -31,12 +32,19 @@ def line(**changed: Any) -> dict[str, Any]:
 
 def test_the_page_shows_where_a_peer_is_best_and_leaves_other_code_out() -> None:
     null = line(key="o01", hidden="none", status="no gap", named=[], verdict="none")
-    text = page([line(code="old", key="o99"), null, line()])
+    lost = {"key": "seed 7", "of": "blind", "status": "crashed", "code": "new", "commit": "abc"}
+    text = page([line(code="old", key="o99"), null, lost, line()], of=5)
     assert "o99" not in text
-    assert "1 sets are compared by code new (abc), 1 more have no gap." in text
+    assert "seen 3 of 5 sets: 1 are compared, 1 have no gap, 1 were refused or crashed (seed 7)." in text
     assert "| o03 | drive_reaction | drive_reaction | **98** / 50 | 70 / -40 | 90 / **60** |" in text
     assert "| simulator in C (`outside/`) | speeds | 50 | -40 | 60 | 0 of 1 |" in text
     assert best(line(), ["this", "STLSQ, command", "GP, command"], "trials") == "this"
+
+
+def test_a_set_that_cannot_be_read_is_a_line_of_its_own(tmp_path: Path) -> None:
+    found = one(str(tmp_path / "outside" / "o98"))
+    assert (found["key"], found["of"], found["status"]) == ("o98", "outside", "crashed")
+    assert "1 were refused or crashed (o98)" in page([found | {"code": "new", "commit": "abc"}], of=1)
 
 
 def test_the_package_imports_no_peer() -> None:
