@@ -153,3 +153,11 @@ def least_size(repeated: Sequence[TrialModel], channel: str, moving: Array) -> f
         squares.append((values[moving > 0] - level) ** 2)
     every = np.concatenate(squares)
     return float(np.sqrt(np.nanmean(every))) if np.isfinite(every).any() else 0.0
+
+
+def sizes_of(
+    repeated: Sequence[TrialModel], response: Array, bins: Mapping[str, Array]
+) -> tuple[dict[str, float], Array, Array]:
+    """Return what `scale_of` does for the first of some trials of a command, none below `least_size`."""
+    size, moving, resting = scale_of(repeated[0], response, bins)
+    return {c: max(level, least_size(repeated, c, moving)) for c, level in size.items()}, moving, resting

@@ -11,9 +11,7 @@ import numpy as np
 
 from granite_lab.inference.bench import RAKED, SIMULATED, Bench, Setting, Task
 from granite_lab.inference.constants import LEAD_STD, LINEAR, REACH, SAND_STD
-from granite_lab.inference.discrepancy import (
-    FORMULA, MOTION, REST, Basis, joined, least_size, modulated, scale_of,
-)  # fmt: skip
+from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, joined, modulated, sizes_of
 from granite_lab.inference.noise import Filter, Whitener, stretches
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
 from granite_lab.inference.nuisances import SENSORS, SENSORS_LEAST, SENSORS_STD, TrialModel
@@ -317,9 +315,7 @@ class Problem:
         for own in self.commands:
             t, x, response = self.trials[own[0]], point.trials[own[0]], slopes.response[self.input_of[own[0]]]
             bins = t.bins_of(response, x, point.sensors)
-            size, moving, resting = scale_of(t, response, bins)
-            repeated = [self.trials[i] for i in own]
-            size = {c: max(level, least_size(repeated, c, moving)) for c, level in size.items()}
+            size, moving, resting = sizes_of([self.trials[i] for i in own], response, bins)
             plain = {}
             for c in dict.fromkeys(c for i in own for c in self.trials[i].channels):
                 level, width = size.get(c, 0.0), t.observation.width
