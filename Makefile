@@ -20,7 +20,7 @@ help:
 	@echo "make mixtures          100 mixtures of hidden effects (hours), write docs/blind-mixtures.md"
 	@echo "make peers             discover beside two peers that learn the residual (hours), write docs/peers.md"
 	@echo "make joystick          joystick runs, also with a controller that is not known (an hour), write docs/joystick.md"
-	@echo "make outside DIR=...   judge discover by trials of other programs"
+	@echo "make outside DIR=...   judge discover by trials of other programs (DRIVE=wheels: driven by their wheels)"
 	@echo "make outside-variants  the same trials as other loggers would have written them (an hour)"
 	@echo "make real DATA=...     public trials of other robots through the whole chain, write docs/real-trials.md"
 	@echo "make validation        hold the contact model against measured wheels, write docs/validation.md"
@@ -85,9 +85,10 @@ joystick: $(DEV)
 	$(BIN)/python -m benchmarks.joystick --jobs 2 --out docs/joystick.md
 
 DIR ?= ../shared/outside
+DRIVE ?= auto
 
 outside: $(DEV)
-	$(BIN)/python -m benchmarks.outside $(DIR) --jobs 2
+	$(BIN)/python -m benchmarks.outside $(DIR) --jobs 2 --drive $(DRIVE)
 
 PEERS ?= ../shared
 

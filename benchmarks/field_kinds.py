@@ -193,6 +193,55 @@ def wheels_clock(drift: float, log: Log, rng: Rng) -> Log:
     return replace(log, t_wheels=log.t_wheels * (1 + drift * rng.choice([-1, 1])))
 
 
+def burst(share: float, longest: float, log: Log, rng: Rng) -> Log:
+    """Stamps of arrival over a network that hangs now and then: what waits comes at once."""
+
+    def late(t: Array) -> Array:
+        hangs = np.where(rng.random(t.size) < share, rng.uniform(0.0, longest, t.size), 0.0)
+        return np.maximum.accumulate(t + hangs)
+
+    return replace(log, t=late(log.t), t_wheels=late(log.t_wheels))
+
+
+def repeated(times: int, length: float, log: Log, rng: Rng) -> Log:
+    """While the robot moves the IMU's samples are lost some times, and the last one is logged again."""
+    force, rate = log.force.copy(), log.rate.copy()
+    turns = log.t_wheels[np.flatnonzero(np.abs(np.diff(log.angle.mean(axis=1))) > 1e-4)]
+    for begin in rng.uniform(turns[0], turns[-1] - length, times):
+        k = np.flatnonzero((log.t >= begin) & (log.t < begin + length))
+        force[k], rate[k] = force[k[0]], rate[k[0]]
+    return replace(log, force=force, rate=rate)
+
+
+def hangs(length: float, log: Log, rng: Rng) -> Log:
+    """The encoders' bus hangs once in motion: the last angle is logged again, then it goes on."""
+    angle = log.angle.copy()
+    turns = log.t_wheels[np.flatnonzero(np.abs(np.diff(angle.mean(axis=1))) > 1e-4)]
+    begin = rng.uniform(turns[0], turns[-1] - length)
+    k = np.flatnonzero((log.t_wheels >= begin) & (log.t_wheels < begin + length))
+    angle[k] = angle[k[0]]
+    return replace(log, angle=angle)
+
+
+def held(rate: float, log: Log, _: Rng) -> Log:
+    """One table at a rate of its own, in each row the last value of each sensor."""
+    t = np.arange(max(log.t[0], log.t_wheels[0]), min(log.t[-1], log.t_wheels[-1]), 1.0 / rate)
+    i, j = (np.searchsorted(stamps, t, side="right") - 1 for stamps in (log.t, log.t_wheels))
+    return replace(log, t=t, force=log.force[i], rate=log.rate[i], t_wheels=t, angle=log.angle[j])
+
+
+def loses(share: float, log: Log, rng: Rng) -> Log:
+    """One encoder counts too little."""
+    angle = log.angle.copy()
+    angle[:, rng.integers(4)] *= 1.0 - share
+    return replace(log, angle=angle)
+
+
+def trimmed(std: float, log: Log, rng: Rng) -> Log:
+    """The sensitivity of each axis of the accelerometer is off by its own error."""
+    return replace(log, force=log.force * (1.0 + std * rng.normal(size=3)))
+
+
 def imu_clock(drift: float, log: Log, rng: Rng) -> Log:
     factor = 1 + drift * rng.choice([-1, 1])
     return replace(log, t=log.t * factor, pace=factor)
@@ -332,6 +381,10 @@ KINDS: dict[str, Kind] = {
     **{f"IMU at {n} Hz, picked": partial(imu_at, n, False) for n in (10, 20, 50)},
     **{f"jitter {1e3 * s:g} ms": partial(jitter, s) for s in (0.001, 0.003, 0.01)},
     **{f"late by {1e3 * s:g} ms": partial(late_stamps, s) for s in (0.003, 0.01)},
+    **{f"hangs of up to {1e3 * s:g} ms": partial(burst, p, s) for p, s in ((0.05, 0.05), (0.01, 0.2))},
+    **{f"{n} x {s:g} s repeated": partial(repeated, n, s) for n, s in ((5, 0.05), (5, 0.2))},
+    **{f"encoders hang for {s:g} s": partial(hangs, s) for s in (0.1, 0.6)},
+    **{f"one table at {n} Hz": partial(held, n) for n in (50, 100, 500)},
     **{f"{100 * s:g} % dropped": partial(dropped, s) for s in (0.02, 0.1, 0.3)},
     **{f"encoder clock {100 * s:g} %": partial(wheels_clock, s) for s in (0.005, 0.01, 0.02, 0.03)},
     **{f"IMU clock {100 * s:g} %": partial(imu_clock, s) for s in (0.005, 0.01, 0.02, 0.03)},
@@ -340,10 +393,11 @@ KINDS: dict[str, Kind] = {
     **{f"offset {s:g} s": partial(offset, s) for s in (0.05, 0.2, 2.0)},
     "epoch, 1 ms": partial(epoch, 0.001), "epoch, 10 ms": partial(epoch, 0.01),
     "dead wheel": dead, "reversed wheel": reversed_wheel, "encoder dies": dies,
-    "radii 1 %": partial(radius, 0.01),
+    "radii 1 %": partial(radius, 0.01), "encoder loses 20 %": partial(loses, 0.2),
     **{f"IMU turned {d} deg about {'xyz'[a]}": partial(turned, a, d) for a, d in TURNS},
     "range 70 %": partial(saturated, 0.7), "range 40 %": partial(saturated, 0.4),
     "accelerometer 2 %": partial(scaled, 0.02), "accelerometer 5 %": partial(scaled, 0.05),
+    "axes 1 %": partial(trimmed, 0.01), "axes 3 %": partial(trimmed, 0.03),
     "steps of 0.01": partial(rounded, 0.01), "steps of 0.1": partial(rounded, 0.1),
     "no gyro": partial(without, "gyro"), "one axis each": partial(without, "other axes"),
     "one wheel": partial(without, "wheels"),

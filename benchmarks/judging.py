@@ -31,11 +31,11 @@ def side_by_side(judge: Callable[[T], Line], sets: Sequence[T], minutes: float, 
             yield from (future.result() for future in ended)
 
 
-def searched(logs: list[Path], jobs: int = 1) -> Line:
+def searched(logs: list[Path], jobs: int = 1, drive: str = "auto") -> Line:
     """Search some logs and return what came out, as JSON holds it; a failure becomes a line, too."""
     start = time.monotonic()
     try:
-        line = document_of(granite_lab.discover(logs, jobs=jobs)) | {"status": "judged"}
+        line = document_of(granite_lab.discover(logs, jobs=jobs, drive=drive)) | {"status": "judged"}
     except LabError as error:
         line = {"status": "refused", "error": f"{error.message} ({error.hint})"}
     except Exception:  # a crash is a result

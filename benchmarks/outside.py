@@ -1,10 +1,10 @@
 """Sets of trials that other programs made, searched and judged by their answers.
 
-A folder holds ``answers.json``, which says of each set what is missing from the model ("none", "unknown"
-for what the library does not hold, an id, or ids joined by +), and the set's logs as
-``<set>/trial_*.csv``.
+A folder holds ``answers.json``, which says of each set what is missing from the model: as ``answer`` "none",
+"unknown" for what the library does not hold, an id, or ids joined by +; or as ``library`` a list of ids, with
+the law of the soil. The set's logs are ``<set>/*.csv``.
 
-``python -m benchmarks.outside [DIR] [--jobs 2] [--only o01,o03] [--out lines.jsonl]``
+``python -m benchmarks.outside [DIR] [--jobs 2] [--only o01,o03] [--drive auto] [--out lines.jsonl]``
 """
 
 from __future__ import annotations
@@ -25,6 +25,9 @@ from granite_lab.files import write_text
 
 DEFAULT = Path("../shared/outside")
 
+LAWS = {"paper": (), "Wong-Reece": ("stress_ahead",)}
+"""Law of the soil to the effects that it is."""
+
 
 def answers_of(folder: Path) -> dict[str, dict[str, Any]]:
     """Return the answers of a folder by set, as `granite_lab.hidden.scoring` reads them."""
@@ -33,12 +36,18 @@ def answers_of(folder: Path) -> dict[str, dict[str, Any]]:
         name: {
             "effects": [
                 {"id": id_, "library": id_ != "unknown", "parameters": {}}
-                for id_ in entry["answer"].split("+")
+                for id_ in _ids_of(entry)
                 if id_ != "none"
             ]
         }
         for name, entry in told.items()
     }
+
+
+def _ids_of(entry: Mapping[str, Any]) -> Sequence[str]:
+    if "answer" in entry:
+        return str(entry["answer"]).split("+")
+    return [*entry["library"], *LAWS[entry["soil_law"]]]
 
 
 def row(name: str, answer: Mapping[str, Any], line: Line) -> str:
@@ -92,6 +101,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path, nargs="?", default=DEFAULT)
     parser.add_argument("--jobs", type=int, default=2, help="processes of each search")
     parser.add_argument("--only", default="", help="names of sets, with commas between")
+    parser.add_argument("--drive", default="auto", help="what drives the simulations, as in `discover`")
     parser.add_argument("--out", type=Path, help="keep a line of JSON for each set")
     options = parser.parse_args()
     if not (options.folder / "answers.json").is_file():
@@ -102,8 +112,8 @@ def main() -> None:
         sys.exit(f"error: no set is called {', '.join(unknown)}\nhint: known: {', '.join(answers)}")
     lines: list[Line] = []
     for name in asked:
-        logs = sorted((options.folder / name).glob("trial_*.csv"))
-        lines.append(judged(searched(logs, options.jobs), answers[name]))
+        logs = sorted((options.folder / name).glob("*.csv"))
+        lines.append(judged(searched(logs, options.jobs, options.drive), answers[name]))
         print(row(name, answers[name], lines[-1]), flush=True)
         if "error" in lines[-1]:
             print(lines[-1]["error"], file=sys.stderr, flush=True)

@@ -26,6 +26,10 @@ TYPICAL = 0.2
 """Size of an effect of either sign that is probed, as a share of the largest expected; convention."""
 
 
+AT_ONCE = 8
+"""Simulations that become bins together."""
+
+
 @dataclass(frozen=True)
 class Probe:
     """A size at which the response to a candidate was simulated.
@@ -141,15 +145,12 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int | None =
     probes = [probe for id_ in ids for probe in probes_of(problem, id_, most)]
     sound = np.ones(len(probes), dtype=bool)
     changes: dict[int, Array] = {}
-    for command, everyone in enumerate(problem.commands):  # the responses of all would take gigabytes
-        base, *moved = problem.bench.run(_tasks(problem, fit, probes, command), keep=False)
+    for number, everyone in enumerate(problem.inputs):  # the responses of all would take gigabytes
+        base, *moved = problem.bench.run(_tasks(problem, fit, probes, number), keep=False)
         sound &= np.array([base is not None and run is not None for run in moved], dtype=bool)
         if base is None:
             break
-        found = stacked([base * 0 if run is None else run - base for run in moved], base)
-        for i in everyone:
-            shown = problem.trials[i].effect_columns
-            changes[i] = shown(found, fit.point.trials[i], fit.point.sensors)
+        changes |= _shown(problem, fit, everyone, base, moved)
     own: dict[str, list[int]] = {}
     for k in (k for k in np.flatnonzero(sound).tolist() if probes[k].is_own):
         own.setdefault(probes[k].candidate, []).append(k)
@@ -157,29 +158,47 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int | None =
     order = [*shared, *(k for group in own.values() for k in group)]
     columns = {i: problem.columns(i, fit.point, fit.slopes) for i, _ in enumerate(problem.trials)}
     if order:
-        columns = {i: np.column_stack([table, changes[i][:, order]]) for i, table in columns.items()}
-    further = Further.numbered(len(order), len(order) - len(shared), len(problem.commands))
-    normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=further, known=columns)
+        columns = {i: np.column_stack([table, changes.pop(i)[:, order]]) for i, table in columns.items()}
+    further = Further.numbered(len(order), len(order) - len(shared))
+    normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=further, known=columns, keep=False)
     first = [everyone[0] for everyone in problem.commands]
     raw = {i: columns[i] for i in first}
     return Screen(
         tuple(probes[k] for k in shared),
         {id_: tuple(probes[k] for k in group) for id_, group in own.items()},
         *_reduced(problem, normal, fit),
-        normal.alone(),
+        normal,
         len(problem.trials),
         raw,
     )
 
 
-def _tasks(problem: Problem, fit: Fit, probes: Sequence[Probe], command: int) -> list[Task]:
-    """Return the simulations of a command: at a fit, and with each of the probes."""
-    tasks = [problem.centre(fit.point, command)]
+def _shown(
+    problem: Problem, fit: Fit, own: Sequence[int], base: Array, moved: list[Array | None]
+) -> dict[int, Array]:
+    """Return per trial of an input the (C n, k) bins of what k simulations differ by from one of it.
+
+    A few at a time become bins, and the simulations are given up: all at once take as much again, twice.
+    """
+    found: dict[int, list[Array]] = {i: [] for i in own}
+    for first in range(0, len(moved), AT_ONCE):
+        part = [base * 0 if run is None else run - base for run in moved[first : first + AT_ONCE]]
+        moved[first : first + AT_ONCE] = [None] * len(part)
+        changes = stacked(part, base)
+        for i in own:
+            shown = problem.trials[i].effect_columns
+            found[i].append(shown(changes, fit.point.trials[i], fit.point.sensors))
+    return {i: np.hstack(tables) for i, tables in found.items() if tables}
+
+
+def _tasks(problem: Problem, fit: Fit, probes: Sequence[Probe], number: int) -> list[Task]:
+    """Return the simulations of an input: at a fit, and with each of the probes."""
+    tasks = [problem.centre(fit.point, number)]
     for probe in probes:
         values = [p.neutral for p in problem.parameters_of(probe.candidate)]
         values[probe.place] += probe.size
         moved = problem.with_effect(fit.point, probe.candidate, values)
-        tasks.append(problem.centre(moved, command))
+        tasks.append(problem.centre(moved, number))
     return tasks
 
 

@@ -94,8 +94,7 @@ def _lacking(problem: Problem, point: Point, own: Sequence[int]) -> Array | None
         return None
     table = np.full((len(own), len(names)), np.nan)
     for row, i, run in zip(table, own, runs, strict=True):
-        trial, x = problem.trials[i], point.trials[i]
-        command = problem.variants.index(trial.variant)
+        trial, x, command = problem.trials[i], point.trials[i], problem.command_of[i]
         left = trial.measured - trial.predict(run, x[: trial.size], point.sensors)
         for c, values in zip(trial.channels, left, strict=True):
             size, moving = problem.size_of(command, c)

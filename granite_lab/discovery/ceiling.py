@@ -46,7 +46,7 @@ def ceiling(problem: Problem, alone: Fit, pushes: Pushes, tolerance: float) -> C
     left = misfits[1][0]
     gap = misfits[0][0] - min(floor for _, floor in misfits)
     kind = np.concatenate(pushes.kind)
-    normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=pushes.further)
+    normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=pushes.further, keep=False)
     solve = _Solver(problem, fit, normal, tolerance, kind)
     sizes = solve.learnt()
     found, value = solve.closed(sizes)
@@ -125,7 +125,7 @@ def _shown(problem: Problem, pushes: Pushes, amplitudes: Array) -> dict[str, flo
     found: dict[str, float] = {}
     for command, own in enumerate(problem.commands):
         trial, x = problem.trials[own[0]], pushes.fit.point.trials[own[0]]
-        felt = pushes.changes[command] @ amplitudes[pushes.further.places(command)]
+        felt = pushes.changes[problem.input_of[own[0]]] @ amplitudes[pushes.further.places(command)]
         shown = trial.effect_columns(felt[..., None], x, pushes.fit.point.sensors)
         for c, row in zip(trial.channels, shown.reshape(len(trial.channels), -1), strict=True):
             size, moving = problem.size_of(command, c)

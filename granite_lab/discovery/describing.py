@@ -37,20 +37,20 @@ OF_AXLE = (
 """Outputs of a run that tell of an axle."""
 
 
-def forces(problem: Problem, pushes: Pushes, command: int, terms: Sequence[Term]) -> Array:
-    """Return the (terms, K) amplitudes of the pushes of a command that act as each term of unit size does.
+def forces(problem: Problem, pushes: Pushes, number: int, terms: Sequence[Term]) -> Array:
+    """Return the (terms, K) amplitudes of the pushes of an input that act as each term of unit size does.
 
     Args:
         problem: the trials.
         pushes: about a fit.
-        command: its number.
+        number: of the input.
         terms: of the dictionary, those without a group among them.
 
     Raises:
         EstimateError: the run has no solution.
     """
     world = problem.bench.world
-    task = problem.centre(pushes.fit.point, command)
+    task = problem.centre(pushes.fit.point, number)
     p, effects = world.parameters(task), world.active(task)
     factors = [t for t in terms if QUANTITIES[t.quantity].factor and not t.groups]
     sizes = [np.zeros(len(factors)), *(SMALL * np.eye(len(factors)))]
@@ -59,7 +59,8 @@ def forces(problem: Problem, pushes: Pushes, command: int, terms: Sequence[Term]
     plain, *changed = along(p, effects, others, names, world.accuracy)
     row = {name: k for k, name in enumerate(names)}
     moved = {t.quantity: (after - plain) / SMALL for t, after in zip(factors, changed, strict=True)}
-    trial = problem.trials[problem.commands[command][0]]
+    i = problem.inputs[number][0]
+    trial, command = problem.trials[i], problem.command_of[i]
     of = {axle: [plain[row[name.format(axle)]] for name in OF_AXLE] for axle in "fr"}
     groups = {t.groups for t in terms}
     φ = {axle: {g: _phi(g, of[axle], p) for g in groups} for axle in "fr"}
@@ -135,10 +136,11 @@ class Screened:
     def __init__(self, problem: Problem, pushes: Pushes, terms: Sequence[Term]) -> None:
         self.problem, self.fit, self.terms = problem, pushes.fit, tuple(terms)
         fit = self.fit
-        normal = problem.normal(fit.point, fit.slopes, fit.residuals, apart=True, further=pushes.further)
-        self.normal = normal.alone()
-        acting = [forces(problem, pushes, c, terms) for c in range(len(problem.commands))]
-        self._acting = [acting[c] for c, own in enumerate(problem.commands) for _ in own]
+        self.normal = problem.normal(
+            fit.point, fit.slopes, fit.residuals, apart=True, further=pushes.further, keep=False
+        )
+        acting = [forces(problem, pushes, k, terms) for k, _ in enumerate(problem.inputs)]
+        self._acting = [acting[problem.input_of[i]] for own in problem.commands for i in own]
         self._known: dict[tuple[int, float], tuple[Array, float]] = {}
 
     def part(self, number: int, share: float) -> tuple[Array, float]:

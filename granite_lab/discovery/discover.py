@@ -212,14 +212,14 @@ def _power(
 
 
 def _possible(problem: Problem) -> tuple[Problem, tuple[tuple[str, str], ...]]:
-    """Leave out commands that the model cannot drive.
+    """Leave out trials that the model cannot drive.
 
     Raises:
         EstimateError: it can drive none.
     """
     neutral = problem.neutral()
-    runs = problem.bench.run([problem.centre(neutral, c) for c in range(len(problem.commands))])
-    out = {i for own, run in zip(problem.commands, runs, strict=True) if run is None for i in own}
+    runs = problem.bench.run([problem.centre(neutral, c) for c in range(len(problem.inputs))])
+    out = {i for own, run in zip(problem.inputs, runs, strict=True) if run is None for i in own}
     if len(out) == len(problem.trials):
         raise EstimateError(
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"

@@ -60,7 +60,7 @@ class Equations:
 
     def __init__(self, problem: Problem, fit: Fit, pinned: Sequence[int] = ()) -> None:
         self.fit = fit
-        self.normal = problem.normal(fit.point, fit.slopes, fit.residuals, apart=True)
+        self.normal = problem.normal(fit.point, fit.slopes, fit.residuals, apart=True, keep=False)
         std, mean = problem.prior(fit.point, fit.scales)
         first = std.size - fit.point.common.size
         neutral = [p.neutral for _, p in problem.parameters(fit.point.effects, per_trial=False)]
@@ -186,8 +186,14 @@ def predicts_better(before: Predicted, after: Predicted) -> bool:
 
 def units(problem: Problem) -> tuple[Sequence[int], ...]:
     """Return the trials that are left out together: those of a command, each by itself with few speeds."""
-    speeds = len({t.observation.variant.velocity for t in problem.trials})
-    return problem.commands if speeds >= FEWEST_SPEEDS else tuple((i,) for i in range(len(problem.trials)))
+    if len(speeds(problem)) >= FEWEST_SPEEDS:
+        return problem.commands
+    return tuple((i,) for i in range(len(problem.trials)))
+
+
+def speeds(problem: Problem) -> set[float]:
+    """Return the desired velocities of the commands [m/s]; wheels of repetitions differ in the last digit."""
+    return {problem.trials[own[0]].observation.variant.velocity for own in problem.commands}
 
 
 def closed(before: Array, after: Array, gap: Array) -> Estimate:

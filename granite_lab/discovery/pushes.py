@@ -36,7 +36,7 @@ class Pushes:
 
     Attributes:
         fit: about which they are linear.
-        changes: per command (8, M, K) of the response, by pushes of unit size.
+        changes: per input (8, M, K) of the response, by pushes of unit size.
         kind: per command (K,) place of the pushed quantity among `PUSHES`.
         centres: per command (K,) times of the pushes [s].
         sizes: (5,) unit sizes of the quantities: the robot's weight, or weight times wheel radius [N, N m].
@@ -51,7 +51,7 @@ class Pushes:
     @property
     def further(self) -> Further:
         """The columns, each command's own."""
-        return Further(self.changes, by_command=True)
+        return Further(self.changes, counts=tuple(k.size for k in self.kind))
 
 
 def sizes_of(robot: Robot) -> Array:
@@ -71,10 +71,10 @@ def pushed(problem: Problem, fit: Fit) -> Pushes | None:
     sizes = sizes_of(problem.bench.world.robot)
     phases: Array = SPACING * np.arange(round(PERIOD / SPACING), dtype=float)
     tasks: list[Task] = []
-    if sum(_count(problem, command) for command in range(len(problem.commands))) > LARGEST:
+    if sum(_count(problem, number) for number, _ in enumerate(problem.inputs)) > LARGEST:
         return None
-    for command, _ in enumerate(problem.variants):
-        centre = problem.centre(fit.point, command)
+    for number, _ in enumerate(problem.inputs):
+        centre = problem.centre(fit.point, number)
         tasks.append(centre)
         for q in range(len(PUSHES)):
             for phase in phases:
@@ -88,23 +88,30 @@ def pushed(problem: Problem, fit: Fit) -> Pushes | None:
         return None
     each = 1 + len(PUSHES) * phases.size
     parts = [
-        _apart(problem, c, found[c * each : (c + 1) * each], phases) for c in range(len(problem.variants))
+        _apart(problem, k, found[k * each : (k + 1) * each], phases) for k, _ in enumerate(problem.inputs)
     ]
-    changes, kind, centres = zip(*parts, strict=True)
-    return Pushes(fit, changes, kind, centres, sizes)
+    first = [problem.input_of[own[0]] for own in problem.commands]
+    kind, centres = zip(*(parts[k][1:] for k in first), strict=True)
+    return Pushes(fit, tuple(changes for changes, *_ in parts), kind, centres, sizes)
 
 
-def _count(problem: Problem, command: int) -> float:
-    """Return the number of numbers in the responses of a command."""
-    trial = problem.trials[problem.commands[command][0]]
-    pushes = len(PUSHES) * (duration(trial.observation.variant) + BEFORE) / SPACING
+def _end(problem: Problem, number: int) -> float:
+    """Return when the last trial of an input's command has ended [s since its start]."""
+    command = problem.command_of[problem.inputs[number][0]]
+    return max(duration(problem.trials[i].observation.variant) for i in problem.commands[command])
+
+
+def _count(problem: Problem, number: int) -> float:
+    """Return the number of numbers in the responses of an input."""
+    trial = problem.trials[problem.inputs[number][0]]
+    pushes = len(PUSHES) * (_end(problem, number) + BEFORE) / SPACING
     return len(SIGNALS) * trial.t.size * pushes
 
 
-def _apart(problem: Problem, command: int, runs: list[Array], phases: Array) -> tuple[Array, Places, Array]:
-    """Return the responses of one command to single pushes, what each pushes, and when."""
-    trial = problem.trials[problem.commands[command][0]]
-    t, end = trial.t, duration(trial.observation.variant)
+def _apart(problem: Problem, number: int, runs: list[Array], phases: Array) -> tuple[Array, Places, Array]:
+    """Return the responses of one input to single pushes, what each pushes, and when."""
+    trial = problem.trials[problem.inputs[number][0]]
+    t, end = trial.t, _end(problem, number)
     base, *others = runs
     changes, kind, centres = [], [], []
     for q in range(len(PUSHES)):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from granite_lab.discovery.finding import UNCONVERGED, FoundEffect, Verdict
-from granite_lab.discovery.heldout import FEWEST_SPEEDS
+from granite_lab.discovery.heldout import FEWEST_SPEEDS, speeds
 from granite_lab.discovery.verdict import Judgement
 from granite_lab.inference.constants import LEAST_SHARE
 from granite_lab.inference.problem import Problem
@@ -22,11 +22,11 @@ Convention."""
 def provisional(problem: Problem) -> tuple[str, ...]:
     """Return why a verdict on these trials is provisional."""
     reasons = []
-    speeds = len({t.observation.variant.velocity for t in problem.trials})
+    driven = len(speeds(problem))
     if max(len(own) for own in problem.commands) < 2:
         reasons.append("no command was repeated, so noise and discrepancy cannot be separated")
-    if speeds < FEWEST_SPEEDS:
-        reasons.append(f"{speeds} of at least {FEWEST_SPEEDS} speeds driven")
+    if driven < FEWEST_SPEEDS:
+        reasons.append(f"{driven} of at least {FEWEST_SPEEDS} speeds driven")
     return tuple(reasons)
 
 
@@ -98,7 +98,7 @@ def notes(
 ) -> tuple[str, ...]:
     """List what could not be told and why."""
     found = []
-    if len({t.variant for t in problem.trials}) == 1:
+    if len(problem.commands) == 1:
         found.append(
             "At one speed, effects that differ in how they grow with speed cannot be told apart, nor from "
             "sand that differs from its file."

@@ -16,7 +16,7 @@ from granite_lab.logs.counters import integral, mean_known
 from granite_lab.logs.sensors.doubt import Doubt, Grade
 from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.trial import WheelStream
-from granite_lab.parameters import GRAVITY, Soil
+from granite_lab.parameters import GRAVITY, WHEELS, Soil
 
 CONTRADICTS = 3.0
 """A slip ratio more than this many std outside of what is possible contradicts its std."""
@@ -51,7 +51,7 @@ def guard(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) -> Motion:
     health = replace(motion.health, grade=grade, reasons=reasons, verdict=sentence(grade, reasons))
     motion = _widened(motion, max(doubt.std for doubt in doubts))
     for doubt in doubts:
-        motion = _farther(motion, doubt.way, doubt.after)
+        motion = _rolled(_farther(motion, doubt.way, doubt.after), doubt.rolled)
     return replace(motion, health=health)
 
 
@@ -85,6 +85,8 @@ def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
         if nis > UNFIT**2:
             far = f"innovations ({kind}) are {math.sqrt(nis):.1f} times as large as predicted"
             yield Doubt(far, grade="poor")
+    if odd := _odd_wheel(motion):
+        yield odd
     stated = soil.slip_std < 1.0
     usual = soil.slip if stated else SlipModel.steady
     if motion.slip_ratio.std > TELLING:
@@ -106,6 +108,41 @@ def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
                 f"soil's {100 * soil.slip:.1f} ± {100 * soil.slip_std:.1f} %",
                 grade="poor", std=0.5 * abs(slip.value - usual),
             )  # fmt: skip
+
+
+def _odd_wheel(motion: Motion) -> Doubt | None:
+    """Return the doubt about a wheel that rolls another way than three that agree, in the steady part.
+
+    They agree within the std of their radii, and it is beyond three of these. Three wheels alike show that
+    the robot does not turn. Which is right, the one or the three, no log tells.
+    """
+    inside = (motion.t >= motion.steady[0]) & (motion.t <= motion.steady[1])
+    ways = np.abs(np.nansum(motion.v_wheel[inside], axis=0)) if inside.any() else np.zeros(4)
+    usual = float(np.median(ways))
+    if usual == 0.0 or not np.isfinite(motion.v_wheel[inside]).all():
+        return None
+    far = ways / usual - 1.0
+    *near, odd = np.argsort(np.abs(far))
+    if abs(far[odd]) < CONTRADICTS * RADIUS or np.ptp(far[near]) > RADIUS:
+        return None
+    way = "more" if far[odd] > 0 else "less"
+    why = "its encoder counts wrongly, or it slips by itself"
+    seen = f"wheel {WHEELS[odd]} rolls {100 * abs(far[odd]):.0f} % {way} than the others, which agree: {why}"
+    return Doubt(seen, grade="fair", rolled=abs(far[odd]) / len(WHEELS))
+
+
+def _rolled(motion: Motion, share: float) -> Motion:
+    """Return the motion whose wheels' distance has an error of the std `share` [-] more."""
+    if share == 0.0:
+        return motion
+    slip, rolled = motion.slip_ratio, motion.distance_wheels
+    pace = share * np.abs(np.nan_to_num(mean_known(motion.v_wheel)))
+    return replace(
+        motion,
+        slip_ratio=replace(slip, std=math.hypot(slip.std, share * (1.0 - slip.value))),
+        distance_wheels=replace(rolled, std=math.hypot(rolled.std, share * rolled.value)),
+        slip_velocity_std=np.hypot(motion.slip_velocity_std, pace),
+    )
 
 
 def _downhill(motion: Motion) -> float:

@@ -15,7 +15,7 @@ from granite_lab.inference.constants import TOLERANCE
 from granite_lab.logs.counters import mean_known
 from granite_lab.logs.trial import Array
 from granite_lab.model import simulate
-from granite_lab.model.command import duration, velocities_at
+from granite_lab.model.command import corners, duration, velocities_at
 from granite_lab.model.effect import Effect
 from granite_lab.model.limits import FASTEST_BACKWARDS
 from granite_lab.model.turning import AHEAD, turned
@@ -207,21 +207,34 @@ def _turned(motion: Motion, robot: Robot, split: Array | None) -> tuple[Estimate
     if commanded:
         first = min(first, motion.t_start.value)
     part = known & (t >= first) & (t <= t[moving[-1]] + AHEAD)
-    begin = float(t[part][0])
     _refuse_reversed(motion.trial, t[part], 0.5 * (v[0][part] + v[1][part]))
+    start = float(t[part][0])
     wanted = None
-    if commanded:
-        t_d = t[part] - motion.t_start.value
-        path = velocities_at(t_d, motion.variant)
-        path[[0, -1]] = 0.0
-        wanted = course_of(t[part] - begin, path)
-    stretch = motion.steady[0] - begin, motion.steady[1] - begin
+    if commanded:  # repetitions begin with it; wheels may turn a little before a start that is known so well
+        start = min(motion.t_start.value, start + AHEAD)
+        wanted = replace(_course(motion.variant, motion.t_start.value - start), stamped=_stamped(motion))
+    stretch = motion.steady[0] - start, motion.steady[1] - start
     course = turned(
-        t[part] - begin, (v[0][part], v[1][part]), (_std(std[0][part]), _std(std[1][part])),
+        t[part] - start, (v[0][part], v[1][part]), (_std(std[0][part]), _std(std[1][part])),
         robot.wheels.radius, stretch=stretch if np.isfinite(stretch[0]) else None, command=wanted,
         split=None if split is None else (split[part, 0], split[part, 1]),
     )  # fmt: skip
-    return Estimate(begin, float(np.nan_to_num(motion.clock_offset.std))), course
+    return Estimate(start, float(np.nan_to_num(motion.clock_offset.std))), course
+
+
+def _stamped(motion: Motion) -> bool:
+    """Say whether a log tells when the command was given; otherwise the wheels do, which follow it late."""
+    return motion.variant_source == "logged"
+
+
+def _course(variant: Variant, late: float) -> Course:
+    """Return a command as a course that begins `late` [s]."""
+    if isinstance(variant, Course):
+        t, v = variant.corners
+    else:
+        t = np.array(corners(variant))
+        v = velocities_at(t, variant)
+    return course_of(t + late, v)
 
 
 def _refuse_reversed(trial: str, t: Array, v: Array) -> None:

@@ -33,7 +33,7 @@ from granite_lab.model import Run, simulate
 from granite_lab.model.command import duration, reference_velocity, steady_interval, steady_part
 from granite_lab.model.effect import Active
 from granite_lab.model.instants import COAST
-from granite_lab.model.leading import LEADS, is_free
+from granite_lab.model.leading import LEADS, count_of
 from granite_lab.parameters import Course, Robot, Soil, Variant, load_paper
 from granite_lab.processes import one_thread
 
@@ -324,8 +324,8 @@ def _with_trajectory(
         notes.append(f"residuals over the noise: {', '.join(louder)}.")
     if not fit.converged:
         notes.append("fit not converged.")
-    if is_free(motion.variant):
-        lead = total(*(common + SHARED.index(name) for name in LEADS))
+    if count := count_of(motion.variant):
+        lead = total(*(common + SHARED.index(name) for name in LEADS[:count]))
         notes.append(f"the command leads the wheels by {1e3 * lead.value:.0f} ± {1e3 * lead.std:.0f} ms.")
     return replace(
         by_slip,

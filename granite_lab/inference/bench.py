@@ -16,7 +16,7 @@ from granite_lab.inference.constants import CLOSE, MEMORY, RAKING
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active, Effect, activate
 from granite_lab.model.instants import Accuracy
-from granite_lab.model.leading import LEADS, is_free, led
+from granite_lab.model.leading import LEADS, count_of, led
 from granite_lab.model.simulator import integrate
 from granite_lab.model.symbols import ModelParameters, model_parameters
 from granite_lab.parameters import Robot, Soil, Variant, load_paper
@@ -36,8 +36,8 @@ SAND = (
 """Parameters of the sand that are fitted, as logarithms of their ratio to the file's value."""
 
 SIMULATED = (*SAND, *LEADS)
-"""Numbers of a simulation that all trials share: the sand, and how a command that nobody states leads the
-wheels [s]."""
+"""Numbers of a simulation that all trials share: the sand, and how a command of which nobody states start or
+the course leads the wheels [s]."""
 
 RAKED = len(RAKING)
 """The first of `SAND` change with the raking from trial to trial."""
@@ -95,11 +95,11 @@ class World:
     def task(self, variant: int, numbers: Array, setting: Setting) -> Task:
         """Return the simulation of a command at (9,) numbers by `SIMULATED`.
 
-        Leads are those of a command that nobody states: where one is stated, they change no simulation.
+        Leads that change no simulation of the input are zero.
         """
         sand, leads = tuple(numbers[: len(SAND)].tolist()), tuple(numbers[len(SAND) :].tolist())
-        free = is_free(self.variants[variant])
-        return Task(variant, sand, setting, leads) if free else Task(variant, sand, setting)
+        count = count_of(self.variants[variant])
+        return Task(variant, sand, setting, leads[:count] + (0.0,) * (len(LEADS) - count))
 
     def active(self, task: Task) -> tuple[Active, ...]:
         """Return the effects of a run.

@@ -183,7 +183,8 @@ def under_conditions(world: World, trials: Sequence[Trial], models: Sequence[Tri
     Args:
         world: of the trials without conditions.
         trials: the logs.
-        models: of the logs, in their order; they are numbered anew where conditions differ.
+        models: of the logs, in their order; what drives them and their commands are numbered anew where
+            conditions differ.
 
     Raises:
         InputError: a log's conditions cannot be used.
@@ -192,8 +193,10 @@ def under_conditions(world: World, trials: Sequence[Trial], models: Sequence[Tri
     if all(c == PLAIN for c in under):
         return world
     pairs = sorted({(m.variant, c) for m, c in zip(models, under, strict=True)})
+    commands = sorted({(m.command, c) for m, c in zip(models, under, strict=True)})
     for model, conditions in zip(models, under, strict=True):
         model.variant = pairs.index((model.variant, conditions))
+        model.command = commands.index((model.command, conditions))
     return StagedWorld(
         world.robot,
         world.soil,

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granite_lab.inference.bench import SIGNALS
-from granite_lab.inference.constants import NOTHING, REST_SHARE, REST_SPEED, SMOOTH, TINY
+from granite_lab.inference.constants import NOTHING, REST_SHARE, REST_SPEED, SMOOTH, TINY, TOLERANCE
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import distances_at
@@ -130,3 +130,34 @@ def scale_of(
     if "wheel_split" in size and "wheel" in size:
         size["wheel_split"] = size["wheel"]
     return size, moving, resting
+
+
+def least_size(repeated: Sequence[TrialModel], channel: str, moving: Array) -> float:
+    """Return the least that the discrepancy of a channel is a share of.
+
+    It is the rms in motion as measured, vibration included. Wheels follow a command; theirs is such that the
+    rounding of the encoders, which repetitions and wheels that roll alike share, is within the tolerance.
+
+    Args:
+        repeated: trials of a command.
+        channel: its name.
+        moving: (n,) 1 where the robot moves, else 0.
+    """
+    if channel.startswith("wheel"):
+        return max(t.observation.rounding(channel) for t in repeated) / TOLERANCE
+    squares = []
+    for t in (t for t in repeated if channel in t.channels):
+        values = t.measured[t.channels.index(channel)]
+        before = values[t.observation.t < 0]
+        level = float(np.nanmean(before)) if np.isfinite(before).any() else 0.0
+        squares.append((values[moving > 0] - level) ** 2)
+    every = np.concatenate(squares)
+    return float(np.sqrt(np.nanmean(every))) if np.isfinite(every).any() else 0.0
+
+
+def sizes_of(
+    repeated: Sequence[TrialModel], response: Array, bins: Mapping[str, Array]
+) -> tuple[dict[str, float], Array, Array]:
+    """Return what `scale_of` does for the first of some trials of a command, none below `least_size`."""
+    size, moving, resting = scale_of(repeated[0], response, bins)
+    return {c: max(level, least_size(repeated, c, moving)) for c, level in size.items()}, moving, resting

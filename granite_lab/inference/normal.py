@@ -182,6 +182,10 @@ class CommandPart:
     place: Places
     channels: tuple[ChannelPart, ...]
 
+    def alone(self) -> CommandPart:
+        """Return the same without the rows, which only other residuals need."""
+        return replace(self, channels=tuple(replace(c, rows=()) for c in self.channels))
+
     def place_in(self, size: int) -> Places:
         """Return the places among `size` columns that begin and end as all columns, further ones left out."""
         return np.where(self.place == self.place[-1], size - 1, self.place)
@@ -209,8 +213,7 @@ class Normal:
 
     def alone(self) -> Normal:
         """Return the same without the rows, which only other residuals need."""
-        parts = (replace(p, channels=tuple(replace(c, rows=()) for c in p.channels)) for p in self.parts)
-        return replace(self, parts=tuple(parts))
+        return replace(self, parts=tuple(part.alone() for part in self.parts))
 
     def marginal(self, scales: Scales, only: Sequence[int] | None = None) -> tuple[Array, float]:
         """Integrate the discrepancy out.

@@ -70,10 +70,19 @@ class TrialModel:
 
     A trial's numbers x are: the first `RAKED` of `SAND` (about the common sand), the shift of the start [s],
     then the slacks.
+
+    Args:
+        observation: the trial in bins.
+        variant: number of what drives its simulation.
+        robot: whose wheels and sensors it has.
+        command: number of its command, which repetitions share; by default that of what drives it.
     """
 
-    def __init__(self, observation: Observation, variant: int, robot: Robot) -> None:
+    def __init__(
+        self, observation: Observation, variant: int, robot: Robot, command: int | None = None
+    ) -> None:
         self.observation, self.variant = observation, variant
+        self.command = variant if command is None else command
         self.channels = tuple(observation.streams)
         self.slacks = (
             *(Slack(name, std, "", True) for name, std in zip(SAND[:RAKED], RAKING, strict=True)),

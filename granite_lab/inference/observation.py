@@ -110,7 +110,13 @@ class Observation:
 
 
 def observe(
-    trial: Trial, robot: Robot, variant: Variant, t_start: float, *, width: float = BIN
+    trial: Trial,
+    robot: Robot,
+    variant: Variant,
+    t_start: float,
+    *,
+    width: float = BIN,
+    lasting: float | None = None,
 ) -> Observation:
     """Put a trial into bins.
 
@@ -120,6 +126,7 @@ def observe(
         variant: what was commanded.
         t_start: start of the command [s, the log's time].
         width: of a bin [s], see `bin_width`.
+        lasting: time from its start to the end of the longest repetition [s]; by default to its own.
 
     Raises:
         EstimateError: the log has no sensor that covers the time of the command.
@@ -132,7 +139,8 @@ def observe(
     if not streams:
         raise EstimateError(f"trial '{trial.name}' has no sensor to compare with", "check its columns")
     before = round(BEFORE / width)
-    after = int(np.ceil((duration(variant) + AFTER) / width))
+    lasting = duration(variant) if lasting is None else lasting
+    after = int(np.ceil((lasting + AFTER) / width))
     edges: Array = t_start + width * np.arange(-before, after + 1, dtype=np.float64)
     streams = {name: _from_zero(s, edges[before]) if s.is_angle else s for name, s in streams.items()}
     values = {name: _masked(s, edges) for name, s in streams.items()}

@@ -85,13 +85,13 @@ class Slopes:
     """Derivatives of the responses at one point.
 
     Attributes:
-        response: per command the (8, M) response.
-        changes: per command (8, M, 11 + o + e) all that `TrialModel.columns` takes: by the two directions of
+        response: per input the (8, M) response.
+        changes: per input (8, M, 11 + o + e) all that `TrialModel.columns` takes: by the two directions of
             `TrialModel.directions`, the numbers of `SIMULATED`, and the effects' own parameters of the trials
             and shared ones.
-        traces: per command (8, M, s), what each effect changes.
+        traces: per input (8, M, s), what each effect changes.
         private: number o of the effects' own parameters.
-        each: per trial the changes at its own numbers; empty where those at the centre of its command serve.
+        each: per trial the changes at its own numbers; empty where those at the centre of its input serve.
     """
 
     response: tuple[Array, ...]
@@ -100,9 +100,9 @@ class Slopes:
     private: int
     each: tuple[Array, ...] = ()
 
-    def simulated(self, command: int) -> Array:
-        """Return the (8, M, 9) derivatives by the numbers of `SIMULATED`."""
-        return self.changes[command][..., DIRECTIONS : DIRECTIONS + len(SIMULATED)]
+    def simulated(self, number: int) -> Array:
+        """Return the (8, M, 9) derivatives of an input by the numbers of `SIMULATED`."""
+        return self.changes[number][..., DIRECTIONS : DIRECTIONS + len(SIMULATED)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,31 +110,31 @@ class Further:
     """Changes of the response that are no parameters yet: candidates of a screen.
 
     Attributes:
-        changes: per command (8, M, k); first those that all trials share.
+        changes: per input (8, M, k); first those that all trials share.
         each: number of the last ones, which each trial has of its own.
-        by_command: the others are no columns that all commands share: each command has its own.
+        counts: per command the number of the others, where each command has its own; empty where all commands
+            share them.
     """
 
     changes: tuple[Array, ...]
     each: int = 0
-    by_command: bool = False
+    counts: tuple[int, ...] = ()
 
     @classmethod
-    def numbered(cls, count: int, each: int, commands: int) -> Self:
+    def numbered(cls, count: int, each: int) -> Self:
         """Return `count` changes whose columns are known already, so that only their number matters."""
-        return cls((np.zeros((0, 0, count)),) * commands, each)
+        return cls((np.zeros((0, 0, count)),), each)
 
     def places(self, command: int) -> npt.NDArray[np.int64]:
         """Return the places of a command's columns among all that are not of single trials."""
-        counts = [c.shape[-1] - self.each for c in self.changes]
-        first = sum(counts[:command]) if self.by_command else 0
-        return first + np.arange(counts[command])
+        if not self.counts:
+            return np.arange(self.count)
+        return sum(self.counts[:command]) + np.arange(self.counts[command])
 
     @property
     def count(self) -> int:
         """The number of columns that are not of single trials."""
-        counts = [c.shape[-1] - self.each for c in self.changes]
-        return sum(counts) if self.by_command else counts[0]
+        return sum(self.counts) if self.counts else self.changes[0].shape[-1] - self.each
 
 
 def stacked(changes: Sequence[Array], like: Array) -> Array:

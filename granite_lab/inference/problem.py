@@ -10,8 +10,8 @@ from itertools import chain
 import numpy as np
 
 from granite_lab.inference.bench import RAKED, SIMULATED, Bench, Setting, Task
-from granite_lab.inference.constants import LEAD_STD, LINEAR, REACH, SAND_STD, TOLERANCE
-from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, joined, modulated, scale_of
+from granite_lab.inference.constants import LEAD_STD, LINEAR, REACH, SAND_STD
+from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, joined, modulated, sizes_of
 from granite_lab.inference.noise import Filter, Whitener, stretches
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
 from granite_lab.inference.nuisances import SENSORS, SENSORS_LEAST, SENSORS_STD, TrialModel
@@ -32,6 +32,13 @@ KINKED = ("cohesion", "shear_modulus", "friction_angle", "tyre_friction")
 rule, and a difference to one side shows one of the two."""
 
 
+def _numbered(of: Sequence[int]) -> tuple[tuple[tuple[int, ...], ...], tuple[int, ...]]:
+    """Return the trials that have each of some numbers, in their order, and per trial its place there."""
+    every = sorted(set(of))
+    groups = tuple(tuple(i for i, own in enumerate(of) if own == number) for number in every)
+    return groups, tuple(every.index(own) for own in of)
+
+
 class Problem:
     """The trials, the simulations, the noise and the priors.
 
@@ -39,6 +46,12 @@ class Problem:
         trials: in bins.
         bench: runs the simulations.
         sand_std: std of the common sand, as `SAND`.
+
+    Attributes:
+        inputs: numbers of the trials that one simulation serves; what motors follow is the same in all
+            repetitions of a command, wheels that drive the simulation are those of one trial.
+        commands: numbers of the trials that repeat a command; they share noise and discrepancy.
+        input_of, command_of: per trial its place among these.
     """
 
     def __init__(
@@ -46,8 +59,8 @@ class Problem:
     ) -> None:
         self.trials, self.bench, self.sand_std = tuple(trials), bench, np.array(sand_std)
         self.simulated_std = np.append(self.sand_std, LEAD_STD)
-        self.variants = sorted({t.variant for t in trials})
-        self.commands = tuple(tuple(i for i, t in enumerate(trials) if t.variant == v) for v in self.variants)
+        self.inputs, self.input_of = _numbered([t.variant for t in trials])
+        self.commands, self.command_of = _numbered([t.command for t in trials])
         self.whiteners: list[list[Whitener]] = []
         self._alike: dict[Whitener, list[tuple[int, int]]] = {}  # trials and channels that share it
         self._plain: list[dict[str, tuple[Basis, ...]]] = []
@@ -148,18 +161,14 @@ class Problem:
 
     def task(self, point: Point, trial: int) -> Task:
         """Return the simulation of one trial at its own sand."""
-        x = point.trials[trial]
-        numbers = point.shared[: len(SIMULATED)].copy()
-        numbers[:RAKED] += x[:RAKED]
-        setting = self.setting(point.effects, point.common, x[self.trials[trial].size :])
-        return self.bench.world.task(self.trials[trial].variant, numbers, setting)
+        return self._middle(point, (trial,))
 
-    def centre(self, point: Point, command: int) -> Task:
-        """Return the simulation of a command at the mean of its trials' own numbers."""
-        return self._middle(point, self.commands[command])
+    def centre(self, point: Point, number: int) -> Task:
+        """Return the simulation of an input at the mean of its trials' own numbers."""
+        return self._middle(point, self.inputs[number])
 
     def _middle(self, point: Point, some: Sequence[int]) -> Task:
-        """Return the simulation at the mean of the own numbers of some trials of a command."""
+        """Return the simulation at the mean of the own numbers of some trials of an input."""
         numbers = point.shared[: len(SIMULATED)].copy()
         numbers[:RAKED] += np.mean([point.trials[i][:RAKED] for i in some], axis=0)
         setting = self.setting(point.effects, point.common, self._own_mean(point, some))
@@ -184,14 +193,14 @@ class Problem:
             point: where.
             sand_from: slopes whose derivatives by the sand are good enough to be kept, at the same places.
             central: take differences to both sides where the model has kinks.
-            each: take differences at each trial's own numbers, in place of the centre of its command.
+            each: take differences at each trial's own numbers, in place of the centre of its input.
         """
         first = 0 if sand_from is None else len(SIMULATED)
-        places = [(i,) for i, _ in enumerate(self.trials)] if each else self.commands
+        places = [(i,) for i, _ in enumerate(self.trials)] if each else self.inputs
         plans = [self._differences(point, some, central)[first:] for some in places]
         middles = [self._middle(point, some) for some in places]
-        centres = [self.centre(point, command) for command, _ in enumerate(self.commands)]
-        without = [self._without_each(point, command) for command, _ in enumerate(self.commands)]
+        centres = [self.centre(point, number) for number, _ in enumerate(self.inputs)]
+        without = [self._without_each(point, number) for number, _ in enumerate(self.inputs)]
         sides = [
             task
             for plan in plans
@@ -219,7 +228,7 @@ class Problem:
             changes.append(np.concatenate([directions, sand, own, common], axis=-1))
         return Slopes(
             response=tuple(known[centre] for centre in centres),
-            changes=tuple(changes[own[0]] for own in self.commands) if each else tuple(changes),
+            changes=tuple(changes[own[0]] for own in self.inputs) if each else tuple(changes),
             traces=tuple(
                 stacked([known[centre] - known[task] for task in left], known[centre])
                 for centre, left in zip(centres, without, strict=True)
@@ -249,12 +258,12 @@ class Problem:
             found.append(Difference(step, central and is_central(p, float(at[k]), step), *sides))
         return found
 
-    def _without_each(self, point: Point, command: int) -> list[Task]:
-        """Return the simulations of a command with one of the effects switched off."""
-        centre, found = self.centre(point, command), []
+    def _without_each(self, point: Point, number: int) -> list[Task]:
+        """Return the simulations of an input with one of the effects switched off."""
+        centre, found = self.centre(point, number), []
         for id_ in point.effects:
             left = self.without_effect(point, id_)
-            own = self.setting(left.effects, left.common, self._own_mean(left, self.commands[command]))
+            own = self.setting(left.effects, left.common, self._own_mean(left, self.inputs[number]))
             found.append(replace(centre, setting=own))
         return found
 
@@ -303,11 +312,10 @@ class Problem:
             for k, whitener in enumerate(mine):
                 self._alike.setdefault(whitener, []).append((i, k))
         self._plain, self._white_plain, self._sizes = [], {}, []
-        for command, own in enumerate(self.commands):
-            t, x = self.trials[own[0]], point.trials[own[0]]
-            bins = t.bins_of(slopes.response[command], x, point.sensors)
-            size, moving, resting = scale_of(t, slopes.response[command], bins)
-            size = {c: max(level, self._least_size(own, c, moving)) for c, level in size.items()}
+        for own in self.commands:
+            t, x, response = self.trials[own[0]], point.trials[own[0]], slopes.response[self.input_of[own[0]]]
+            bins = t.bins_of(response, x, point.sensors)
+            size, moving, resting = sizes_of([self.trials[i] for i in own], response, bins)
             plain = {}
             for c in dict.fromkeys(c for i in own for c in self.trials[i].channels):
                 level, width = size.get(c, 0.0), t.observation.width
@@ -322,24 +330,6 @@ class Problem:
                 )
             self._plain.append(plain)
             self._sizes.append({c: (size.get(c, 0.0), moving, resting) for c in plain})
-
-    def _least_size(self, own: Sequence[int], channel: str, moving: Array) -> float:
-        """Return the least that the discrepancy of a channel is a share of.
-
-        It is the rms in motion as measured, vibration included. Wheels follow a command; theirs is such that
-        the rounding of the encoders, which repetitions and wheels that roll alike share, is within the
-        tolerance.
-        """
-        if channel.startswith("wheel"):
-            return max(self.trials[i].observation.rounding(channel) for i in own) / TOLERANCE
-        squares = []
-        for t in (self.trials[i] for i in own if channel in self.trials[i].channels):
-            values = t.measured[t.channels.index(channel)]
-            before = values[t.observation.t < 0]
-            level = float(np.nanmean(before)) if np.isfinite(before).any() else 0.0
-            squares.append((values[moving > 0] - level) ** 2)
-        every = np.concatenate(squares)
-        return float(np.sqrt(np.nanmean(every))) if np.isfinite(every).any() else 0.0
 
     def size_of(self, command: int, channel: str) -> tuple[float, Array]:
         """Return the rms of a channel in motion, and (n,) 1 where the robot moves, else 0."""
@@ -359,6 +349,7 @@ class Problem:
         apart: bool = False,
         further: Further | None = None,
         known: Mapping[int, Array] | None = None,
+        keep: bool = True,
     ) -> Normal:
         """Return the normal equations at a point.
 
@@ -370,6 +361,7 @@ class Problem:
             further: columns behind those of the parameters; those that each trial has of its own become a
                 column a trial, behind the others.
             known: trial to its `columns`, of the trials for which they were computed already.
+            keep: keep the rows, which only other residuals need.
         """
         known = known or {}
         white = self.white(residuals)
@@ -395,7 +387,8 @@ class Problem:
                 at = np.unique(np.concatenate([*(rows[i][0] for i in some), [size - 1]]))
                 names = dict.fromkeys(c for i in some for c in self.trials[i].channels)
                 of = partial(self._channel, command, some, at, rows, white, traces)
-                parts.append(CommandPart(at, tuple(chain.from_iterable(map(of, names)))))
+                part = CommandPart(at, tuple(chain.from_iterable(map(of, names))))
+                parts.append(part if keep else part.alone())
         return Normal(tuple(parts), size, p)
 
     def _traces(self, point: Point, slopes: Slopes, command: int) -> dict[str, list[Array]]:
@@ -403,7 +396,7 @@ class Problem:
         if not point.effects:
             return {}
         i = self.commands[command][0]
-        bins = self.trials[i].bins_of(slopes.traces[command], point.trials[i], point.sensors)
+        bins = self.trials[i].bins_of(slopes.traces[self.input_of[i]], point.trials[i], point.sensors)
         return {c: list(values.T) for c, values in bins.items()}
 
     def bases(self, point: Point, slopes: Slopes, command: int, name: str) -> list[Basis]:
@@ -490,11 +483,10 @@ class Problem:
         Returns:
             by the trial's own parameters, the shared ones, the further ones.
         """
-        t, x = self.trials[i], point.trials[i]
-        command = self.variants.index(t.variant)
-        changes = slopes.each[i] if slopes.each else slopes.changes[command]
+        t, x, number = self.trials[i], point.trials[i], self.input_of[i]
+        changes = slopes.each[i] if slopes.each else slopes.changes[number]
         local, sensors, others = t.columns(changes, x, point.sensors)
         first, private = len(SIMULATED) - RAKED, slopes.private
         rest, own, common = np.split(others, [first, first + private], axis=1)
-        more = [t.effect_columns(further.changes[command], x, point.sensors)] if further else []
+        more = [t.effect_columns(further.changes[number], x, point.sensors)] if further else []
         return np.column_stack([local, own, local[:, :RAKED], rest, sensors, common, *more])

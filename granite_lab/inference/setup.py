@@ -25,8 +25,8 @@ from granite_lab.inference.observation import bin_width, observe
 from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array, Trial
-from granite_lab.model.command import alike, velocities_at
-from granite_lab.parameters import Robot, Variant, load_variants
+from granite_lab.model.command import alike, duration, velocities_at
+from granite_lab.parameters import Course, Robot, Variant, load_variants
 
 TURNED = 0.005
 """Wheel angle by which the command has certainly begun [rad]; half a millimetre on the circumference."""
@@ -74,11 +74,26 @@ def trial_models(
         sorted({m.variant for m in motions}, key=lambda v: (v.velocity, v.acceleration, v.distance))
     )
     width = max(least, *(bin_width(t, robot) for t in trials))
-    models = [
-        TrialModel(observe(t, robot, m.variant, s, width=width), variants.index(m.variant), robot)
-        for t, m, s in zip(trials, motions, starts, strict=True)
-    ]
+    commands = _commands([m.variant for m in motions], variants)
+    models = []
+    for trial, motion, start, command in zip(trials, motions, starts, commands, strict=True):
+        same = [duration(m.variant) for m, c in zip(motions, commands, strict=True) if c == command]
+        seen = observe(trial, robot, motion.variant, start, width=width, lasting=max(same))
+        models.append(TrialModel(seen, variants.index(motion.variant), robot, command))
     return models, variants
+
+
+def _commands(driven: Sequence[Variant], variants: Sequence[Variant]) -> list[int]:
+    """Return the number of the command of each trial: place of the first variant that it repeats.
+
+    Wheels that turn the simulations of repetitions differ, what was commanded does not.
+    """
+    commanded = [k for k, v in enumerate(variants) if isinstance(v, Course) and v.wheels and v.commanded]
+    first = {
+        v: next((k for k in commanded if number in commanded and alike(variants[k], v)), number)
+        for number, v in enumerate(variants)
+    }
+    return [first[v] for v in driven]
 
 
 def _repeated(motions: Sequence[Motion]) -> list[Motion]:
@@ -129,10 +144,10 @@ def at_first(problem: Problem) -> tuple[Point, float]:
     motion lasts, no fit returns.
     """
     neutral = problem.neutral()
-    runs = problem.respond([problem.centre(neutral, c) for c in range(len(problem.commands))])
+    runs = problem.respond([problem.centre(neutral, k) for k, _ in enumerate(problem.inputs)])
     if runs is None:
         return neutral, np.inf
-    responses = [runs[problem.variants.index(t.variant)] for t in problem.trials]
+    responses = [runs[k] for k in problem.input_of]
     weights = nominal(problem)
     best = neutral, np.inf
     for late in LATENCIES:

@@ -16,6 +16,7 @@ from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.sensors.aliasing import resolve_aliases
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.imu import check_units, refuse_axes, with_forward_axis
+from granite_lab.logs.sensors.repeats import read_once, without_blanks, without_held
 from granite_lab.logs.sensors.stamps import doubt_gaps, gaps_in, outside_gaps
 from granite_lab.logs.sensors.standstill import (
     LONGEST_GAP,
@@ -171,7 +172,7 @@ def assemble(
 
 def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
     """Refuse columns that cannot be what they are called; `clean` is the IMU without spikes."""
-    wheels, currents = trial.wheels, trial.currents
+    imu, wheels, currents = trial.imu, trial.wheels, trial.currents
     if clean is None and wheels is None:
         hint = "a trial needs at least one of them; a column map (inspect --write-map) names columns"
         raise InputError(f"{log.where}: neither IMU nor encoder samples", hint)
@@ -183,10 +184,14 @@ def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
         angle = wheels.angle[np.isfinite(wheels.angle)]
         if clean is not None and len(clean.t) > 100 and len(angle) and np.ptp(angle) > 1.0:
             still = standstills(dataclasses.replace(trial, imu=clean), log.robot)
-            refuse_axes(clean, still, rolls(turning_of(wheels, log.robot), clean.t), log)
+            rolling = rolls(turning_of(wheels, log.robot), clean.t)
+            refuse_axes(clean, still, rolling, log)
+            if imu is not None:
+                imu, lost = without_held(imu, rolling)
+                log.doubts.extend([lost] if lost else [])
         wheels = without_free_wheels(wheels, log)
     currents = None if currents is None else check_currents(currents, trial.wheels, log)
-    return dataclasses.replace(trial, wheels=wheels, currents=currents)
+    return dataclasses.replace(trial, imu=imu, wheels=wheels, currents=currents)
 
 
 def _robot(
@@ -257,7 +262,8 @@ def _imu(streams: Streams, path: Path, doubts: list[Doubt]) -> ImuStream | None:
     force = force if "accelerometer" in present else np.full_like(force, np.nan)
     rate = rate if "gyroscope" in present else np.full_like(rate, np.nan)
     late = max(acc.std, gyro.std)
-    return ImuStream(t, force, rate, streams.gravity_removed, stamp_std=late)
+    imu = ImuStream(t, force, rate, streams.gravity_removed, stamp_std=late)
+    return read_once(without_blanks(imu, doubts), doubts)
 
 
 def _nothing_in_common(path: Path, name: str, t: Array, other: str, s: Array) -> InputError:

@@ -12,7 +12,24 @@ import numpy as np
 import numpy.typing as npt
 
 # Cells that stand for "not sampled".
-MISSING = ("", "nan", "NaN", "NAN", "Nan", "-nan", "-NaN", "NA", "N/A", "n/a", "null", "NULL", "None", "none")
+MISSING = (
+    "",
+    "nan",
+    "NaN",
+    "NAN",
+    "Nan",
+    "-nan",
+    "-NaN",
+    "NA",
+    "N/A",
+    "n/a",
+    "null",
+    "NULL",
+    "None",
+    "none",
+    "-",
+    "--",
+)
 DELIMITERS = {";": "semicolon", "\t": "tab", "|": "bar", ",": "comma", " ": "space"}
 # No two parts of it can match the same digits, or a long cell would take quadratic time.
 _NUMBER = re.compile(

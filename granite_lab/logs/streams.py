@@ -18,7 +18,7 @@ from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.encoders import Wheel, convert
 from granite_lab.logs.sensors.stamps import tidy
 from granite_lab.logs.source import Source
-from granite_lab.logs.trial import Array, CurrentStream, Series, WheelStream
+from granite_lab.logs.trial import Array, CurrentStream, Series, WheelStream, part
 from granite_lab.parameters import Robot
 
 ZERO, UNMEASURED = "every sample is 0", "taken as not measured"  # doubt about a dead channel, its remedy
@@ -220,9 +220,11 @@ def _wheels(source: Source, samples: Samples, robot: Robot) -> WheelStream:
     rates = np.isfinite(rate).any()
     if stated := source.metadata.get("enc_step_radps" if rates else "enc_step_rad"):
         resolution = [stated] * len(ENCODERS)
-    return WheelStream(
+    wheels = WheelStream(
         samples.t, angle, rate if rates else None, tuple(resolution), tuple(spans), stamp_std=samples.std
     )
+    known = np.isfinite(angle).any(axis=1)
+    return wheels if known.all() else part(wheels, known)
 
 
 def _counts(source: Source, binding: Binding, robot: Robot) -> float:

@@ -1,15 +1,18 @@
-"""A command that nobody states: by how much it leads the wheels that it turned."""
+"""A command whose start or whose course nobody states: by how much it leads the wheels that it turned."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab.parameters import Course, Robot, Variant
+from granite_lab.model.command import kind_of
+from granite_lab.model.pieces import NUMBERS, numbers_at, spin
+from granite_lab.parameters import Course, Robot, Turning, Variant
 
 Array = npt.NDArray[np.float64]
 
@@ -19,7 +22,8 @@ states no such loop: k_D/k_P of (26), of the paper's robot."""
 
 LEADS = ("lead", "lasting lead")
 """Times by which v_d leads the wheels [s]: of the acceleration at once, as in a loop on the speed, and of the
-acceleration low-passed by k_D/k_P, as in a loop on the angle, too."""
+acceleration low-passed by k_D/k_P, as in a loop on the angle, too. A stated command of which the wheels alone
+tell the start has the first one: they follow it late, so that it was given earlier."""
 
 
 def is_free(variant: Variant) -> bool:
@@ -27,8 +31,15 @@ def is_free(variant: Variant) -> bool:
     return isinstance(variant, Course) and bool(variant.wheels) and not variant.commanded
 
 
+def count_of(variant: Variant) -> int:
+    """Return how many of `LEADS` change a run."""
+    if is_free(variant):
+        return len(LEADS)
+    return int(isinstance(variant, Course) and bool(variant.wheels) and not variant.stamped)
+
+
 def led(variant: Variant, leads: Sequence[float], robot: Robot) -> Variant:
-    """Return a course whose desired velocity leads its wheels; what was commanded stays as it is.
+    """Return a course whose desired velocity leads its wheels; a command of known start stays as it is.
 
     A loop on the speed with a gain leaves an error that is proportional to the acceleration. One that holds
     the angle, too, takes it away: for wheels whose voltage goes by the EMF (24), (26) give
@@ -36,17 +47,46 @@ def led(variant: Variant, leads: Sequence[float], robot: Robot) -> Variant:
         v_d - v_o = k_e n_d / k_P · (acceleration, low-passed by k_D / k_P).
 
     Args:
-        variant: a course that `is_free`; any other is returned as it is.
+        variant: any; returned as it is where no lead changes its runs, see `count_of`.
         leads: times by `LEADS` [s].
         robot: whose wheels turn.
     """
-    if not is_free(variant) or not any(leads):
+    count = count_of(variant)
+    if not any(leads[:count]):
         return variant
     assert isinstance(variant, Course)
+    if not is_free(variant):
+        return _earlier(variant, leads[0])
     t, ahead = _ahead(variant, robot.wheels.radius, lasting_of(robot))
     v = variant.velocity_at(t) + np.asarray(leads) @ ahead
     v[[0, -1]] = 0.0
     return replace(variant, path=tuple(zip(t.tolist(), v.tolist(), strict=True)))
+
+
+def _earlier(course: Course, lead: float) -> Course:
+    """Return a course whose command begins earlier [s]; its wheels turn as they did."""
+    t, v = course.corners
+    at = np.clip(t - lead, course.wheels[0][0], course.wheels[-1][0])
+    known = [instant for instant, *_ in course.wheels]
+    fresh = np.setdiff1d(
+        at, known
+    )  # between two instants lies one cubic, so that more of them change nothing
+    numbers = dict(zip(NUMBERS[kind_of(course)], numbers_at(fresh, course), strict=True))
+    sides = ("split_f", "split_r") if course.split else ()
+    front, rear, *apart = (_listed(spin(fresh, numbers, axle)) for axle in ("f", "r", *sides))
+    order = np.argsort([*known, *fresh]).tolist()
+    wheels = [*course.wheels, *zip(fresh.tolist(), front, rear, strict=True)]
+    split = [*course.split, *zip(*apart, strict=True)]
+    return replace(
+        course, path=tuple(zip(at.tolist(), v.tolist(), strict=True)), wheels=tuple(wheels[k] for k in order),
+        split=tuple(split[k] for k in order) if split else (),
+    )  # fmt: skip
+
+
+def _listed(turning: Any) -> list[Turning]:
+    """Return how an axle turns at each of several instants."""
+    rows = zip(turning.angle, turning.rate, turning.acceleration, strict=True)
+    return [Turning(angle=float(a), rate=float(b), acceleration=float(c)) for a, b, c in rows]
 
 
 def lasting_of(robot: Robot) -> float:

@@ -67,7 +67,7 @@ def turned(
     front, rear, *apart = (_axle(knots, spline, radius) for spline in splines)
     wheels = tuple(zip(knots.tolist(), front, rear, strict=True))
     return replace(
-        course, commanded=command is not None, wheels=wheels,
+        course, commanded=command is not None, stamped=command is None or command.stamped, wheels=wheels,
         split=tuple(zip(*apart, strict=True)) if split else (),
     )  # fmt: skip
 

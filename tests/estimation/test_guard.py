@@ -90,6 +90,27 @@ def test_a_slip_ratio_known_to_several_points_is_not_called_good() -> None:
     assert "± 8 points" in guard(vague, SAND).health.verdict
 
 
+@pytest.mark.parametrize("share", [0.6, 0.8, 1.25])
+def test_a_wheel_that_rolls_unlike_three_that_agree_is_in_the_slip_of_the_robot(share: float) -> None:
+    turned = good().v_wheel * np.array([1.0, 1.0, share, 1.0])
+    way = good().distance.value / (1.0 - 0.0970)
+    rolled = way * (3.0 + share) / 4.0
+    slip = Estimate(1.0 - good().distance.value / rolled, good().slip_ratio.std)
+    odd = replace(good(), v_wheel=turned, slip_ratio=slip, distance_wheels=Estimate(rolled, 1e-4))
+    seen = guard(odd, SAND)
+    assert seen.health.grade == "fair"
+    assert f"wheel rl rolls {100 * abs(share - 1):.0f} %" in seen.health.verdict
+    assert abs(seen.slip_ratio.value - 0.0970) < 2.0 * seen.slip_ratio.std
+    assert abs(seen.distance_wheels.value - way) < 2.0 * seen.distance_wheels.std
+    assert seen.distance == odd.distance
+
+
+@pytest.mark.parametrize("shares", [(1.0, 1.0, 0.92, 1.0), (0.7, 1.0, 0.7, 1.0), (1.0, 1.1, 1.2, 1.35)])
+def test_wheels_of_several_radii_and_sides_that_differ_are_no_odd_wheel(shares: tuple[float, ...]) -> None:
+    other = replace(good(), v_wheel=good().v_wheel * np.array(shares))
+    assert guard(other, SAND) is other
+
+
 def test_what_was_put_right_keeps_the_grade_from_good() -> None:
     seen = guard(good(), SAND, (Doubt("the IMU is 8.0 deg off level", grade="fair"),))
     assert seen.health.grade == "fair"

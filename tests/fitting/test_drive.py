@@ -225,6 +225,36 @@ def test_repeated_commands_are_one_command() -> None:
     assert {m.variant for m in models} == {0}
 
 
+def test_wheels_of_repetitions_drive_simulations_of_their_own_under_one_command() -> None:
+    pairs = [correct(logged(JOYSTICK, seed=seed)[0], ROBOT) for seed in (1, 2)]
+    trials, motions = [t for t, _ in pairs], [m for _, m in pairs]
+    models, variants = trial_models(trials, ROBOT, [driven(m, ROBOT, "wheels") for m in motions])
+    assert len(variants) == 2
+    assert {m.variant for m in models} == {0, 1}
+    assert len({m.command for m in models}) == 1
+    assert len({m.observation.bins for m in models}) == 1
+    first, other = (m.observation.t for m in models)  # since the command, in which they agree
+    assert first == pytest.approx(other)
+    free = [driven(dataclasses.replace(m, variant_source="measured"), ROBOT, "wheels") for m in motions]
+    models, _ = trial_models(trials, ROBOT, free)
+    assert {m.command for m in models} == {m.variant for m in models} == {0, 1}
+
+
+def test_a_start_that_only_the_wheels_tell_is_put_right_by_the_fit() -> None:
+    run = simulate(variant_of(0.7), ROBOT, SOIL, a_theta=A_THETA, accuracy=Accuracy(1e-6, 1e-8, 0.0025))
+    written, truth = virtual_trial(run, 3, "late")
+    trial, motion = correct(written, ROBOT)
+    late = dataclasses.replace(motion.t_start, value=float(truth.attrs["t_start_s"]) + 0.03)
+    turned = driven(dataclasses.replace(motion, t_start=late), ROBOT, "wheels")
+    assert isinstance(turned.variant, Course)
+    assert not turned.variant.stamped
+    fit = fit_k92(turned, trial, ROBOT, SOIL)
+    (note,) = [n for n in fit.notes if "leads the wheels" in n]
+    lead, std = (float(x) for x in note.split(" by ")[1].removesuffix(" ms.").split(" ± "))
+    wheels = 1e3 * motion.clock_offset.value  # the clocks are one; estimation takes the wheels to be late
+    assert abs(lead - (30 - wheels)) < 3 * std < 10
+
+
 def test_effects_that_the_wheels_replace_are_no_candidates() -> None:
     effects = dict(library(None))
     motion = seen(JOYSTICK)[1]

@@ -6,15 +6,18 @@ import numpy as np
 import pytest
 
 from granite_lab.discovery.candidates import gain
+from granite_lab.inference.bench import Bench
 from granite_lab.inference.constants import REST_SHARE, SMOOTH
 from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, joined, modulated, smooth, variances
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.gap import beyond, discrepancies, scatter
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Rows, Scales, posterior
+from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FIRST
+from granite_lab.inference.setup import nominal
 from granite_lab.logs.trial import Array
-from tests.inference.stub import measured, predicted, problem_of
+from tests.inference.stub import COMMANDS, ROBOT, Respond, measured, predicted, problem_of
 
 Rng = np.random.Generator
 BINS = 9
@@ -305,7 +308,7 @@ def test_repetitions_scatter_by_what_changes_slowly_from_trial_to_trial(share: f
     problem, *_ = measured(6, commands=(0, 0, 0, 1, 1, 1))
     k = problem.trials[0].channels.index("pitch_rate")
     for i, t in enumerate(problem.trials):
-        size, moving = problem.size_of(problem.variants.index(t.variant), "pitch_rate")
+        size, moving = problem.size_of(problem.command_of[i], "pitch_rate")
         wave = np.sin(4 * np.pi * t.observation.t + 2 * np.pi * i / 3)
         t.measured[k] += np.sqrt(2) * share * size * wave * (moving > 0)
     found = scatter(problem, fit(problem, problem.neutral(), FIRST))
@@ -374,3 +377,27 @@ def test_the_rounding_of_the_encoders_is_within_the_tolerance(counts: int) -> No
     coarse = problem.size_of(0, "wheel")[0]
     assert coarse == pytest.approx(max(plain, np.std(rounding) / TOLERANCE), rel=0.02)
     assert problem.size_of(0, "wheel_split")[0] == coarse
+
+
+def test_repetitions_of_which_each_drives_its_own_simulation_are_weighed_as_such() -> None:
+    """Two inputs that are the same and one command: nothing may depend on who simulates a trial."""
+    together, _, _ = measured(7, commands=(0, 0, 1))
+    world = replace(together.bench.world, variants=(*together.bench.world.variants, COMMANDS[0]))
+    models = [TrialModel(t.observation, t.variant, ROBOT) for t in together.trials]
+    models[1] = TrialModel(together.trials[1].observation, len(COMMANDS), ROBOT, 0)
+    for model, trial in zip(models, together.trials, strict=True):
+        model.measured = trial.measured
+    apart = Problem(models, Bench(world, respond=Respond()))
+    assert apart.commands == together.commands == ((0, 1), (2,))
+    assert apart.inputs == ((0,), (2,), (1,))
+    found = []
+    for problem in (together, apart):
+        point = problem.neutral()
+        slopes, runs = problem.slopes(point), problem.respond([problem.task(point, i) for i in range(3)])
+        assert slopes is not None
+        assert runs is not None
+        problem.weigh(nominal(problem), point, slopes)
+        normal = problem.normal(point, slopes, problem.residuals(point, runs))
+        found.append(normal.marginal(FIRST))
+    for own, shared in zip(found[1], found[0], strict=True):
+        assert own == pytest.approx(shared, rel=1e-9)

@@ -213,3 +213,16 @@ def test_a_wheel_off_the_ground_is_named_and_left_out(tmp_path: Path) -> None:
     assert np.isnan(trial.wheels.angle[:, 0]).sum() > 100
     assert np.isfinite(trial.wheels.angle[:, 1:]).all()
     assert any(ANGLES[0] in line and "off the ground" in line for line in trial.warnings)
+
+
+@pytest.mark.parametrize("filler", [0.0, -999.0, 99999.0])
+def test_a_number_in_place_of_no_value_is_named(filler: float, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=f"all axes read {filler:g} again and again") as caught:
+        changed(tmp_path, lambda table: table.fillna(filler))
+    assert "leave cells empty" in caught.value.hint
+
+
+@pytest.mark.parametrize("empty", ["-", "--"])
+def test_a_dash_stands_for_no_value(empty: str, tmp_path: Path) -> None:
+    trial = changed(tmp_path, lambda table: table.astype(object).fillna(empty))
+    make.same(trial, read_trial(SAMPLE))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import granite_lab as gl
 from granite_lab.errors import InputError
 from granite_lab.logs import inspect_logs, read_trial
-from granite_lab.logs.sensors.clock import set_back, set_forward
+from granite_lab.logs.sensors.clock import set_back, set_forward, stray
 from granite_lab.logs.sensors.stamps import sampling_period, tidy
 from granite_lab.logs.trial import Trial
 from tests.corpus import cli
@@ -184,6 +184,28 @@ def test_counters_tell_a_step_forward_from_a_gap() -> None:
         set_forward(np.delete(t, np.arange(400, 600)), np.delete(counts, np.arange(400, 600), axis=0)) == []
     )
     assert set_forward(late, np.zeros((1000, 4))) == []  # at rest nothing tells
+
+
+def test_samples_that_arrive_late_and_at_once_are_refused_as_such(tmp_path: Path) -> None:
+    """They are no step of the clock, and no rows off the time line."""
+
+    def late(table: pd.DataFrame) -> None:
+        for begin in (3.0, 4.4, 6.2, 7.5):
+            table.loc[table["t_s"].between(begin, begin + 0.2), "t_s"] = begin + 0.2
+
+    with pytest.raises(
+        InputError, match=r"samples have the stamp 3.200 s, after 0.2.. s without any"
+    ) as caught:
+        read(tmp_path, late)
+    assert "when they arrived" in caught.value.message
+
+
+def test_rows_between_two_holes_are_on_the_time_line() -> None:
+    t = np.delete(np.arange(1000) / 100, [*range(400, 420), *range(470, 490)])
+    assert stray(t) == []
+    t = np.arange(1000) / 100
+    t[500:530] += 40.0
+    assert stray(t) == [slice(500, 530)]
 
 
 def test_a_logger_that_was_started_anew_is_refused_with_its_line(tmp_path: Path) -> None:

@@ -8,7 +8,9 @@ from scipy.integrate import solve_ivp
 
 from granite_lab.inference.bench import SAND, World
 from granite_lab.model import simulate
+from granite_lab.model.command import kind_of
 from granite_lab.model.leading import LASTING, is_free, lasting_of, led
+from granite_lab.model.pieces import NUMBERS, numbers_at, spin
 from granite_lab.model.turning import turned
 from granite_lab.parameters import Course, course_of, variant_of
 from tests.model.box import ROBOT, SOIL
@@ -74,6 +76,27 @@ def test_the_lasting_lead_goes_by_the_gains_of_the_robot_s_file() -> None:
     ways = [led(wheels, (0.0, 0.2), robot) for robot in (ROBOT, slower)]
     ahead = [np.abs(way.velocity_at(t) - wheels.velocity_at(t)).max() for way in ways]  # type: ignore[attr-defined]
     assert ahead[1] < 0.8 * ahead[0]  # a slower loop lets less of the acceleration through
+
+
+@pytest.mark.parametrize("split", [0.0, 0.1])
+def test_a_command_that_only_the_wheels_date_is_led_as_a_whole(split: float) -> None:
+    t = np.arange(-0.2, 5.4, 0.005)
+    v, still = STICK.velocity_at(t), np.zeros(t.size)
+    apart = (split * v, split * v) if split else None
+    asked = dataclasses.replace(STICK, stamped=False)
+    wheels = turned(t, (v, 0.97 * v), (still, still), RADIUS, command=asked, split=apart)
+    course = led(wheels, (0.03, 0.2), ROBOT)
+    assert isinstance(course, Course)
+    assert course.velocity_at(t) == pytest.approx(STICK.velocity_at(t + 0.03), abs=1e-9)
+    names = NUMBERS[kind_of(wheels)]
+    for axle in ("f", "r", *(("split_f", "split_r") if split else ())):
+        before, after = (
+            spin(t, dict(zip(names, numbers_at(t, c), strict=True)), axle) for c in (wheels, course)
+        )
+        assert after.angle == pytest.approx(before.angle, abs=1e-5)  # instants are rounded to 1e-6 s
+        assert after.rate == pytest.approx(before.rate, abs=1e-4)
+    task = World(ROBOT, SOIL, (wheels,), {}).task(0, np.append(np.zeros(len(SAND)), (0.03, 0.2)), ())
+    assert task.leads == (0.03, 0.0)
 
 
 def test_what_was_commanded_is_not_led() -> None:

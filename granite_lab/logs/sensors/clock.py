@@ -14,7 +14,14 @@ from granite_lab.logs.dates import RANGES
 from granite_lab.logs.layouts import Binding
 from granite_lab.logs.quantities import DATE, ENCODERS, SENSORS
 from granite_lab.logs.sensors.doubt import Doubt
-from granite_lab.logs.sensors.stamps import GAP_PERIODS, SECONDS, spread_of, ticks_too_rarely, unit_factor
+from granite_lab.logs.sensors.stamps import (
+    GAP_PERIODS,
+    SECONDS,
+    sampling_period,
+    spread_of,
+    ticks_too_rarely,
+    unit_factor,
+)
 from granite_lab.logs.source import Source
 from granite_lab.logs.trial import Array
 
@@ -126,8 +133,10 @@ def stray(raw: Array) -> list[slice]:
     done = -1
     for k, i in enumerate(jumps):
         for j in jumps[k + 1 : k + 20]:
-            hole, count = raw[seen[j + 1]] - raw[seen[i]], int(j - i)
-            if i > done and count < 0.2 * len(seen) and 0.3 < hole / ((count + 1) * period) < 3:
+            begin, end, block = raw[seen[i]], raw[seen[j + 1]], raw[seen[i + 1 : j + 1]]
+            hole, count, leaves = end - begin, int(j - i), block.min() < begin or block.max() > end
+            fits = count < 0.2 * len(seen) and 0.3 < hole / ((count + 1) * period) < 3
+            if i > done and leaves and fits:
                 blocks.append(slice(int(seen[i + 1]), int(seen[j]) + 1))
                 done = j
                 break
@@ -309,6 +318,8 @@ def _counted(source: Source, t: Array) -> tuple[Rows, Array]:
 
 def _refuse_step(source: Source, t: Array, row: int, best: Step, steps: Sequence[Step]) -> None:
     """Refuse a step of the clock over which time may have passed that nothing shows."""
+    if best.size > 0:
+        _refuse_burst(source, t, row)
     rows, counts = _counted(source, t)
     cut = int(np.searchsorted(rows, row))
     counted = 0 < cut < len(rows)
@@ -325,3 +336,19 @@ def _refuse_step(source: Source, t: Array, row: int, best: Step, steps: Sequence
         message += ", and the wheels' counters do not go on"
     hint = "the clock was reset: cut the file there and read the parts as separate trials"
     raise InputError(f"{source.place(row)}: {message}", hint)
+
+
+def _refuse_burst(source: Source, t: Array, row: int) -> None:
+    """Refuse samples that waited and were stamped at once, as they came: it looks like a step of the clock.
+
+    Their number fits into the time without samples before them. When each was taken is not known.
+    """
+    for rows in _series(source, t):
+        at_once = np.flatnonzero(t[rows] == t[row])
+        if len(at_once) < 2 or at_once[0] == 0:
+            continue
+        gap = float(t[row] - t[rows[at_once[0] - 1]])
+        if len(at_once) * sampling_period(t[rows]) > 0.5 * gap:
+            seen = f"{len(at_once)} samples have the stamp {t[row]:.3f} s, after {gap:.3f} s without any"
+            message = f"{source.place(row)}: {seen}: they were stamped when they arrived"
+            raise InputError(message, "log the time at which each sample was taken, or choose that column")

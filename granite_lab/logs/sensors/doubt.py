@@ -20,6 +20,7 @@ class Doubt:
         grade: the best that an estimate can still be.
         std: of slip ratios, which covers what is seen [-]; 0 where the std need not grow.
         way: std of the distance after the instant `after` [s], beside its own [m].
+        rolled: std of the distance that the wheels rolled, as a share of it, beside its own [-].
     """
 
     what: str
@@ -29,6 +30,7 @@ class Doubt:
     std: float = 0.0
     way: float = 0.0
     after: float = math.inf
+    rolled: float = 0.0
 
     def __str__(self) -> str:
         seen = f"{self.where}: {self.what}" if self.where else self.what

@@ -189,8 +189,50 @@ def _anchored(raw: Array, rate: Array, width: float) -> Array:
     return rate - turns.pop() * width
 
 
+def caught_up(t: Array, angle: Array) -> Mask:
+    """(N,) True where the last value was logged again, as a bus that hangs does, and the counter went on.
+
+    A turning wheel's counter then stands much longer than it usually does, and makes up for it in one step.
+    """
+    lost, after = np.zeros(len(angle), dtype=bool), np.flatnonzero(np.diff(angle) != 0) + 1
+    if len(after) < 4 * _OFTEN:
+        return lost
+    lengths, sizes = np.diff(after), np.abs(np.diff(angle)[after - 1])
+    usual = float(np.quantile(lengths, 0.95))
+    for k in np.flatnonzero(lengths >= max(_OFTEN, _OFTEN * usual)):
+        if not _OFTEN <= k < len(after) - 1 - _OFTEN:
+            continue
+        a, b = int(after[k]), int(after[k + 1])  # the first sample of the value, and of the next one
+        behind, ahead = int(after[k - _OFTEN]), int(after[k + 1 + _OFTEN])
+        rates = (angle[a] - angle[behind]) / (t[a] - t[behind]), (angle[ahead] - angle[b]) / (t[ahead] - t[b])
+        low, high = np.sort(np.array(rates) * (t[b] - t[a]))
+        step = angle[b] - angle[a]
+        made_up = min(abs(low), abs(high)) < 2 * abs(step) < 4 * max(abs(low), abs(high))
+        # a wheel that stops and sets off makes no larger steps than before and after
+        beside = float(np.delete(sizes[k - _OFTEN : k + 2 + _OFTEN], _OFTEN + 1).max())
+        if low * high > 0 and step * low > 0 and made_up and abs(step) > 2 * beside:
+            lost[a + 1 : b] = True
+    return lost
+
+
 def _without_jumps(t: Array, angle: Array, fastest: float, doubts: list[Doubt]) -> Array:
     """Take out steps that no wheel can make: the counter was reset, or a sample is wrong.
+
+    What was logged again while the wheel turned on is NaN.
+    """
+    lost = caught_up(t, angle)
+    if not lost.any():
+        return _joined(t, angle, fastest, doubts)
+    at = ", ".join(f"{t[a]:.3f}" for a, _ in runs(lost)[:3])
+    n = int(np.count_nonzero(lost))
+    doubts.append(Doubt(f"{plural(n, 'reading')} that repeat the last one (t = {at} s)", remedy="left out"))
+    known = np.full(len(angle), np.nan)
+    known[~lost] = _joined(t[~lost], angle[~lost], fastest, doubts)
+    return known
+
+
+def _joined(t: Array, angle: Array, fastest: float, doubts: list[Doubt]) -> Array:
+    """Return a counter without steps that no wheel can make.
 
     A single sample from which the next one returns is replaced by the line between its neighbours. After a
     reset the wheel goes on at the rate between those before and after it.

@@ -28,6 +28,7 @@ _WINDOW = 0.5  # length [s] of the windows over which vibration is averaged away
 _TURNED = 2.0
 _FASTEST = 60.0  # no ground robot's gyroscope reads more [rad/s]
 _OFF_AXIS = 45.0  # gravity at rest farther than this [deg] from the robot's z axis stands on another axis
+_FILLED = 0.1  # three axes that read the same in so many samples hold no readings
 _HANGS = 0.5  # all axes of a sensor that repeat themselves for longer [s] hang
 _SPIKE = (1.0, 0.3)  # a single reading nearer than this to its neighbours is no spike [m/s^2], [rad/s]
 
@@ -51,7 +52,7 @@ def check_units(imu: ImuStream, log: Log) -> tuple[ImuStream, ImuStream]:
     """
     clean = despike(imu)[0]
     seen = _windows(clean)
-    a, removed = (1.0, imu.gravity_removed) if seen is None else _acceleration(imu.gravity_removed, seen, log)
+    a, removed = (1.0, imu.gravity_removed) if seen is None else _acceleration(imu, seen, log)
     g = _rate(clean.angular_rate, removed, seen, log)
     imu, clean = (
         dataclasses.replace(
@@ -139,8 +140,9 @@ def _windows(imu: ImuStream) -> Windows | None:
     return Windows(dt, force.mean(axis=1), force.std(axis=1).max(axis=1), np.diff(middle, axis=0), noise)
 
 
-def _acceleration(removed: bool, seen: Windows, log: Log) -> tuple[float, bool]:
+def _acceleration(imu: ImuStream, seen: Windows, log: Log) -> tuple[float, bool]:
     """Compare the mean specific force with gravity; return its factor to SI and whether gravity is out."""
+    removed = imu.gravity_removed
     norm = np.linalg.norm(seen.mean, axis=1)
     calm = seen.spread <= np.quantile(seen.spread, 0.3)
     g, spread = float(np.median(norm[calm])), float(np.median(seen.spread[calm]))
@@ -168,6 +170,10 @@ def _acceleration(removed: bool, seen: Windows, log: Log) -> tuple[float, bool]:
         log.doubt(f"the accelerometer reads {g:.2g} m/s^2 at rest: {gone}")
         return 1.0, True
     message = f"{log.where}: {reads}, expected 9.81 m/s^2, 1 g, 1000 mg or, with gravity removed, 0"
+    alike = (imu.specific_force == imu.specific_force[:, :1]).all(axis=1)
+    if alike.mean() > _FILLED:
+        filler = f"all axes read {np.median(imu.specific_force[alike]):g} again and again"
+        raise InputError(f"{message}; {filler}", "leave cells empty where the sensor gave no value")
     named = log.column(*(channel for channel in ACCELERATION if channel in log.columns))
     fits = f"unit = … or scale = {STANDARD_GRAVITY / g:.4g}" if g > 0 else "unit = … or scale = …"
     raise InputError(message, f"give {named} the unit that the logger uses, in a column map by {fits}")
