@@ -37,9 +37,8 @@ from granite_lab.running.each import HERE
 
 def read(path: Path, options: Options) -> tuple[Trial, Robot]:
     """Return the trial of a log as it was logged, and its robot; raise an InputError if it cannot be used."""
-    beside = {role: getattr(options, role) for role in ("imu", "encoders", "currents", "reference")}
     trial = logs.read_trial(
-        path, beside, map=options.column_map, robot=options.robot, info=options.known(path),
+        path, dict(options.beside), map=options.column_map, robot=options.robot, info=options.known(path),
         topics=dict(options.topics), excerpt=logs.Excerpt(options.rows, options.window),
     )  # fmt: skip
     robot = load_robot(options.robot or trial.info.robot or "granite", changes=trial.info.changes)
@@ -110,7 +109,7 @@ def analyse(path: Path, options: Options) -> TrialResult:
     """Take one trial through the whole chain.
 
     Raises:
-        LabError: any stage could not do its work; the message says which and why.
+        LabError: a stage failed; the message names it and the reason.
     """
     logged, robot = read(path, options)
     trial, motion = estimation.correct(logged, robot, soil=soil_of(logged, options.soil))
@@ -150,10 +149,10 @@ def soil_name(trial: Trial, options: Options, model: ModelFile | None) -> str:
 
 
 NO_SLIP = "no trial has a slip ratio that is known to 5 points, so nothing is searched"
-"""Why a search is left out: what is missing from a model cannot be told from motions that are not known."""
+"""Why a search is left out: without known motions nothing can be said to be missing from a model."""
 
 NAME = "study"
-"""Of a study that is not written; a report has that of its folder."""
+"""Name of a study that is not written; a report has the name of its folder."""
 
 
 def over_trials(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Annotated, Any, cast
@@ -39,33 +39,25 @@ COMMANDS = {
 
 
 METAVARS = {"Path": "PATH", "float": "NUMBER", "int": "NUMBER", "str": "TEXT", "list[str]": "TEXT"}
-"""Types of values as help says them."""
+"""Types of values as help prints them."""
 
 
-class _Commands(Mapping[str, Any]):
-    """The commands, each imported when it is asked for."""
-
-    def __getitem__(self, name: str) -> Any:
-        module = import_module(f"granite_lab.commands.{COMMANDS[name][0]}")
-        made = getattr(module, name.replace("-", "_"))
-        if not isinstance(made, typer.Typer):
-            function, made = made, typer.Typer(add_completion=False, rich_markup_mode=None)
-            made.command(name)(function)
-        command = typer.main.get_command(made)
-        command.name = name
-        for part in (command, *getattr(command, "commands", {}).values()):
-            for parameter in part.params:
-                if parameter.param_type_name == "argument":  # its type in Python tells a reader nothing
-                    vars(parameter)["display_type_rich"] = lambda ctx: None  # noqa: ARG005
-                elif not parameter.is_flag:
-                    parameter.metavar = parameter.metavar or METAVARS.get(parameter.bare_type())
-        return command
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(COMMANDS)
-
-    def __len__(self) -> int:
-        return len(COMMANDS)
+def command_of(name: str) -> Any:
+    """Import a command."""
+    module = import_module(f"granite_lab.commands.{COMMANDS[name][0]}")
+    made = getattr(module, name.replace("-", "_"))
+    if not isinstance(made, typer.Typer):
+        function, made = made, typer.Typer(add_completion=False, rich_markup_mode=None)
+        made.command(name)(function)
+    command = typer.main.get_command(made)
+    command.name = name
+    for part in (command, *getattr(command, "commands", {}).values()):
+        for parameter in part.params:
+            if parameter.param_type_name == "argument":  # its type in Python tells a reader nothing
+                vars(parameter)["display_type_rich"] = lambda ctx: None  # noqa: ARG005
+            elif not parameter.is_flag:
+                parameter.metavar = parameter.metavar or METAVARS.get(parameter.bare_type())
+    return command
 
 
 _MISUSED = cast("type[Exception]", typer.BadParameter.__bases__[0])
@@ -90,7 +82,11 @@ def _told() -> Iterator[None]:
 class _Group(TyperGroup):
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
-        self.commands: Any = _Commands()
+        self.commands: Any = dict.fromkeys(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
+        """Return a command, which is imported now; None where there is none of that name."""
+        return command_of(cmd_name) if cmd_name in COMMANDS else None
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         """Read the arguments before the command."""

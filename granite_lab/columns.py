@@ -43,7 +43,7 @@ class Cell:
     Attributes:
         text: as printed.
         raw: as in the CSV, one per key of the column.
-        tone: "", "good", "fair" or "bad"; the text says the same.
+        tone: "", "good", "fair" or "bad"; the text has the same meaning.
     """
 
     text: str

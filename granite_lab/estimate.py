@@ -94,8 +94,8 @@ def mean_over(estimates: Iterable[Estimate], vague: float = math.inf) -> Mean:
     """Average repetitions, with the wider of two 95 % intervals; weights are those of `weights_of`.
 
     One comes from the scatter between the repetitions (Student's t), the other from their stated
-    standard deviations. The first knows the sand's scatter, the second the sensors'; with few
-    repetitions either can be too small by chance.
+    standard deviations. The first includes the scatter of the sand, the second that of the
+    sensors; with few repetitions either can be too small by chance.
     """
     import numpy as np  # noqa: PLC0415, heavy
     from scipy.special import stdtrit  # noqa: PLC0415, heavy

@@ -5,13 +5,14 @@ from __future__ import annotations
 import errno
 import hashlib
 import importlib.util
+import json
 import os
 import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from granite_lab.csv_rows import csv_blocks
 from granite_lab.errors import InputError, LabError, UsageError
@@ -38,7 +39,7 @@ def readable(error: OSError, path: Path | str, doing: str = "read") -> LabError:
     """Return the user's version of an operating system error.
 
     Args:
-        error: what the operating system said.
+        error: of the operating system.
         path: the file it is about.
         doing: "read" gives an `InputError` (exit 3), anything else a plain `LabError` (exit 1).
     """
@@ -72,7 +73,7 @@ def refuse_special(path: Path) -> None:
 
 
 def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file's content in hexadecimal; of a folder, of its files and their names.
+    """Return the SHA-256 in hexadecimal of a file's content, or of the files of a folder with their names.
 
     Raises:
         InputError: the file cannot be read.
@@ -87,6 +88,29 @@ def sha256(path: Path) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise readable(error, path) from None
+
+
+def read_json(path: Path, hint: str, schema: str = "") -> dict[str, Any]:
+    """Return the JSON object in a file.
+
+    Args:
+        path: of the file.
+        hint: what to do where it holds none.
+        schema: that the object must name; any by default.
+
+    Raises:
+        InputError: the file cannot be read, or holds another document.
+    """
+    try:
+        document = json.loads(path.read_bytes())
+    except OSError as error:
+        raise readable(error, path) from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not JSON: {error}", hint) from None
+    if not isinstance(document, dict) or (schema and document.get("schema") != schema):
+        expected = f"schema '{schema}'" if schema else "an object"
+        raise InputError(f"{path}: expected {expected}", hint)
+    return document
 
 
 @contextmanager

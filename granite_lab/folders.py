@@ -116,7 +116,7 @@ def refuse_foreign(folder: Path, names: Iterable[str | Path]) -> None:
 def _move(new: Path, folder: Path, part: str) -> None:
     """Move the files of a new folder into an old one and bring its list up to date."""
     files = [path.relative_to(new) for path in new.rglob("*") if path.is_file()]
-    # The page comes last: whoever opens it finds what it speaks of.
+    # The page comes last, so that all files to which it refers are there.
     files.sort(key=lambda name: (name.suffix == ".html", name.as_posix()))
     refuse_foreign(folder, files)
     parts = written_in(folder)

@@ -60,11 +60,11 @@ class Options:
 
     Attributes:
         robot, soil, column_map: names of the catalogue or paths of TOML files.
-        imu, encoders, currents, reference: further files of a trial whose sensors were logged apart.
+        beside: of a trial whose sensors were logged apart, (imu, encoders, currents or reference, its file).
         rows: which rows of the log to take, as ``run_id = 4``.
         model: model.toml with effects to switch on.
         effects: the user's own effect file that the model may need.
-        info: what is known of all trials; it overrides what a log says.
+        info: what is known of all trials; it overrides the log.
         of_trials: what is known of single ones, by the path of the log; `info` counts before it.
         topics: of a bag, what a topic is taken for (imu, joints, odom) and its name.
         tolerance: of a search, discrepancy that does not matter, as a share of a channel's rms in motion.
@@ -77,10 +77,7 @@ class Options:
     robot: str | None = None
     soil: str | None = None
     column_map: str | None = None
-    imu: Path | None = None
-    encoders: Path | None = None
-    currents: Path | None = None
-    reference: Path | None = None
+    beside: tuple[tuple[str, Path], ...] = ()
     rows: str | None = None
     model: Path | None = None
     effects: Path | None = None
@@ -98,7 +95,7 @@ class Options:
         named = [
             x for x in (self.robot, self.soil, self.column_map) if x and (x.endswith(".toml") or "/" in x)
         ]
-        paths = (self.imu, self.encoders, self.currents, self.reference, self.model, self.effects)
+        paths = (*(path for _, path in self.beside), self.model, self.effects)
         return (*map(Path, named), *(p for p in paths if p is not None))
 
     def known(self, log: Path) -> TrialInfo | None:

@@ -119,9 +119,7 @@ def _begin(enter: Callable[[X], None], given: X) -> None:
     enter(given)
 
 
-def spread(
-    pool: ProcessPoolExecutor, call: Callable[[X], Y], items: Sequence[X], did: str, *, chunk: int = 1
-) -> Iterator[Y]:
+def spread(pool: ProcessPoolExecutor, call: Callable[[X], Y], items: Sequence[X], did: str) -> Iterator[Y]:
     """Yield what a pool makes of each item, in their order.
 
     Args:
@@ -129,14 +127,13 @@ def spread(
         call: a module-level function.
         items: its arguments.
         did: what the processes did, in the past tense.
-        chunk: items that a process takes at once.
 
     Raises:
         LabError: a process died.
     """
     try:
         with starting():
-            answers = pool.map(call, items, chunksize=chunk)
+            answers = pool.map(call, items)
         yield from answers
     except BrokenProcessPool:
         raise LabError(f"a process that {did} has died", SHORT_OF_MEMORY) from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shlex
 from collections import Counter
@@ -18,7 +17,7 @@ from granite_lab.comparison.compare import Comparison, Misfit
 from granite_lab.discovery.as_json import SCHEMA as DISCOVERY
 from granite_lab.discovery.finding import Finding
 from granite_lab.errors import InputError, LabError
-from granite_lab.files import readable
+from granite_lab.files import read_json
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.folders import distinct
 from granite_lab.logs.trial import Trial, trial_files
@@ -242,21 +241,8 @@ def load_report(path: Path) -> dict[str, Any]:
         InputError: there is none, or it is not that of a study by this version.
     """
     file = path / "report.json" if path.is_dir() else path
-    try:
-        document = json.loads(file.read_bytes())
-    except FileNotFoundError:
-        raise InputError(
-            f"{file}: cannot be read: does not exist", "give a folder that 'granite-lab study' wrote"
-        ) from None
-    except OSError as error:
-        raise readable(error, file) from None
-    except ValueError:
-        raise InputError(f"{file}: is not JSON", "give the folder of a study") from None
-    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        raise InputError(
-            f"{file}: is not the report of a study of this version",
-            "give a folder that 'granite-lab study' wrote, or run the study again",
-        )
+    hint = "give a folder that 'granite-lab study' of this version wrote, or run the study again"
+    document = read_json(file, hint, SCHEMA)
     search = document.get("discovery")
     if search is not None and (not isinstance(search, dict) or search.get("schema") != DISCOVERY):
         raise InputError(f"{file}: its search is of another version", "run the study again")

@@ -59,7 +59,7 @@ class Store:
     subject: str
 
     def doubts(self) -> tuple[str, ...]:
-        """Return a line on why the folder is not used; none where it is used or does not exist yet."""
+        """Return a line on why the folder is not used; no line where it is used or does not exist yet."""
         try:
             private = _private(self.folder.stat())
         except OSError:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,7 +38,7 @@ def write(
     A part that fails costs nothing of the others.
 
     Args:
-        result: the study; of a search alone one without trials.
+        result: the study; one without trials for a search alone.
         options: of it.
         folder: to write into.
         searched: trials of a search alone, with their motion.
@@ -145,7 +145,7 @@ def save_model_of(finding: Finding, options: Options, trials: Sequence[Trial], f
     twins = {e.id: e.twins for e in finding.effects}
     fitted = []
     for item in finding.active:
-        values = {name: Estimate(v, _std_of(item.id, name, std)) for name, v in item.as_dict().items()}
+        values = {name: Estimate(v, std.get((item.id, name), math.nan)) for name, v in item.as_dict().items()}
         fitted.append(FittedEffect(item.effect, values, twins.get(item.id, ())))
     files = sorted((file.path.name, file.sha256) for t in trials for file in t.inputs)
     provenance = {
@@ -165,8 +165,3 @@ def save_model_of(finding: Finding, options: Options, trials: Sequence[Trial], f
     with replacing(folder, "model") as new:
         save_model(model, new / MODEL)
     return folder / MODEL
-
-
-def _std_of(effect: str, name: str, known: Mapping[tuple[str, str], float]) -> float:
-    """Return the std of a number of an effect."""
-    return known.get((effect, name), math.nan)

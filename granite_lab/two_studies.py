@@ -135,39 +135,32 @@ def compare_studies(first: Path | str, second: Path | str) -> Compared:
     for quantity in dict.fromkeys([*quantities[0], *quantities[1]]):
         pair = [study.get(quantity) for study in quantities]
         only = "" if all(pair) else f"only in {'A' if pair[0] else 'B'}"
-        stated = next(stated_value for stated_value in pair if stated_value)
-        values = [stated_value.value if stated_value else Value() for stated_value in pair]
-        unit, scale = stated.shown(max((abs(v.value) for v in values if math.isfinite(v.value)), default=0.0))
-        a_value, b_value = (Value(*(scale * x for x in v)) for v in values)
-        rows.append(Row(quantity, unit, a_value, b_value, only))
+        _, unit, effect, name = next(filter(None, pair))
+        values, scale = [stated[0] if stated else Value() for stated in pair], 1.0
+        if effect:
+            largest = max((abs(v.value) for v in values if math.isfinite(v.value)), default=0.0)
+            unit, scale = scale_of(effect, name, unit, largest)
+        in_a, in_b = (Value(*(scale * x for x in v)) for v in values)
+        rows.append(Row(quantity, unit, in_a, in_b, only))
     return Compared(names, tuple(rows), tuple(_notes(a, b, rows)), bool(a["virtual"] or b["virtual"]))
 
 
-class _Stated(NamedTuple):
-    """A quantity of a report: unit and value as it holds them; of an effect its id and the number's name."""
-
-    unit: str
-    value: Value
-    effect: str = ""
-    name: str = ""
-
-    def shown(self, size: float) -> tuple[str, float]:
-        """Return the unit in which a report prints a number of this size, and the factor to it."""
-        return scale_of(self.effect, self.name, self.unit, size) if self.effect else (self.unit, 1.0)
+Stated = tuple[Value, str, str, str]
+"""Value and unit as a report holds them; of an effect its id and the name of its number, else empty."""
 
 
-def _quantities(document: Mapping[str, Any], *, effects: bool) -> Iterator[tuple[str, _Stated]]:
-    """Yield each quantity of a report with its unit and value; those of effects if asked to."""
+def _quantities(document: Mapping[str, Any], *, effects: bool) -> Iterator[tuple[str, Stated]]:
+    """Yield each quantity of a report; those of effects if asked to."""
     for key, name, unit in (("slip", "slip", "%"), ("k92", "k_92", "–")):
         for s in document["answers"]["speeds"]:
-            yield f"{name} at {s['speed_mps']:g} m/s", _Stated(unit, _value(s[key]))
+            yield f"{name} at {s['speed_mps']:g} m/s", (_value(s[key]), unit, "", "")
     if document["a_theta"] is not None:
-        yield "a_θ", _Stated("s/m", _value(document["a_theta"]))
+        yield "a_θ", (_value(document["a_theta"]), "s/m", "", "")
     for effect in document["discovery"]["effects"] if effects else ():
         for name, p in effect["parameters"].items():
             unit = "–" if p["unit"] in ("", "-") else p["unit"]
             quantity = f"{plain(effect['id'])}, {name.replace('_', ' ')}"
-            yield quantity, _Stated(unit, _value(p), effect["id"], name)
+            yield quantity, (_value(p), unit, effect["id"], name)
 
 
 def _value(stated: Mapping[str, Any]) -> Value:

@@ -16,7 +16,7 @@ from granite_lab.api.arguments import options_of
 from granite_lab.api.project import FILE, named_logs, project_in
 from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.estimate import Estimate
-from granite_lab.files import readable, write_text
+from granite_lab.files import read_json, write_text
 from granite_lab.logs.trial import name_of, trial_files
 
 LIST, SCHEMA = "ingest.json", "granite-lab/ingested/2"
@@ -28,7 +28,7 @@ OF_INGEST_ALONE = ("imu", "encoders", "currents", "reference", "rows", "variant"
 """Keywords of `ingest` that no other verb has."""
 
 OF_WORK = ("logs", "strict", "jobs")
-"""Keywords of `ingest` that say nothing of a log."""
+"""Keywords of `ingest` that do not concern a log."""
 
 
 @dataclass(frozen=True)
@@ -118,13 +118,12 @@ def ingested_in(results: Path) -> tuple[Entry, ...]:
 
 
 def _read(path: Path) -> list[Entry]:
-    """Return the entries of a list, none where there is no list; paths in it start at its folder."""
+    """Return the entries of a list, whose paths start at its folder; no entries where there is no list."""
     if not path.exists():
         return []
+    hint = "remove it and ingest the logs again"
+    document = read_json(path, hint, SCHEMA)
     try:
-        document = json.loads(path.read_bytes())
-        if document["schema"] != SCHEMA:
-            raise ValueError
         return [
             Entry(
                 Path(os.path.normpath(path.parent / row["log"])), path.parent / row["table"],
@@ -135,12 +134,8 @@ def _read(path: Path) -> list[Entry]:
             )
             for row in document["trials"]
         ]  # fmt: skip
-    except OSError as error:
-        raise readable(error, path) from None
-    except (ValueError, KeyError, TypeError, AttributeError):
-        raise InputError(
-            f"{path}: is no list of ingested logs", "remove it and ingest the logs again"
-        ) from None
+    except (KeyError, TypeError, AttributeError):
+        raise InputError(f"{path}: is no list of ingested logs", hint) from None
 
 
 def refuse_others(folder: Path, tables: Iterable[Path]) -> None:

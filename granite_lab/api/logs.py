@@ -135,7 +135,7 @@ def ingest(
         files, chosen = together, replace(chosen, files=(together["imu"],))
     if len(chosen.files) > 1 and (files or variant):
         raise UsageError("--variant and files of sensors go with one trial", "ingest the trials one by one")
-    options = replace(chosen.options, **files)
+    options = replace(chosen.options, beside=tuple(files.items()))
     if variant:
         stated = TrialInfo(robot=options.robot, v_desired=variant)
         options = replace(options, info=over(stated, options.info or TrialInfo()))
@@ -160,7 +160,7 @@ def _ingested(
 ) -> Ingested | LabError:
     """Return the record of a log, with its judgement if asked for; the error where there is no estimate.
 
-    Where the reference entered the estimate, the one without it, `blind`, is judged.
+    Where the reference entered the estimate, `blind`, the estimate without it, is judged.
     """
     if isinstance(outcome, LabError):
         return outcome

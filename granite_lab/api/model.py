@@ -63,14 +63,17 @@ class _Model(NamedTuple):
 def _model(
     robot: File | Robot,
     soil: File | Soil,
-    k92: float | None,
-    a_theta: float | None,
+    law: tuple[float | None, float | None],
     model: File,
     effects: File,
     active: Switched,
     changes: Changes,
 ) -> _Model:
-    """Return the model that was asked for; what is given wins over the model file."""
+    """Return the model that was asked for; what is given replaces numbers of the model file.
+
+    `law` is (k_92, a_θ), of which at most one is given.
+    """
+    k92, a_theta = law
     if k92 is not None and a_theta is not None:
         raise UsageError("--k92 and --a-theta exclude each other", "give one of the two")
     refuse_outside("k92", k92, 0, 1)
@@ -108,7 +111,7 @@ def simulate(
         a: largest acceleration [m/s²] (with `v`).
         distance: total distance [m] (with `v`).
         command: any desired velocity, linear between times, as ``0:0, 1:0.3, 5:0.3, 6:0`` in s and m/s.
-        wheels: a log whose measured wheel speeds drive the simulation; it says robot and soil, too.
+        wheels: a log whose measured wheel speeds drive the simulation; its robot and soil are used.
         log: file for the log of virtual sensors (CSV).
         seed: seed of the random numbers of the sensors.
         k92: constant k_92, 0 to 1; by default the law (5), k_92 = exp(-a_θ v).
@@ -137,7 +140,7 @@ def simulate(
         course, robot, soil = _of_log(Path(wheels), robot, soil, changes)
     else:
         course = _trapezoid(*trapezoid) if command is None else _commanded(command)
-    it = _model(robot, soil, k92, a_theta, model, effects, active, changes)
+    it = _model(robot, soil, (k92, a_theta), model, effects, active, changes)
     if it.robot.tow is not None and wheels is None:
         course = hauling(course, constant(it.robot), it.robot.tow.height)
     run = run_model(
@@ -159,9 +162,9 @@ def _of_log(
     from granite_lab.chain import simulable  # noqa: PLC0415, heavy
 
     of_robot, of_soil = (None if isinstance(x, (Robot, Soil)) else x for x in (robot, soil))
-    said = options(robot=of_robot, soil=of_soil, drive="wheels", changes=changes)
-    trial, found, motion = simulable(log, said)
-    return motion.variant, robot or found, soil or trial.info.soil
+    given = options(robot=of_robot, soil=of_soil, drive="wheels", changes=changes)
+    trial, of_log, motion = simulable(log, given)
+    return motion.variant, robot or of_log, soil or trial.info.soil
 
 
 def _commanded(command: str | Sequence[tuple[float, float]]) -> Variant:
@@ -272,7 +275,7 @@ def wheel(
     refuse_outside("load", load, 0.001, 100_000)
     if load is not None and sinkage is not None:
         raise UsageError("--load and --sinkage exclude each other", "give one of the two")
-    it = _model(robot, soil, k92, a_theta, model, effects, active, changes)
+    it = _model(robot, soil, (k92, a_theta), model, effects, active, changes)
     rim, ground = it.robot.wheels, it.soil
     ratio = Ratio(it.k92, load_paper().a_theta if it.a_theta is None else it.a_theta)
     if load is None and sinkage is None:

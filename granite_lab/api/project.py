@@ -1,4 +1,4 @@
-"""Which trials are meant and what is said about them: options, and `granite-lab.toml` beside the logs."""
+"""Which trials are taken and what is known of them: options, and `granite-lab.toml` beside the logs."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Chosen:
 
 
 def project_in(folder: Path) -> Project:
-    """Return what the file of a folder says, with full paths; nothing where there is no file.
+    """Return the project of a folder, with full paths; an empty one where there is no file.
 
     Raises:
         InputError: unknown key, robot, soil or map; no such log; an excluded trial that is not there or lacks
@@ -136,7 +136,7 @@ def _logs_of(folder: Path, named: Sequence[str]) -> list[Path]:
 
 
 def named_logs(folder: Path) -> tuple[Path, ...]:
-    """Return the logs that the file of a folder names, or else those beside it; none where there is no file.
+    """Return the logs that the file of a folder names, else those beside it; no logs where there is no file.
 
     Raises:
         InputError, UsageError: the file is wrong, or a folder that it names holds no log.
@@ -150,7 +150,7 @@ def named_logs(folder: Path) -> tuple[Path, ...]:
 def _projects_of(files: Sequence[Path]) -> dict[Path, tuple[Path, Project]]:
     """Return for each log the project that holds for it, behind the folder in which its file lies."""
     if files and not any(map(os.path.exists, files)):
-        refuse_special(files[0])  # which says what is wrong with it
+        refuse_special(files[0])  # raises an error with the reason
     here = Path()
     mine = project_in(here)
     listed = {path.resolve() for path in (trial_files(mine.logs) if mine.logs else ())}
@@ -197,7 +197,7 @@ def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
             f"{where}: excludes {'all trials' if len(files) > 1 else files[0].name}",
             f"reason given: {excluded[0].reason}",
         )
-    # All files that are named are read once, so that a wrong one is told before any work.
+    # All files that are named are read once, so that a wrong one ends the command before any work.
     changes = options.info.changes if options.info else ()
     load_robot(options.robot or "granite", changes=changes)
     load_soil(options.soil or "dry_sand", changes)

@@ -78,7 +78,7 @@ class Checked(Shown):
 
     @property
     def reason(self) -> str:
-        """What failed; of a good run its speed, slip ratio and the grade of its estimate."""
+        """What failed, or speed, slip ratio and grade of the estimate of a good run."""
         if not self.good:
             return "; ".join(f"{check.name}: {check.found}" for check in self.checks if not check.good)
         parts = [check.found for check in self.checks if check.name in ("speed", "slip")]

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from granite_lab.planning.plan import Plan
 
 PAGES = ("index.html", "report.md")
-"""Files of every report: where others stand in their place, it is told before the work."""
+"""Files of every report; where a file of the user has such a name, the command ends before any work."""
 
 Done = Callable[[Path], None]
 
@@ -225,12 +225,12 @@ def study(
             trials, as in `ingest`.
         drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
         tolerance, latency: as in `discover`.
-        progress: told what is being done, how many steps of it are done, and of how many at most; 0 where
+        progress: called with what is done, how many steps of it are done, and of how many at most; 0 where
             that is not known.
 
     Returns:
-        the results; the table has a row for each trial. `written` says which files there are, and what could
-        not be written.
+        the results; the table has a row for each trial. `written` lists the files, and what could not be
+        written.
 
     Raises:
         LabError: no trial went through, or the folder cannot be written.
@@ -339,14 +339,14 @@ def discover(
         tolerance: accepted discrepancy, as a share of a channel's rms in motion.
         latency: largest delay between the stamps of two sensors that counts as latency [s].
         drive, effects, strict, jobs, scheduler, cache: as in `fit_k92`.
-        progress: told what is being done, how many steps of it are done, and of how many at most; 0 where
+        progress: called with what is done, how many steps of it are done, and of how many at most; 0 where
             that is not known.
 
     Returns:
-        the finding; its table has a row for each candidate. Its `failures` say what could not be written.
+        the finding; its table has a row for each candidate. Its `failures` list what could not be written.
 
     Raises:
-        InputError: a log cannot be used, or nothing says what was commanded.
+        InputError: a log cannot be used, or no command is stated.
         EstimateError: a trial has no sensor to compare with, or the simulation fails.
     """
     options = options_of(locals())
@@ -385,7 +385,7 @@ def plan_next(
     max_speed: float | None = None,
     effects: File = None,
     jobs: int = 0,
-    progress: Callable[[int, int], None] = lambda *_: None,
+    progress: Progress = lambda *_: None,
 ) -> Plan:
     """Propose the most useful next trial.
 
@@ -394,7 +394,7 @@ def plan_next(
         room: longest distance that fits on the sand [m], 0.1 or more; by default the longest so far.
         max_speed: fastest command [m/s], 0.02 or more; by default 1.25 times the fastest so far.
         effects, jobs: as in `fit_k92`.
-        progress: told how many trials are looked at, and of how many.
+        progress: called with what is done, how many trials are looked at, and of how many.
 
     Returns:
         the proposals; the table has a row for each.

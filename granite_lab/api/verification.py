@@ -27,7 +27,7 @@ from granite_lab.running.output import tell
 class Verification:
     """A report (``report.json``) that was made again from a number of trials.
 
-    The differences, one line each, are empty where it can be made again byte by byte; notes tell of another
+    The differences, one line each, are empty where it can be made again byte by byte; notes name another
     version.
     """
 
@@ -54,7 +54,7 @@ def verify(
 
     Args:
         report: a report's folder or its ``report.json``.
-        logs: the logs, where they no longer lie where the report says.
+        logs: the logs, where they were moved since the report was made.
         effects: the file of the user's own effects, where the report was made with one.
         jobs, scheduler, done, progress: as in `study`.
 
@@ -73,14 +73,14 @@ def verify(
     given = [logs] if isinstance(logs, (str, Path)) else logs
     files = trial_files(given) if given else list(_recorded(old, left_out, path))
     files = [file for file in files if name_of(file) not in left_out]
-    said = [(o["name"], o["value"]) for o in origin["options"]]
-    own = _agreed(dict(said).get("effects"), None if effects is None else Path(effects), path)
-    options = replace(Options.from_given(said), effects=own)
+    stated = [(o["name"], o["value"]) for o in origin["options"]]
+    trusted = _agreed(dict(stated).get("effects"), None if effects is None else Path(effects), path)
+    options = replace(Options.from_given(stated), effects=trusted)
     options = replace(options, of_trials=choose(files, options, everything=True).options.of_trials)
     differences = list(reporting.json_report.changed_files(old, path))
     result = over_trials(
         files, options, execution=execution_of(jobs, scheduler),
-        discover=("discover", "no") not in said, done=done, progress=progress,
+        discover=("discover", "no") not in stated, done=done, progress=progress,
     )  # fmt: skip
     result = replace(result, name=old["name"], failures=(*result.failures, *excluded))
     with tempfile.TemporaryDirectory(prefix="granite-lab-verify-") as temporary:
@@ -134,7 +134,7 @@ def _values(document: dict[str, Any], folder: Path) -> dict[str, str]:
     options = [
         o | {"value": Path(o["value"]).name} if o["name"] == "effects" else o for o in origin["options"]
     ]
-    own = {
+    content = {
         "provenance": {"options": options, "parameters": origin["parameters"]},
         "inputs": {Path(i["file"]).name: i["sha256"] for i in origin["inputs"]},
         "files": {
@@ -143,7 +143,7 @@ def _values(document: dict[str, Any], folder: Path) -> dict[str, str]:
             if table["id"] != "inputs"  # which holds paths; the hashes are compared above
         },
     }
-    return dict(_leaves(document | own))
+    return dict(_leaves(document | content))
 
 
 def _leaves(value: Any, place: str = "") -> Iterator[tuple[str, str]]:

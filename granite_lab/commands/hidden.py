@@ -16,7 +16,7 @@ from granite_lab.commands.printer import Printer, progress, warn
 from granite_lab.hidden.scoring import MEANING, ParameterScore, Score
 
 PARTS = {"train": "trials in the fit", "held_out": "trials left out of the fit"}
-"""Parts of the trials that a discovery tells of, as they are printed."""
+"""Parts of the trials for which a discovery states a gap, as they are printed."""
 
 
 def hide(
@@ -140,10 +140,23 @@ def _show_answer(answer: Mapping[str, Any], printer: Printer) -> None:
         printer.say(f"sand off its file: {off}")
     lab = answer.get("lab", {})
     for part, drawn in lab.items() if lab.get("name") == "wild" else ():
-        each = drawn.items() if isinstance(drawn, Mapping) else [("", drawn)]
-        told = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in each)
-        printer.line(f"{part}: {told.strip()}")
+        each = drawn if isinstance(drawn, Mapping) else {"": drawn}
+        if part in ("robot", "soil"):
+            each = {"": drawn["name"]} | _off(drawn["filed"], drawn["real"])
+        texts = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in each.items())
+        printer.line(f"{part}: {texts.strip()}")
     printer.say(f"seed {answer['seed']}, strength {answer['strength']:g}, noise {answer['noise']:g}")
+
+
+def _off(filed: Mapping[str, Any], real: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the numbers of a robot or sand that are not those of its file."""
+    numbers: dict[str, Any] = {}
+    for key, value in real.items():
+        if isinstance(value, Mapping):
+            numbers |= {f"{key}.{name}": number for name, number in _off(filed[key], value).items()}
+        elif value != filed[key]:
+            numbers[key] = value
+    return numbers
 
 
 def _show_score(judged: Score, printer: Printer) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -35,7 +35,7 @@ from granite_lab.files import ending_of, write_table
 from granite_lab.parameters import load_paper, load_robot, load_soil, load_variants, names
 from granite_lab.parameters.analyses import ALLOWED, allowed_by
 from granite_lab.parameters.changes import checked
-from granite_lab.parameters.new_robot import Question, questions
+from granite_lab.parameters.new_robot import questions
 from granite_lab.shown import picked
 
 if TYPE_CHECKING:
@@ -202,7 +202,7 @@ def robot(
     asked = questions(analysis)
     given = changes_of(changes)
     if sys.stdin.isatty() and not as_json and not new.exists():
-        given |= _answers([question for question in asked if question.key not in given])
+        given |= _answers({key: text for key, text in asked.items() if key not in given})
     made, printer = gl.robot(new, changes=given, like=like), Printer(as_json)
     printer.json("robot/1", vars(made))
     printer.line(f"robot: {made.path}")
@@ -210,19 +210,16 @@ def robot(
     printer.line(f"then: granite-lab params --robot {shlex.quote(str(made.path))}")
 
 
-def _answers(asked: Sequence[Question]) -> dict[str, float]:
-    """Ask for numbers on the terminal, each until the answer is a valid number or empty."""
+def _answers(questions: Mapping[str, str]) -> dict[str, float]:
+    """Ask for numbers by their keys on the terminal, each until the answer is a valid number or empty."""
     answers: dict[str, float] = {}
-    for question in asked:
-        while text := typer.prompt(question.text, default="", show_default=False, err=True).strip():
+    for key, question in questions.items():
+        while text := typer.prompt(question, default="", show_default=False, err=True).strip():
             try:
-                answers |= changes_of([f"{question.key}={text}"])
-                checked({question.key: answers[question.key]})
-            except (UsageError, InputError) as error:
-                answers.pop(question.key, None)
-                typer.echo(f"{error.message}; {error.hint}", err=True)
-            else:
+                answers |= checked(changes_of([f"{key}={text}"]))
                 break
+            except (UsageError, InputError) as error:
+                typer.echo(f"{error.message}; {error.hint}", err=True)
     return answers
 
 

@@ -17,7 +17,7 @@ from granite_lab.estimate import Estimate
 T = TypeVar("T")
 
 AS_GIVEN = ("robot", "soil", "column_map", "use_reference", "ref_v_std", "ref_x_std")
-"""What is said of logs in the words of the API."""
+"""Options on logs with the names that the API has."""
 
 PASSED = ("drive", "model", "effects", "tolerance", "strict", "jobs", "scheduler", "cache")
 """Further options whose names and values are those of the API."""
@@ -105,7 +105,7 @@ def picture(text: str, **more: Any) -> Any:
 def said_of(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options of a command that several have as keywords of the API.
 
-    What was not said of the logs is left to it.
+    Options that were not given are left out.
 
     Raises:
         UsageError: a text cannot be understood, or the window ends before it begins.
@@ -153,7 +153,7 @@ def count_of(logs: Sequence[Path]) -> int | None:
 
     try:
         return len(trial_files(logs))
-    except (LabError, OSError):  # told by the command itself
+    except (LabError, OSError):  # the command itself reports it
         return None
 
 

@@ -106,12 +106,10 @@ class Watch:
         done: after each step.
         stage: with what is being done, how many steps of it are done, and of how many; 0 where that is not
             known.
-        step: with how many steps are done, and of how many.
     """
 
     done: Callable[[object], None]
     stage: Progress
-    step: Callable[[int, int], None]
 
 
 @contextmanager
@@ -135,7 +133,6 @@ def progress(text: str, *, quiet: bool, total: int | None = None) -> Iterator[Wa
             stage=lambda what, count, total: bar.update(
                 task, description=what, completed=count, total=total or None
             ),
-            step=lambda count, total: bar.update(task, completed=count, total=total),
         )
 
 

@@ -332,7 +332,7 @@ def plan_next(
     """
     with progress("looking at trials", quiet=quiet) as watch:
         plan = gl.plan_next(
-            folder, room=room, max_speed=max_speed, effects=effects, jobs=jobs, progress=watch.step
+            folder, room=room, max_speed=max_speed, effects=effects, jobs=jobs, progress=watch.stage
         )
     if out is not None:
         table = plan.to_frame()

@@ -47,7 +47,7 @@ STANDSTILL = frozenset({"pitch", "accel", "pitch_rate"})
 """Channels of which the change since the standstill before the command is compared."""
 
 SLIP_STD_USED = 0.1
-"""Slip ratios with a larger std say nothing (the last moments before standstill, section 5)."""
+"""Slip ratios with a larger std are not compared (the last moments before standstill, section 5)."""
 
 _FAST = 0.1
 """What a moving average over this time [s] takes out of an IMU signal counts as its noise."""
@@ -152,7 +152,7 @@ def compare(
     simulated = simulated_channels(run, t)
     measured = _measured(motion, trial, robot, t)
     for name in measured.keys() & STANDSTILL:
-        # tilt of the sensor and bias cannot be told from the robot's own pitch: its change is compared
+        # tilt and bias of the sensor cannot be separated from the robot's pitch: its change is compared
         value, std = measured[name]
         measured[name] = value - standstill_mean(t, value - simulated[name])[0], std
     late = np.nan_to_num(fit.t_start.std)

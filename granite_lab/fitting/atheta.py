@@ -45,7 +45,7 @@ DIFFERENT = 0.1
 than this share of half its width."""
 
 _MOST = 50.0  # of a_θ [s/m]; k_92 at 0.2 m/s would be 5e-5
-_LARGEST = 3.0  # relative scatter; beyond it k_92 says nothing about a_θ
+_LARGEST = 3.0  # relative scatter; beyond it k_92 does not determine a_θ
 _REACH = 8.0  # stds of a_θ within which the ends of its interval are looked for
 
 Interval = tuple[float, float]
@@ -79,7 +79,7 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
         items: fits of single trials, of which the k_92 by the steady slip is taken, or rows.
 
     Raises:
-        EstimateError: no k_92 that says anything about a_θ.
+        EstimateError: no k_92 from which a_θ follows.
     """
     fits = [item for item in items if isinstance(item, K92Fit)]
     if fits and len(fits) == len(items) and not any(fit.slip_known for fit in fits):

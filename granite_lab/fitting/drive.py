@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -72,7 +73,7 @@ def driven(motion: Motion, robot: Robot, by: DriveBy, soil: Soil | None = None) 
 def _split(motion: Motion) -> Array:
     """Return (N, 2) half of what r ω of the right wheel is above that of the left one, front and rear [m/s].
 
-    An axle of which a side is not known turns as the other one; zero where both do not tell.
+    An axle of which a side is not known turns as the other one; zero where neither is known.
     """
     split: Array = (motion.v_wheel[:, 1::2] - motion.v_wheel[:, ::2]) / 2
     return np.nan_to_num(np.where(np.isfinite(split), split, split[:, ::-1]))
@@ -88,8 +89,8 @@ def _apart(motion: Motion, split: Array) -> tuple[str, ...]:
     if abs(share) <= ALIKE:
         return ()
     side = "right" if share > 0 else "left"
-    told = f"the {side} wheels are {200 * abs(share):.0f} % faster than the others: "
-    return (told + "each side is simulated with its own slip, on a robot that goes straight",)
+    line = f"the {side} wheels are {200 * abs(share):.0f} % faster than the others: "
+    return (line + "each side is simulated with its own slip, on a robot that goes straight",)
 
 
 def _reason(motion: Motion, robot: Robot, soil: Soil | None) -> str:
@@ -134,14 +135,13 @@ def mistaken(motion: Motion, robot: Robot, soil: Soil) -> float:
         run = simulate(motion.variant, robot, soil)
     except LabError:
         return 0.0
-    t, v = motion.t - motion.t_start.value, mean_known(motion.v_wheel)
-    use = (t >= 0) & (t <= duration(motion.variant)) & np.isfinite(v)
-    if use.sum() < 2:
-        return 0.0
     wheels = (run["v_wheel_f_mps"] + run["v_wheel_r_mps"]) / 2
-    late = np.linspace(-2, 2, 9) * np.nan_to_num(motion.t_start.std)
-    off = min(float(np.mean((v[use] - np.interp(t[use] - x, run.t, wheels)) ** 2)) for x in late)
-    return math.sqrt(off / float(np.mean(velocities_at(t[use], motion.variant) ** 2)))
+
+    def missed(late: float) -> float:
+        return _missed(motion, motion.variant, lambda t: np.asarray(np.interp(t - late, run.t, wheels)))
+
+    off = min(map(missed, np.linspace(-2, 2, 9) * np.nan_to_num(motion.t_start.std)))
+    return off if math.isfinite(off) else 0.0
 
 
 def stated(motion: Motion) -> bool:
@@ -156,12 +156,25 @@ def stated(motion: Motion) -> bool:
 
 def deviation(motion: Motion, variant: Variant) -> float:
     """Return the rms by which r ω, mean of the wheels, misses the command over the rms of the command."""
+    return _missed(motion, variant, lambda t: velocities_at(t, variant))
+
+
+def _missed(motion: Motion, variant: Variant, wheels: Callable[[Array], Array]) -> float:
+    """Return the rms by which r ω, mean of the wheels, misses that of a model over the rms of the command.
+
+    It is infinite where the wheels are not known during the command.
+
+    Args:
+        motion: the estimate.
+        variant: the command.
+        wheels: of the model: times since the start of the command [s] to r ω [m/s].
+    """
     t, v = motion.t - motion.t_start.value, mean_known(motion.v_wheel)
     use = (t >= 0) & (t <= duration(variant)) & np.isfinite(v)
     if use.sum() < 2:
         return math.inf
-    wanted = velocities_at(t[use], variant)
-    return float(np.sqrt(np.mean((v[use] - wanted) ** 2) / np.mean(wanted**2)))
+    off, wanted = v[use] - wheels(t[use]), velocities_at(t[use], variant)
+    return float(np.sqrt(np.mean(off**2) / np.mean(wanted**2)))
 
 
 def _turned(motion: Motion, robot: Robot, split: Array | None) -> tuple[Estimate, Course]:

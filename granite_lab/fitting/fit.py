@@ -276,7 +276,7 @@ class AThetaFit(Shown):
         virtual: some of the logs were written by a simulator.
         origin: where the fit comes from.
         total, total_ci95: `a_theta` with the std and the 95 % interval that hold the uncertainty of soil and
-            wheel radius, too [s/m]; NaN where the trials do not say what these do.
+            wheel radius, too [s/m]; NaN where their influence on the trials is not known.
         shared: what the std of `total` is made of besides that of `a_theta`.
     """
 
@@ -374,9 +374,7 @@ def of_mean(
 ) -> Budget | None:
     """Return the budget of a mean over trials of a speed [m/s] by the components and the weight of each.
 
-    Without weights all are equal.
-
-    None where a trial has no components, or the mean no std: by the trials' own or by their scatter.
+    Without weights all are equal. None where a trial has no components, or the mean has no std.
     """
     if not trials or not all(trials) or not math.isfinite(mean.std):
         return None

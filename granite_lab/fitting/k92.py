@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation.motion import Motion
-from granite_lab.fitting.fit import K92_BOUNDS, FitStatus, K92Fit, Shift
+from granite_lab.fitting.fit import K92_BOUNDS, LEAST, FitStatus, K92Fit, Shift
 from granite_lab.inference.bench import RAKED, SAND, Bench, World
 from granite_lab.inference.constants import RAKING, SAND_STD, TOLERANCE
 from granite_lab.inference.fit import Fit
@@ -37,9 +37,6 @@ from granite_lab.model.leading import LEADS, count_of
 from granite_lab.parameters import Course, Robot, Soil, Variant, load_paper
 from granite_lab.processes import one_thread
 
-LEAST_K92 = 1e-3
-"""Below it the exponential law's exponent runs away: it takes k_92 for this value."""
-
 RAKED_AS = ("k_φ, from raking to raking", "c, from raking to raking")
 """The parameters of the sand that change with the raking besides a_θ, as a budget calls them."""
 
@@ -55,7 +52,7 @@ SHARED_AS = {
 """Numbers that all trials share, as a budget calls them."""
 
 WIDE = 1.0
-"""Std of the prior of log a_θ: flat beside the few percent that one trial tells."""
+"""Std of the prior of log a_θ: flat beside the few percent to which one trial determines it."""
 
 COARSE = 0.05
 """Least width of a bin [s]: a seventh of the time in which slip settles."""
@@ -74,7 +71,7 @@ def simulate_k92(
         InputError: the robot's file lacks chassis or drive.
         EstimateError: the simulation does not converge.
     """
-    a_theta = -math.log(min(max(k92, LEAST_K92), 1.0)) / reference_velocity(variant)
+    a_theta = -math.log(min(max(k92, LEAST), 1.0)) / reference_velocity(variant)
     return simulate(variant, robot, soil, a_theta=a_theta, effects=effects)
 
 
@@ -169,7 +166,7 @@ def fit_k92(
         motion, trial: the estimate, and the trial as it was corrected.
         robot, soil: the robot with chassis and drive, and the ground.
         effects: added to the paper's model.
-        trajectory: also fit the whole time history; where that cannot be, a note says why.
+        trajectory: also fit the whole time history; where that is impossible, a note states the reason.
 
     Raises:
         EstimateError: the trial has no steady slip ratio, or the simulation fails.

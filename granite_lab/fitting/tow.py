@@ -35,7 +35,7 @@ def towed(motion: Motion, trial: Trial, robot: Robot) -> Motion:
     Args:
         motion: with what drives its runs.
         trial: whose stated force counts before the logged one, and that before the one of the robot's file.
-        robot: whose file says at which height the load pulls; the wheel centres where it does not.
+        robot: whose file states the height at which the load pulls; by default that of the wheel centres.
 
     Raises:
         InputError: the trial's force cannot be understood.
@@ -106,5 +106,5 @@ def _logged(motion: Motion, logged: Series) -> Sequence[tuple[float, float]]:
 
 
 def constant(robot: Robot) -> tuple[tuple[float, float], ...]:
-    """Return the load of a robot's file, the same at all times; nothing where it tows none."""
+    """Return the constant load of a robot's file; no points where the robot tows no load."""
     return () if robot.tow is None else ((0.0, robot.tow.force), (math.inf, robot.tow.force))

@@ -8,11 +8,11 @@ from types import ModuleType
 
 from granite_lab.errors import UsageError, known_names
 from granite_lab.hidden import drive, outside, soil, soil_law, tyre, vehicle
+from granite_lab.hidden.command import Command
 from granite_lab.hidden.controller import CONTROLLERS
 from granite_lab.hidden.influence import Influence
 from granite_lab.hidden.model import Setup, Truth
-from granite_lab.hidden.parts import Sizes, Trapezoid
-from granite_lab.hidden.stick import Stick
+from granite_lab.hidden.parts import Sizes
 
 
 def _held_by(*modules: ModuleType) -> dict[str, type[Influence]]:
@@ -59,9 +59,7 @@ def influence(name: str) -> type[Influence]:
     return known[name]
 
 
-def model_of(
-    names: Sequence[str], setup: Setup, command: Trapezoid | Stick, sizes: Mapping[str, Sizes]
-) -> Truth:
+def model_of(names: Sequence[str], setup: Setup, command: Command, sizes: Mapping[str, Sizes]) -> Truth:
     """Return the truth's model under the named influences.
 
     Args:

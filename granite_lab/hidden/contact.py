@@ -5,10 +5,8 @@ Written from the paper alone, for any number of wheels at once; independent of t
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -62,16 +60,6 @@ class Ground:
     bearing: float = 0.0
     residual: float = 1.0
     peak: float = 1.0
-
-    @cached_property
-    def packed(self) -> tuple[Array, Array]:
-        """Return n, k of (8), c and K as (4, wheels) or (4, 1), and the other numbers as a vector."""
-        rows = self.n, self.k_c / self.b + self.k_phi, self.c, self.K
-        soil = np.empty((4, max(map(np.size, rows))))
-        soil[0], soil[1], soil[2], soil[3] = rows
-        numbers = self.r, self.b, self.tan_phi, self.mu_s, self.c_t, self.harden, self.harden_speed
-        law = self.moved, self.ahead, self.ahead_slip, self.bearing, self.residual, self.peak
-        return soil, np.array([*numbers, *law])
 
 
 @dataclass(frozen=True)
@@ -179,122 +167,34 @@ def contact(
         intervals: of the quadrature.
         near_rest: how (1) and (11) go on there.
     """
-    soil, numbers = ground.packed
-    arcs = numbers[:1] if at.radius is None else at.radius
-    floor = near_rest.speed if near_rest.law == "floor" else -near_rest.speed
-    motion, law = np.stack([at.v_o, at.v, at.z0, at.dz0]), np.array([k92, floor])
-    slip, W, R, F, M, normal = faster(forces_by_loops, forces_of_arrays)(
-        soil, np.concatenate([numbers, law]), arcs, motion, clenshaw_curtis(intervals)
-    )
-    return Contact(slip, at.z0, W, R, F, M, normal)
-
-
-def forces_of_arrays(soil: Array, numbers: Array, arcs: Array, motion: Array, rule: Array) -> Array:
-    """Return slip, W, R, F, M and the normal force of each wheel, (6, wheels).
-
-    Args:
-        soil: of `Ground.packed`.
-        numbers: of `Ground.packed`, behind them k_92 and the speed of `NearRest`, negative for the law of
-            the parabola.
-        arcs: (wheels,) or (1,) radius of the circle that meets the soil [m].
-        motion: (4, wheels) v_o, v, z0 and dz0 of `Stance`.
-        rule: (2, N) nodes and weights of the quadrature on [-1, 1].
-    """
-    r, b, tan_phi, mu_s, c_t, harden, harden_speed = numbers[:7]
-    moved, ahead, ahead_slip, bearing, residual, peak, k92, floor = numbers[7:]
-    (v_o, v, z0, dz0), (nodes, weights) = motion, rule
-    n, k, c, K = soil[:, :, None]
-    slip, share = slip_and_share(v_o, v, NearRest("floor" if floor > 0 else "parabola", abs(floor)))
-    front = np.arccos(1.0 - np.clip(z0 / arcs, 0.0, 2.0))[:, None]  # theta_1
+    g, z0, (nodes, weights) = ground, at.z0[:, None], clenshaw_curtis(intervals)
+    n, k, c, K = (np.reshape(x, (-1, 1)) for x in (g.n, g.k_c / g.b + g.k_phi, g.c, g.K))
+    arcs = np.reshape(g.r if at.radius is None else at.radius, (-1, 1))
+    slip, share = (x[:, None] for x in slip_and_share(at.v_o, at.v, near_rest))
+    front = np.arccos(1.0 - np.clip(z0 / arcs, 0.0, 2.0))  # theta_1
     half = 0.5 * (1.0 + k92) * front  # (4)
     arc = front - half + half * nodes
     sin, cos = np.sin(arc), np.cos(arc)
-    depth = np.maximum(z0, 0.0)[:, None]
-    sigma = k * np.maximum(depth - arcs[:, None] * (1.0 - cos), 0.0) ** n  # (7)-(9)
-    if moved:
-        top = (ahead + ahead_slip * np.abs(slip))[:, None] * front
-        highest = np.maximum(depth - arcs[:, None] * (1.0 - np.cos(np.maximum(arc, top))), 0.0)
+    depth = np.maximum(z0, 0.0)
+    sigma = k * np.maximum(depth - arcs * (1.0 - cos), 0.0) ** n  # (7)-(9)
+    if g.moved:
+        top = (g.ahead + g.ahead_slip * np.abs(slip)) * front
+        highest = np.maximum(depth - arcs * (1.0 - np.cos(np.maximum(arc, top))), 0.0)
         line = np.minimum((arc + k92 * front) / (k92 * front + top), 1.0)
-        sigma += moved * (k * highest**n * line - sigma)
-    if bearing:
-        sigma = bearing * np.tanh(sigma / bearing)
-    if harden:
-        sigma *= 1.0 + harden * np.log1p(np.abs(v)[:, None] / harden_speed * np.maximum(sin, 0.0))
+        sigma += g.moved * (k * highest**n * line - sigma)
+    if g.bearing:
+        sigma = g.bearing * np.tanh(sigma / g.bearing)
+    if g.harden:
+        speed = np.abs(at.v)[:, None] / g.harden_speed
+        sigma *= 1.0 + g.harden * np.log1p(speed * np.maximum(sin, 0.0))
     reach = np.sin(front) - sin
-    j = arcs[:, None] * (share[:, None] * (front - arc - reach) + slip[:, None] * reach)  # (6)
-    limit = np.minimum(mu_s * sigma, c + sigma * tan_phi)  # (10)
-    share = -np.expm1(-np.abs(j) / K)  # of the limit that is mobilised, (11)
-    if residual < 1.0:
-        share = oida(np.abs(j), residual, peak)
-    tau = np.sign(j) * limit * share
+    j = arcs * (share * (front - arc - reach) + slip * reach)  # (6)
+    limit = np.minimum(g.mu_s * sigma, c + sigma * g.tan_phi)  # (10)
+    mobilised = -np.expm1(-np.abs(j) / K)  # (11)
+    if g.residual < 1.0:
+        mobilised = oida(np.abs(j), g.residual, g.peak)
+    tau = np.sign(j) * limit * mobilised
     parts = np.stack([sigma * cos + tau * sin, sigma * sin, tau * cos, tau])
-    W, R, F, S = b * arcs * (parts * (half * weights)).sum(axis=2)  # (12)-(15)
-    normal = np.where(z0 > 0, np.maximum(W + c_t * dz0, 0.0), 0.0)  # (17), never pulls
-    return np.stack([slip, W, -R, F, -r * S, normal])  # (13) with the sign that opposes motion
-
-
-def forces_by_loops(soil: Array, numbers: Array, arcs: Array, motion: Array, rule: Array) -> Array:
-    """Do the same as `forces_of_arrays`, written for a compiler."""
-    r, b, tan_phi, mu_s, c_t, harden, harden_speed = numbers[:7]
-    moved, ahead, ahead_slip, bearing, residual, peak, k92, floor = numbers[7:]
-    v_o, v, z0, dz0 = motion
-    out = np.zeros((6, v.size))
-    for i in range(v.size):
-        own = min(i, soil.shape[1] - 1)
-        n, k, c, K = soil[0, own], soil[1, own], soil[2, own], soil[3, own]
-        radius = arcs[min(i, arcs.size - 1)]
-        u, s = max(abs(v_o[i]), abs(v[i])), abs(floor)
-        low = min(u / s, 1.0)
-        if floor > 0:
-            slip, share = (v_o[i] - v[i]) / max(u, s), low * low * (3.0 - 2.0 * low)
-        else:
-            slip = (v_o[i] - v[i]) / (u if u >= s else 0.5 * s * (low * low + 1.0))
-            share = low * (2.0 - low)
-        out[0, i] = slip
-        if z0[i] <= 0.0:
-            continue
-        front = math.acos(1.0 - min(z0[i] / radius, 2.0))
-        half, top = 0.5 * (1.0 + k92) * front, math.sin(front)
-        for node, weight in rule.T:
-            arc = front - half + half * node
-            sin, cos = math.sin(arc), math.cos(arc)
-            z = z0[i] - radius * (1.0 - cos)
-            if z <= 0.0:
-                continue
-            sigma = k * z**n
-            if moved != 0.0:
-                crest = (ahead + ahead_slip * abs(slip)) * front
-                highest = max(z0[i] - radius * (1.0 - math.cos(max(arc, crest))), 0.0)
-                line = min((arc + k92 * front) / (k92 * front + crest), 1.0)
-                sigma += moved * (k * highest**n * line - sigma)
-            if bearing != 0.0:
-                sigma = bearing * math.tanh(sigma / bearing)
-            if harden != 0.0:
-                sigma *= 1.0 + harden * math.log1p(abs(v[i]) / harden_speed * max(sin, 0.0))
-            reach = top - sin
-            j = radius * (share * (front - arc - reach) + slip * reach)
-            limit = min(mu_s * sigma, c + sigma * tan_phi)
-            mobilised = -math.expm1(-abs(j) / K)
-            if residual < 1.0:
-                x = abs(j) / peak
-                rise = 1.0 / (residual * (1.0 - math.exp(-1.0))) - 1.0
-                mobilised = -residual * (1.0 + rise * math.exp(1.0 - x)) * math.expm1(-x)
-            tau = math.copysign(limit * mobilised, j)
-            w = b * radius * half * weight
-            out[1, i] += w * (sigma * cos + tau * sin)
-            out[2, i] -= w * sigma * sin
-            out[3, i] += w * tau * cos
-            out[4, i] -= w * r * tau
-        out[5, i] = max(out[1, i] + c_t * dz0[i], 0.0)
-    return out
-
-
-@cache
-def faster(loops: Callable[..., Array], plain: Callable[..., Array]) -> Callable[..., Array]:
-    """Return a function compiled by Numba where that is installed, else one that needs no compiler."""
-    try:
-        from numba import njit  # noqa: PLC0415, half a second to import; five times faster for it
-    except ImportError:
-        return plain
-    fast: Callable[..., Array] = njit(cache=True)(loops)
-    return fast
+    W, R, F, S = g.b * arcs[:, 0] * (parts * (half * weights)).sum(axis=2)  # (12)-(15)
+    normal = np.where(at.z0 > 0, np.maximum(W + g.c_t * at.dz0, 0.0), 0.0)  # (17), never pulls
+    return Contact(slip[:, 0], at.z0, W, -R, F, -g.r * S, normal)  # (13) with the sign that opposes motion

@@ -10,7 +10,6 @@ import numpy as np
 
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.model import PITCH, Truth
-from granite_lab.hidden.parts import Push
 from granite_lab.parameters import Robot
 
 Kind = Literal["exact", "equivalent", "shape", "amplitude"]
@@ -81,11 +80,10 @@ class Influence(Truth):
             found["phase"] = float(rng.uniform(0, 2 * np.pi))
         return found
 
-    def drag(self, y: Array, force: float) -> Push:
-        """Return a resistance [N] along R's x at wheel-centre height that a robot at rest does not feel."""
-        v = self.velocity(y)
-        f = -np.sign(v) * self.fade(y) * force
-        return Push(float(np.cos(y[PITCH]) * f), float(-np.sin(y[PITCH]) * f), float(self.arm_z * f))
+    def drag(self, y: Array, force: float) -> Array:
+        """Return the push of a resistance [N] along R's x at wheel-centre height; none on a robot at rest."""
+        f = -np.sign(self.velocity(y)) * self.fade(y) * force
+        return np.asarray(f * np.array([np.cos(y[PITCH]), -np.sin(y[PITCH]), self.arm_z]))
 
 
 def pairs(sizes: Mapping[str, float]) -> tuple[Array, Array]:

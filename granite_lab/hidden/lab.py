@@ -1,4 +1,4 @@
-"""Where the trials of a set are made: a robot, its sand, its logger, and what their files say of them.
+"""Where the trials of a set are made: a robot, its sand, its logger, and their files.
 
 On the bench all is as filed. A wild laboratory is drawn from a seed: another logger, and often another robot
 or sand. A range is what data sheets, publications or trials of other programs show; none comes from what
@@ -15,9 +15,10 @@ import numpy as np
 
 from granite_lab.errors import UsageError
 from granite_lab.hidden.chance import factors, lot, magnitude, scaled
+from granite_lab.hidden.command import trapezoid
 from granite_lab.hidden.contact import FLOOR, V_FLOOR, NearRest
 from granite_lab.hidden.model import Setup, Truth
-from granite_lab.hidden.parts import Trapezoid, exponential_k92
+from granite_lab.hidden.parts import exponential_k92
 from granite_lab.hidden.sensors import Logger
 from granite_lab.parameters import Robot, Soil, load_paper, load_soil
 from granite_lab.parameters.quantity import key_of, toml_line
@@ -30,7 +31,7 @@ SCATTER = {"frictional_modulus": 0.05, "cohesion": 0.05, "a_theta": 0.03}
 """Relative std from trial to trial on the bench, as raking leaves it; an assumption."""
 
 FASTEST = 0.7, 2.4, 3.0
-"""Variant of Table 2 that asks most of sand and drive: velocity, acceleration, distance."""
+"""Variant of Table 2 that loads sand and drive most: velocity, acceleration, distance."""
 
 MOST_SLIP, DEEPEST = 0.35, 0.22
 """Slip ratio in the fastest variant and sinkage over radius at rest of a robot that can be measured at all:
@@ -73,14 +74,13 @@ class Lab:
         robot, soil: filed and real.
         a_theta: of (5) on the average of the trials [s/m].
         scatter: relative std of k_φ, c and a_θ from trial to trial.
-        repetitions: of each variant; 0 leaves it to who asks.
+        repetitions: of each variant; 0: as asked for, else 3.
         logger: what the logger adds to the errors that the robot's record states.
         radius: relative std of each wheel's radius in each trial.
         rolls: the wheels really have these radii; otherwise they are alike, and the logger's angles are off
             by as much.
         before, after: least and most of the standstills [s].
         near_rest: how the forces and the drive go on near rest.
-        drawn: what of all this was drawn, for the answer.
     """
 
     name: str
@@ -95,7 +95,6 @@ class Lab:
     before: tuple[float, float] = (1.5, 2.5)
     after: tuple[float, float] = (3.0, 3.5)
     near_rest: NearRest = FLOOR
-    drawn: Mapping[str, Any] = field(default_factory=dict)
 
     def files(self) -> dict[str, str]:
         """Return the TOML files that lie beside the trials: what the laboratory knows of robot and sand."""
@@ -145,7 +144,7 @@ def wild(seed: int, robot: Robot, soil: Soil) -> Lab:
 def drives(lab: Lab) -> bool:
     """Tell whether the robot stands and drives the fastest variant without digging itself in."""
     setup = Setup(lab.robot.real, lab.soil.real, exponential_k92(lab.a_theta), intervals=24)
-    truth = Truth(setup, Trapezoid(*FASTEST))
+    truth = Truth(setup, trapezoid(*FASTEST))
     try:
         with np.errstate(all="ignore"):
             sunk = truth.contact(-1.0, truth.rest()).sinkage.max()
@@ -157,9 +156,9 @@ def drives(lab: Lab) -> bool:
 
 def _drawn(rng: np.random.Generator, robot: Robot, soil: Soil) -> Lab:
     """Draw robot, sand, sensors, and what is left, in this order."""
-    filed, size = (robot, {}) if rng.random() < 0.5 else other_robot(rng, robot)
+    filed = robot if rng.random() < 0.5 else other_robot(rng, robot)
     sand = soil if rng.random() < 0.4 else load_soil(PUBLISHED[int(rng.integers(len(PUBLISHED)))])
-    off = factors(rng, OFF)
+    factors_off = factors(rng, OFF)
     real = _with_sensors(rng, filed)
     # about the 8, 5 and 3 % of the trials by another program
     scatter = {
@@ -185,10 +184,12 @@ def _drawn(rng: np.random.Generator, robot: Robot, soil: Soil) -> Lab:
     # Borenstein and Feng (1996): tenths of a percent at best
     radius = magnitude(rng, 5e-4, 4e-3)
     rolls = rng.random() < 0.5
-    lab = Lab(
+    return Lab(
         name="wild",
-        robot=Filed("robot.toml" if size else filed.name, _at_rates(filed, real) if size else filed, real),
-        soil=Filed(sand.name if sand is soil else "soil.toml", sand, scaled(sand, off)),
+        robot=Filed(robot.name, robot, real)
+        if filed is robot
+        else Filed("robot.toml", _at_rates(filed, real), real),
+        soil=Filed(sand.name if sand is soil else "soil.toml", sand, scaled(sand, factors_off)),
         a_theta=a_theta,
         scatter=scatter,
         repetitions=repetitions,
@@ -199,7 +200,6 @@ def _drawn(rng: np.random.Generator, robot: Robot, soil: Soil) -> Lab:
         after=(after, after + 0.5),
         near_rest=near_rest,
     )
-    return replace(lab, drawn=_account(lab, size, off))
 
 
 def _with_sensors(rng: np.random.Generator, filed: Robot) -> Robot:
@@ -258,8 +258,8 @@ def _at_rates(filed: Robot, real: Robot) -> Robot:
     )
 
 
-def other_robot(rng: np.random.Generator, robot: Robot) -> tuple[Robot, dict[str, float]]:
-    """Return a robot of other measures, and the factors on radius, width, lengths and mass.
+def other_robot(rng: np.random.Generator, robot: Robot) -> Robot:
+    """Return a robot of other radius, width, lengths and mass.
 
     Masses follow the measures so that the pressure under the wheels stays in the range in which (8) was
     measured. The gear grows with the radius, so that top speed stays and motors keep their currents;
@@ -288,7 +288,7 @@ def other_robot(rng: np.random.Generator, robot: Robot) -> tuple[Robot, dict[str
         gain_p=d.gain_p * r, gain_d=d.gain_d * r,
     )  # fmt: skip
     counts = robot.encoders.counts * r / motor
-    made = replace(
+    return replace(
         robot,
         name="robot",
         title="Four driven wheels, other measures",
@@ -299,28 +299,3 @@ def other_robot(rng: np.random.Generator, robot: Robot) -> tuple[Robot, dict[str
         imu=replace(robot.imu, x=robot.imu.x * length, z=robot.imu.z * length),
         encoders=replace(robot.encoders, counts=float(round(counts))),
     )
-    return made, {"radius": r, "width": width, "length": length, "mass": mass}
-
-
-def _account(lab: Lab, size: Mapping[str, float], off: Mapping[str, float]) -> dict[str, Any]:
-    """Return what was drawn, for the sealed answer."""
-    robot, filed, logger = lab.robot.real, lab.robot.filed, lab.logger
-    imu = ("tilt", "vibration", "vibration_rate", "vibration_frequency")
-    grade = ("rate", "accel_noise", "gyro_noise", "accel_bias", "gyro_bias")
-
-    def picked(record: object, *names: str) -> dict[str, Any]:
-        return {name: getattr(record, name) for name in names}
-
-    return {
-        "robot": dict(size) or lab.robot.name, "soil": lab.soil.filed.name, "sand_off": dict(off),
-        "scatter": dict(lab.scatter), **picked(lab, "a_theta", "repetitions"),
-        "imu": {
-            **picked(robot.imu_grade, *grade), **picked(logger, "late", "jitter", "gain"),
-            "x_off": robot.imu.x - filed.imu.x, "z_off": robot.imu.z - filed.imu.z, **picked(robot.imu, *imu),
-        },
-        "wheels": picked(robot.encoders, "rate", "jitter") | picked(lab, "radius", "rolls"),
-        "currents": picked(robot.currents, "rate", "noise", "offset", "gain", "step")
-        | picked(logger, "ripple"),
-        "before": list(lab.before), "after": list(lab.after),
-        "near_rest": picked(lab.near_rest, "speed", "holds_below"),
-    }  # fmt: skip

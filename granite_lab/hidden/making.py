@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ from granite_lab import __version__
 from granite_lab.errors import EstimateError
 from granite_lab.hidden.catalogue import UNKNOWN_TO_LIBRARY, influence, model_of
 from granite_lab.hidden.chance import lot, scaled
+from granite_lab.hidden.command import Command, draw_stick, trapezoid
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.controller import CONTROLLERS
 from granite_lab.hidden.lab import Lab, lab_of
@@ -26,10 +27,9 @@ from granite_lab.hidden.mixture import (
     withheld_variant,
 )
 from granite_lab.hidden.model import Setup
-from granite_lab.hidden.parts import Trapezoid, exponential_k92
+from granite_lab.hidden.parts import exponential_k92
 from granite_lab.hidden.sensors import louder, read_currents, read_imu, read_wheels
 from granite_lab.hidden.simulator import DT, Body, body_from_states, solve
-from granite_lab.hidden.stick import Stick, draw_stick
 from granite_lab.hidden.vehicle import ClockOffset
 from granite_lab.hidden.wish import Wish, chosen, drawn, raked, sand
 from granite_lab.logs.trial import CurrentStream, ImuStream, Series, Trial, TrialInfo, WheelStream
@@ -56,33 +56,29 @@ class Plan:
     Attributes:
         wish: of the set.
         lab: where it is made; its robot is as it really is, but for what the influences change.
+        setup: of its model, with the sand and the radii of this trial.
         sizes: parameters of the influences by id in this trial, phases included.
-        soil, a_theta: of this trial; raking: by which factors it changed them.
+        a_theta: of this trial; raking: the factors by which it and the sand were changed.
         command, repetition: which trial it is.
         seed: key of its random numbers.
-        controller: id and gains of one that is not the paper's.
+        radii: (4,) true radius of each wheel over the filed one.
     """
 
     wish: Wish
     lab: Lab
+    setup: Setup
     sizes: Mapping[str, Mapping[str, float]]
-    soil: Soil
     a_theta: float
     raking: Mapping[str, float]
-    command: Trapezoid | Stick
+    command: Command
     repetition: int
     seed: tuple[int, ...]
-    controller: tuple[str, Mapping[str, float]] = ("", {})
+    radii: Array
 
     @property
     def name(self) -> str:
         """Name of the trial, which tells nothing."""
         return f"{self.wish.label}_{self.command.label}_r{self.repetition}"
-
-    @property
-    def radii(self) -> Array:
-        """True radius of each wheel in this trial over the filed one, (4,)."""
-        return np.asarray(1 + self.lab.radius * lot(*self.seed, 2).standard_normal(4))
 
 
 def make_set(
@@ -122,7 +118,7 @@ def _draws(wish: Wish, lab: Lab) -> Iterator[tuple[list[Plan], dict[str, float],
     """Yield the plans of a set, the factors on its sand, and what each cause of a mixture reopens.
 
     They are drawn anew where the last were of no use. Sand drawn off its file may be too weak for the slope,
-    drag or speed at hand. Of a mixture all is drawn again; causes that nearly count are made stronger first.
+    drag or speed at hand. All of a mixture is drawn again, after causes that nearly count were made stronger.
     """
     mixed = wish.effect == "mixture"
     for attempt in range(ATTEMPTS if mixed else 8 if wish.sand_off else 1):
@@ -168,14 +164,18 @@ def _plans(wish: Wish, lab: Lab, ground: Soil, sizes: Mapping[str, Mapping[str, 
     # the weakest ground shows at the highest speed: that comes first, so that a bad draw costs little
     variants = sorted(wish.variants or load_variants(), key=lambda v: -v.velocity)
     repetitions = range(1, (wish.repetitions or lab.repetitions or 3) + 1)
-    plans, controller = [], _controller(wish, lab)
+    plans, (controller, gains) = [], _controller(wish, lab)
     for (k, variant), repetition in product(enumerate(variants), repetitions):
         seed = (wish.seed, 4, k, repetition)
         rng = lot(*seed, 0)
-        raking = raked(ground, lab.a_theta, lab.scatter, rng)
+        soil, a_theta, raking = raked(ground, lab.a_theta, lab.scatter, rng)
         of_trial = {name: influence(name).of_trial(size, rng) for name, size in sizes.items()}
+        radii = np.asarray(1 + lab.radius * lot(*seed, 2).standard_normal(4))
+        pairs = (float(radii[:2].mean()), float(radii[2:].mean())) if lab.rolls else (1.0, 1.0)
+        law = exponential_k92(a_theta)
+        setup = Setup(lab.robot.real, soil, law, lab.near_rest, pairs, controller=controller, gains=gains)
         command = _command(wish, k, repetition, variant)
-        plans.append(Plan(wish, lab, of_trial, *raking, command, repetition, seed, controller))
+        plans.append(Plan(wish, lab, setup, of_trial, a_theta, raking, command, repetition, seed, radii))
     return plans
 
 
@@ -188,10 +188,10 @@ def _controller(wish: Wish, lab: Lab) -> tuple[str, dict[str, float]]:
     return name, CONTROLLERS[name].drawn(rng, lab.robot.real)
 
 
-def _command(wish: Wish, k: int, repetition: int, variant: Variant) -> Trapezoid | Stick:
+def _command(wish: Wish, k: int, repetition: int, variant: Variant) -> Command:
     """Return the command of a trial; a stick goes about as fast as the variant in whose place it stands."""
     if wish.command == "trapezoid":
-        return Trapezoid(variant.velocity, variant.acceleration, variant.distance)
+        return trapezoid(variant.velocity, variant.acceleration, variant.distance)
     rng = lot(wish.seed, 8, k, repetition if wish.command == "joystick" else 0)
     return draw_stick(rng, k + 1, variant.velocity * float(rng.uniform(*AS_FAST)))
 
@@ -201,7 +201,7 @@ def _of_mixture(plan: Plan, off: Mapping[str, float], counts: Mapping[str, float
     variant, lab = withheld_variant(plan.wish.seed, plan.wish.variants or load_variants()), plan.lab
     ground = scaled(lab.soil.real, off)
     setup = Setup(lab.robot.real, ground, exponential_k92(lab.a_theta), lab.near_rest)
-    command = Trapezoid(variant.velocity, variant.acceleration, variant.distance)
+    command = trapezoid(variant.velocity, variant.acceleration, variant.distance)
     truth = model_of(tuple(plan.sizes), setup, command, plan.sizes)
     return {"reopens": dict(counts), "withheld": motion_of(truth, variant)}
 
@@ -212,15 +212,8 @@ def _make(plans: list[Plan], k: int) -> tuple[Trial, pd.DataFrame] | None:
 
 def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
     """Simulate and log one trial, with its true motion; None if the robot digs itself in."""
-    rng, lab = lot(*plan.seed, 1), plan.lab
-    command, radii = plan.command, plan.radii
-    rolling = radii if lab.rolls else np.ones(4)
-    pairs = float(rolling[:2].mean()), float(rolling[2:].mean())
-    setup = Setup(
-        lab.robot.real, plan.soil, exponential_k92(plan.a_theta), lab.near_rest, pairs,
-        controller=plan.controller[0], gains=plan.controller[1],
-    )  # fmt: skip
-    truth = model_of(tuple(plan.sizes), setup, command, plan.sizes)
+    rng, lab, command = lot(*plan.seed, 1), plan.lab, plan.command
+    truth = model_of(tuple(plan.sizes), plan.setup, command, plan.sizes)
     before, after = rng.uniform(*lab.before), rng.uniform(*lab.after)
     steps = np.arange(-round(before / DT), round((command.end + after) / DT) + 1)
     t = np.asarray(steps * DT)
@@ -233,14 +226,12 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
         return None
     rig, wrong = louder(lab.robot.real, plan.wish.noise), truth.misreading()
     imu, *_ = read_imu(rng, body, rig, lab.logger, wrong)
-    wheels = read_wheels(rng, body, rig, -wrong.late, wrong.encoder / (1.0 if lab.rolls else radii))
+    wheels = read_wheels(rng, body, rig, -wrong.late, wrong.encoder / (1.0 if lab.rolls else plan.radii))
     currents = read_currents(rng, body, rig, -wrong.late * wrong.later, lab.logger)
-    stated = command if isinstance(command, Trapezoid) else None  # what a person did, nobody has written down
+    v, a, distance = command.stated or (None, None, None)
     info = TrialInfo(
-        robot=lab.robot.name, soil=lab.soil.name, v_desired=stated.v if stated else None,
-        a_max=stated.a if stated else None, distance=stated.distance if stated else None,
-        repetition=plan.repetition,
-        virtual=True, extra={"made_by": f"granite-lab {__version__} hide"},
+        robot=lab.robot.name, soil=lab.soil.name, v_desired=v, a_max=a, distance=distance,
+        repetition=plan.repetition, virtual=True, extra={"made_by": f"granite-lab {__version__} hide"},
     )  # fmt: skip
     trial = Trial(
         name=plan.name,
@@ -253,7 +244,7 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
     return trial, true_motion(plan, body)
 
 
-def _logged(command: Trapezoid | Stick, start: float, stamps: Array, late: float) -> Series:
+def _logged(command: Command, start: float, stamps: Array, late: float) -> Series:
     """Return the desired velocity [m/s] as the logger of the encoders saw it, at `LOGGED` of its stamps."""
     step = max(1, round(1 / (LOGGED * float(np.median(np.diff(stamps))))))
     t = stamps[::step]
@@ -263,12 +254,12 @@ def _logged(command: Trapezoid | Stick, start: float, stamps: Array, late: float
 def true_motion(plan: Plan, body: Body) -> pd.DataFrame:
     """Return what really happened: columns with units in their names, and single numbers as attributes.
 
-    The slip ratio (2) is that of the second half of the constant desired velocity, of a stick that of all.
+    The slip ratio (2) is taken over `Command.measured`.
     """
     import pandas as pd  # noqa: PLC0415, heavy
 
     front, rear = body.v_wheel[:, 0], body.v_wheel[:, 2]
-    start = plan.command.measured(body.start)
+    start = body.start + np.array(plan.command.measured)
     rolled = np.cumsum((front + rear) / 2) * DT
     gained = np.diff(np.interp(start, body.t, body.x)), np.diff(np.interp(start, body.t, rolled))
     frame = pd.DataFrame(  # at 200 Hz, as the IMU
@@ -282,8 +273,8 @@ def true_motion(plan: Plan, body: Body) -> pd.DataFrame:
         "t_start_s": body.start,
         "k92_law": "exponential",
         "k92_value": plan.a_theta,
-        "frictional_modulus_Pa_mn": plan.soil.frictional_modulus,
-        "cohesion_Pa": plan.soil.cohesion,
+        "frictional_modulus_Pa_mn": plan.setup.soil.frictional_modulus,
+        "cohesion_Pa": plan.setup.soil.cohesion,
     }
     return frame
 
@@ -300,7 +291,7 @@ def _answer(wish: Wish, off: Mapping[str, float], plans: list[Plan]) -> dict[str
             "library": name not in UNKNOWN_TO_LIBRARY,
             "parameters": {
                 size.name: {
-                    # whoever sees only the stamps sees the IMU's lateness in the offset of the clocks
+                    # in the stamps, the latency of the IMU is part of the offset of the clocks
                     "value": sizes[name][size.name] - (late if name == ClockOffset.id else 0.0),
                     "unit": size.unit,
                     "kind": size.kind,
@@ -319,11 +310,11 @@ def _answer(wish: Wish, off: Mapping[str, float], plans: list[Plan]) -> dict[str
         "strength": wish.strength,
         "noise": wish.noise,
         "sand_off": off,
-        "lab": {"name": lab.name, **lab.drawn},
+        "lab": asdict(lab),
         "lab_a_theta": lab.a_theta,
         "command": wish.command,
         "logged": wish.logged,
-        "controller": {"id": plans[0].controller[0] or "paper", **plans[0].controller[1]},
+        "controller": {"id": plans[0].setup.controller or "paper", **plans[0].setup.gains},
         "effects": effects,
         "trials": {
             plan.name: {

@@ -12,7 +12,6 @@ from granite_lab.hidden.catalogue import influence
 from granite_lab.hidden.chance import lot
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.model import Truth
-from granite_lab.hidden.parts import Trapezoid
 from granite_lab.hidden.simulator import DT, body_from_states, solve
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import Robot, Variant
@@ -115,12 +114,11 @@ def withheld_variant(seed: int, variants: Sequence[Variant]) -> Variant:
 
 
 def motion_of(truth: Truth, variant: Variant) -> Mapping[str, Any]:
-    """Return the true motion under a command: velocity [m/s] and mean current [A] over time [s]."""
-    end = Trapezoid(variant.velocity, variant.acceleration, variant.distance).end
-    t = np.asarray(np.arange(-round(0.5 / DT), round((end + 0.5) / DT) + 1) * DT, dtype=np.float64)
+    """Return the true motion under its command: velocity [m/s] and mean current [A] over time [s]."""
+    steps = np.arange(-round(0.5 / DT), round((truth.command.end + 0.5) / DT) + 1)
+    t = np.asarray(steps * DT, dtype=np.float64)
     body = body_from_states(truth, t, solve(truth, t, rtol=3e-6, atol=1e-7))
     step = round(SPACING / DT)
-    assert body.current is not None
     return {
         "velocity": variant.velocity, "acceleration": variant.acceleration, "distance": variant.distance,
         "t": t[::step].round(3).tolist(),

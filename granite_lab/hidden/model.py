@@ -15,6 +15,7 @@ from math import cos, sin
 import numpy as np
 import scipy
 
+from granite_lab.hidden.command import Command
 from granite_lab.hidden.contact import (
     FLOOR,
     V_FLOOR,
@@ -24,11 +25,9 @@ from granite_lab.hidden.contact import (
     NearRest,
     Stance,
     contact,
-    faster,
     smoothstep,
 )  # fmt: skip
-from granite_lab.hidden.parts import Law, Method, Misreading, Push, Sizes, Trapezoid
-from granite_lab.hidden.stick import Stick
+from granite_lab.hidden.parts import Law, Method, Misreading, Sizes
 from granite_lab.parameters import GRAVITY, Robot, Soil
 
 X, Z, PITCH, VX, VZ, Q = range(6)
@@ -43,45 +42,6 @@ FREE = np.zeros(2)
 """Gears that are not locked."""
 
 
-def newton(y: Array, ground: Array, push: Array, measures: Array) -> Array:
-    """Return the first twelve rates (12,), those of wheels and currents left at zero but for dθ/dt = ω.
-
-    Args:
-        y: state.
-        ground: (2, 2) forces of the ground along O's x and z, on a wheel of each axle [N].
-        push: (3,) what else acts on the centre of mass: forces along x and z [N], moment about y [N m].
-        measures: `Truth.measures`.
-    """
-    dy = np.zeros(12)
-    s, c = sin(y[2]), cos(y[2])
-    f_x, f_z = ground[0], ground[1]
-    arm_z, mass, inertia = measures[2], measures[3], measures[4]
-    turning = push[2]
-    for i in range(2):
-        f_rx, f_rz = c * f_x[i] - s * f_z[i], s * f_x[i] + c * f_z[i]  # (19)
-        turning += 2.0 * (arm_z * f_rx - measures[i] * f_rz)  # (22)
-        dy[6 + i] = y[8 + i]
-    dy[0], dy[1], dy[2] = y[3], y[4], y[5]
-    dy[3] = (2.0 * (f_x[0] + f_x[1]) + push[0]) / mass  # (20) and (21), seen from O
-    dy[4] = (2.0 * (f_z[0] + f_z[1]) + push[1]) / mass
-    dy[5] = turning / inertia
-    return dy
-
-
-def standing(y: Array, measures: Array) -> Array:
-    """Return circumferential velocity, velocity, sinkage and its rate of both axles, (4, 2)."""
-    out = np.empty((4, 2))
-    s, c = sin(y[2]), cos(y[2])
-    arm_z, r = measures[2], measures[5]
-    for i in range(2):
-        arm_x = measures[i]
-        out[0, i] = y[8 + i] * measures[6 + i]
-        out[1, i] = c * y[3] - s * y[4] + y[5] * arm_z
-        out[2, i] = r - (y[1] - s * arm_x + c * arm_z)
-        out[3, i] = y[5] * (c * arm_x + s * arm_z) - y[4]
-    return out
-
-
 @dataclass(frozen=True)
 class Setup:
     """Robot, soil and laws of a trial.
@@ -91,7 +51,7 @@ class Setup:
         near_rest: how wheels and drive go on near rest.
         radii: (2,) true radius of front and rear wheels over the filed one.
         intervals: of the quadrature along the arc.
-        controller: id of one other than (26), none where empty; gains: its numbers.
+        controller: id of a controller other than (26), empty for (26); gains: its numbers.
     """
 
     robot: Robot
@@ -113,9 +73,7 @@ class Truth:
         sizes: parameters of the influences that a subclass adds, by the influence's id.
     """
 
-    def __init__(
-        self, setup: Setup, command: Trapezoid | Stick, sizes: Mapping[str, Sizes] | None = None
-    ) -> None:
+    def __init__(self, setup: Setup, command: Command, sizes: Mapping[str, Sizes] | None = None) -> None:
         robot, soil = setup.robot, setup.soil
         if robot.chassis is None or robot.drive is None:
             raise ValueError("the robot has no chassis or no drive")
@@ -132,10 +90,6 @@ class Truth:
         self.mass = ch.total_mass
         self.arm_x = np.array([0.5, -0.5]) * ch.wheel_base - ch.com_x
         self.arm_z = -ch.com_z
-        self.measures = np.array(
-            [*self.arm_x, self.arm_z, self.mass, ch.pitch_inertia, self.r, *self.rolling]
-        )
-        self.newton, self.standing = faster(newton, newton), faster(standing, standing)
         self.emf = robot.drive.emf_constant * robot.drive.gear_ratio
         self.ground = Ground(
             r=self.r,
@@ -185,7 +139,10 @@ class Truth:
 
     def stance(self, t: float, y: Array) -> Stance:
         """Return how the wheels meet the ground."""
-        return Stance(*self.standing(y, self.measures))
+        s, c = sin(y[PITCH]), cos(y[PITCH])
+        height = y[Z] - s * self.arm_x + c * self.arm_z
+        rate = y[Q] * (c * self.arm_x + s * self.arm_z) - y[VZ]
+        return Stance(self.rolling * y[OMEGA], np.full(2, self.velocity(y)), self.r - height, rate)
 
     def soil(self, t: float, y: Array, at: Stance) -> Ground:
         """Return the soil under the wheels."""
@@ -227,13 +184,16 @@ class Truth:
         """Return the torques with which tyre and ground act on the rims [N m]."""
         return wheel.M
 
-    def push(self, t: float, y: Array, wheel: Contact) -> Push:
-        """Return what acts on the body besides the wheel forces."""
-        return Push(0.0, -self.mass * GRAVITY)
+    def push(self, t: float, y: Array, wheel: Contact) -> Array:
+        """Return what acts on the body besides the wheel forces, (3,).
+
+        Forces on the centre of mass along O's x and z [N], and the moment about y, nose down [N m].
+        """
+        return np.array([0.0, -self.mass * GRAVITY, 0.0])
 
     def misreading(self) -> Misreading:
         """Return the lasting errors of the sensors."""
-        return Misreading(np.eye(3), np.eye(3))
+        return Misreading()
 
     def derivative(self, t: float, y: Array) -> Array:
         """Return dy/dt."""
@@ -249,9 +209,14 @@ class Truth:
     def rates(self, t: float, y: Array, wheel: Contact) -> Array:
         """Return dy/dt under the given wheel forces."""
         push, voltage, locked = self.push(t, y, wheel), self.voltage(t, y), self.locked(t, y)
-        dy = np.zeros_like(y)
-        ground = np.stack([wheel.F + wheel.R, wheel.normal])
-        dy[:12] = self.newton(y, ground, np.array([push.x, push.z, push.moment]), self.measures)
+        dy, s, c = np.zeros_like(y), sin(y[PITCH]), cos(y[PITCH])
+        along, up = wheel.F + wheel.R, wheel.normal  # along O's axes
+        f_x, f_z = c * along - s * up, s * along + c * up  # (19)
+        dy[[X, Z, PITCH]], dy[ANGLE] = y[[VX, VZ, Q]], y[OMEGA]
+        dy[VX] = (2 * along.sum() + push[0]) / self.mass  # (20) and (21), seen from O
+        dy[VZ] = (2 * up.sum() + push[1]) / self.mass
+        turning = 2 * (self.arm_z * f_x - self.arm_x * f_z).sum() + push[2]
+        dy[Q] = turning / self.chassis.pitch_inertia  # (22)
         dy[OMEGA] = (self.torque(y) + self.load(y, wheel)) / self.rim_inertia  # (23)
         if locked is not FREE:
             voltage = voltage * (1 - locked)
@@ -298,9 +263,8 @@ class Truth:
         The wheels then turn with the desired velocity, so drive and controller drop out of (20)-(22). The
         command is a trapezoid.
         """
-        assert isinstance(self.command, Trapezoid)
-        v_d = self.command.v
-        t = self.command.ramp + 0.5 * self.command.hold
+        t = self.command.measured[0]
+        v_d = self.command.velocity(t)
         y = self.rest()
         y[OMEGA] = v_d / self.r
 

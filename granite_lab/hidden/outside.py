@@ -10,7 +10,6 @@ import numpy as np
 from granite_lab.hidden.contact import Array, Contact, Ground, Stance
 from granite_lab.hidden.influence import Influence, Size
 from granite_lab.hidden.model import CURRENT, VX
-from granite_lab.hidden.parts import Push
 
 
 class MoistureGradient(Influence):
@@ -85,7 +84,7 @@ class CableDrag(Influence):
     account = "friction of the length that lies on the sand"
     declared = (Size("weight", "N/m", "drag per metre travelled", 6.0, 15.0, 0, 200),)
 
-    def push(self, t: float, y: Array, wheel: Contact) -> Push:
+    def push(self, t: float, y: Array, wheel: Contact) -> Array:
         """Pull back."""
         length = max(float(self.places(y).mean()), 0.0)
         return super().push(t, y, wheel) + self.drag(y, self.sizes[CableDrag.id]["weight"] * length)
@@ -107,12 +106,12 @@ class WindGust(Influence):
         """Draw the instant, as a share of the motion."""
         return dict(sizes) | {"instant": float(rng.uniform(0.25, 0.75))}
 
-    def push(self, t: float, y: Array, wheel: Contact) -> Push:
+    def push(self, t: float, y: Array, wheel: Contact) -> Array:
         """Blow."""
         sizes = self.sizes[WindGust.id]
         u = (t - sizes["instant"] * self.command.end) / (0.5 * sizes["duration"])
         force = sizes["force"] * float(np.exp(-(u**2))) * self.fade(y)
-        return super().push(t, y, wheel) + Push(-force, 0.0)
+        return np.asarray(super().push(t, y, wheel) + np.array([-force, 0.0, 0.0]))
 
 
 class StrapDrag(Influence):
@@ -127,7 +126,7 @@ class StrapDrag(Influence):
     )
     phased = True
 
-    def push(self, t: float, y: Array, wheel: Contact) -> Push:
+    def push(self, t: float, y: Array, wheel: Contact) -> Array:
         """Catch and let go."""
         sizes = self.sizes[StrapDrag.id]
         wave = max(0.0, float(np.sin(2 * np.pi * t / sizes["period"] + sizes["phase"])))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from granite_lab.errors import InputError
-from granite_lab.files import readable
+from granite_lab.files import read_json
 from granite_lab.hidden.catalogue import TWINS
 
 MEANING = {
@@ -32,7 +31,7 @@ LARGEST_SET = 3
 """Most names in a set of twins that still counts as an answer."""
 
 REMAINDER = 0.1
-"""Share of the gap from which on a discovery must say that it is left: what closes less is small."""
+"""A discovery must state a remainder of at least this share of the gap; what closes less is small."""
 
 CEILING = 0.3
 """Share of the gap that any forces could close, from which on an answer that closes nothing is a miss."""
@@ -71,7 +70,7 @@ class ParameterScore:
 
 @dataclass(frozen=True)
 class Names:
-    """Effects counted one by one. A set of twins names one effect; of a hidden one it may be any member.
+    """Effects counted one by one. A set of twins names one effect, which may be any of its members.
 
     Attributes:
         right: hidden effects that were named.
@@ -107,7 +106,7 @@ class Score:
 
     Attributes:
         outcome: see `MEANING`; right: counts as a right answer.
-        verdict: what the discovery said; named: the ids it named first.
+        verdict: of the discovery; named: the ids that it named first.
         hidden: ids that were hidden.
         set_size: names in the largest set that holds a hidden effect.
         parameters: of the effects named rightly.
@@ -146,20 +145,15 @@ def read_finding(place: Path) -> dict[str, Any]:
                 f"run 'granite-lab discover TRIALS… --out {place}' first",
             )
         path = max(there, key=lambda file: file.stat().st_mtime)
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise readable(error, path) from None
-    except ValueError as error:
-        raise InputError(f"{path}: not JSON: {error}", "give the output of `discover --json`") from None
-    if isinstance(document, dict) and "discovery" in document:
+    document = read_json(path, "give the output of `discover --json`")
+    if "discovery" in document:
         document = document["discovery"]
         if document is None:
             raise InputError(
                 f"{path}: this study did not search for a missing effect",
                 "run 'granite-lab study' without --no-discover, or 'granite-lab discover'",
             )
-    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+    if document.get("schema") != SCHEMA:
         raise InputError(f"{path}: not a discovery, expected schema '{SCHEMA}'", "see `discover --json`")
     if document.get("verdict") not in VERDICTS:
         raise InputError(f"{path}: verdict is {document.get('verdict')!r}, expected {', '.join(VERDICTS)}")
@@ -186,7 +180,15 @@ def score(
     hidden = tuple(effect["id"] for effect in answer["effects"])
     outside = {effect["id"] for effect in answer["effects"] if not effect["library"]}
     inside = tuple(name for name in hidden if name not in outside)
-    outcome, set_size = _judge(finding["verdict"], effects, inside, bool(outside))
+    places = matched(effects, inside)
+    names = Names(
+        right=tuple(sorted(places)),
+        missed=tuple(name for name in inside if name not in places),
+        wrong=tuple(str(e["id"]) for k, e in enumerate(effects) if k not in places.values()),
+    )
+    set_size = max((len(_set_of(effects[k])) for k in places.values()), default=0)
+    by_head = all(effects[k]["id"] == name for name, k in places.items())
+    outcome = _judge(finding["verdict"], names, set_size, by_head=by_head, something=bool(hidden))
     left = _number(finding.get("remainder"))
     if outside and outcome in ("right", "twin_set"):
         outcome = "with_remainder" if left is not None and left >= REMAINDER else "partial"
@@ -209,7 +211,7 @@ def score(
             if effect["id"] in found and name in found[effect["id"]]
         ),
         gap_closed=closed if left is None else closed | {"held_out": 1 - left},
-        names=_names(effects, inside),
+        names=names,
         stated=_stated(effects, (finding.get("description") or {}).get("terms") or [], inside),
         closed_withheld=closed_withheld,
     )
@@ -228,16 +230,6 @@ def matched(effects: Sequence[Mapping[str, Any]], hidden: Sequence[str]) -> dict
             free.remove(holds[0])
             places[name] = holds[0]
     return places
-
-
-def _names(effects: Sequence[Mapping[str, Any]], hidden: Sequence[str]) -> Names:
-    """Count the named effects against the hidden ones of the library."""
-    places = matched(effects, hidden)
-    return Names(
-        right=tuple(sorted(places)),
-        missed=tuple(name for name in hidden if name not in places),
-        wrong=tuple(str(e["id"]) for k, e in enumerate(effects) if k not in places.values()),
-    )
 
 
 def _stated(
@@ -265,31 +257,32 @@ def _set_of(effect: Mapping[str, Any]) -> set[str]:
     return {str(effect["id"]), *map(str, effect.get("indistinguishable_from") or [])}
 
 
-def _judge(
-    verdict: str, effects: list[Mapping[str, Any]], hidden: tuple[str, ...], outside: bool
-) -> tuple[str, int]:
-    """Return the outcome by the hidden effects of the library, and the size of the largest set with one."""
+def _judge(verdict: str, names: Names, set_size: int, *, by_head: bool, something: bool) -> str:
+    """Return the outcome by the hidden effects of the library.
+
+    Args:
+        verdict: of the discovery.
+        names: rightly named, missed and wrongly named.
+        set_size: names in the largest set that holds a hidden effect.
+        by_head: each hidden effect stands in front of its set.
+        something: is hidden, be it outside of the library.
+    """
     if verdict == "none":
-        return ("missed" if hidden or outside else "right"), 0
-    if not hidden and not outside:
-        return "false_alarm", 0
-    if verdict == "unknown" or not effects:
-        return "abstained", 0
-    places = matched(effects, hidden)
-    heads = [str(effect["id"]) for effect in effects]
-    free = [k for k in range(len(effects)) if k not in places.values()]
-    lost = [name for name in hidden if name not in places]
-    largest = max((len(_set_of(effects[k])) for k in places.values()), default=0)
-    if lost:
-        if len(free) == len(lost) and all(any(near(heads[k], n) for n in lost) for k in free):
-            return "near_twin", largest
-        return ("partial" if places and not free else "wrong_name"), largest
-    if free:
-        return ("spurious" if hidden else "wrong_name"), largest
-    if largest > LARGEST_SET:
-        return "vague", largest
-    by_head = all(heads[k] == name for name, k in places.items())
-    return ("right" if by_head else "twin_set"), largest
+        return "missed" if something else "right"
+    if not something:
+        return "false_alarm"
+    if verdict == "unknown" or not (names.right or names.wrong):
+        return "abstained"
+    if names.missed:
+        pairs = [any(near(head, name) for name in names.missed) for head in names.wrong]
+        if len(pairs) == len(names.missed) and all(pairs):
+            return "near_twin"
+        return "partial" if names.right and not names.wrong else "wrong_name"
+    if names.wrong:
+        return "spurious" if names.right else "wrong_name"
+    if set_size > LARGEST_SET:
+        return "vague"
+    return "right" if by_head else "twin_set"
 
 
 def near(a: str, b: str) -> bool:

@@ -1,7 +1,7 @@
 """The answer beside a set of trials: sealed by `hide`, or written by another laboratory as `answer.json`.
 
-The seal keeps an answer from being read by accident and changed unseen. It is no secret: whoever wants to
-open it can. Nothing of the analysis does.
+The seal keeps an answer from being read by accident and changed unseen. It is no secret: anybody
+can open it. The analysis does not.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from granite_lab.errors import InputError, nearest
-from granite_lab.files import readable
+from granite_lab.files import read_json, readable
 
 HEAD = b"granite-lab sealed answer 1; opened by: granite-lab reveal\n"
 
@@ -25,7 +25,7 @@ NAME, OPEN = "sealed.bin", "answer.json"
 """Names of the sealed and of the open file beside the trials."""
 
 OUTSIDE = "unknown"
-"""Id, in an open answer, of a cause that the library does not hold."""
+"""Id of a cause outside of the library, in an open answer."""
 
 LARGEST = 10_000_000
 """Size [bytes] of an answer at most: one of a thousand trials takes a tenth of it."""
@@ -54,36 +54,24 @@ def unseal(data: bytes, where: Path | str) -> dict[str, Any]:
         plain, answer = b"", None
     if hashlib.sha256(plain).hexdigest().encode() != digest or not isinstance(answer, dict):
         raise InputError(f"{where}: the sealed answer is damaged", "hide the set again with the same seed")
-    if missing := _missing(answer):
+    if not _complete(answer):
         hint = "give the file that `granite-lab hide` wrote"
-        raise InputError(f"{where}: the sealed answer holds no {missing}", hint)
+        raise InputError(f"{where}: the sealed answer is incomplete", hint)
     return answer
 
 
-def _missing(answer: dict[str, Any]) -> str:
-    """Return what an answer lacks, in words."""
-    trials, effects = answer.get("trials"), answer.get("effects")
-    if not isinstance(trials, dict) or not trials:
-        return "trials"
-    if not all(isinstance(t, dict) and isinstance(t.get("sha256"), str) for t in trials.values()):
-        return "hash of each trial"
-    if not isinstance(effects, list) or not all(map(_is_effect, effects)):
-        return "list of effects with their parameters"
-    if not {"sand_off", "seed", "strength", "noise"} <= answer.keys():
-        return "settings of `granite-lab hide`"
-    return ""
-
-
-def _is_effect(effect: Any) -> bool:
-    texts = isinstance(effect, dict) and all(
-        isinstance(effect.get(key), str) for key in ("id", "title", "account")
-    )
-    parameters = effect.get("parameters") if texts else None
-    known = isinstance(parameters, dict) and all(
-        isinstance(p, dict) and isinstance(p.get("value"), (int, float)) and isinstance(p.get("unit"), str)
-        for p in parameters.values()
-    )
-    return known and isinstance(effect.get("library"), bool)
+def _complete(answer: Mapping[str, Any]) -> bool:
+    """Say whether an answer holds settings, trials with their hashes, and effects with their parameters."""
+    try:
+        parameters = [p for e in answer["effects"] for p in e["parameters"].values()]
+        texts = [trial["sha256"] for trial in answer["trials"].values()]
+        texts += [e[key] for e in answer["effects"] for key in ("id", "title", "account")]
+        texts += [p["unit"] for p in parameters]
+        numbers = all(math.isfinite(p["value"]) for p in parameters)
+        settings = {"sand_off", "seed", "strength", "noise"} <= answer.keys()
+        return bool(answer["trials"]) and numbers and settings and all(isinstance(x, str) for x in texts)
+    except (KeyError, TypeError, AttributeError):
+        return False
 
 
 def open_answer(folder: Path) -> dict[str, Any]:
@@ -92,12 +80,9 @@ def open_answer(folder: Path) -> dict[str, Any]:
     Raises:
         InputError: there is none, or it is damaged.
     """
-    return unseal(_bytes_of(folder / NAME), folder / NAME)
-
-
-def _bytes_of(path: Path) -> bytes:
+    path = folder / NAME
     try:
-        return path.read_bytes()
+        return unseal(path.read_bytes(), path)
     except OSError as error:
         raise readable(error, path) from None
 
@@ -113,10 +98,11 @@ def read_answer(path: Path, units: Mapping[str, Mapping[str, str]]) -> dict[str,
         InputError: it cannot be read, is another document, or names what there is not.
     """
     example = 'expected {"effects": [{"id": "tyre_windup", "parameters": {"compliance": 0.002}}]}'
+    document = read_json(path, example)
     try:
-        effects = json.loads(_bytes_of(path))["effects"]
+        effects = document["effects"]
         named = [(str(e["id"]), str(e.get("title", "")), dict(e.get("parameters", {}))) for e in effects]
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except (KeyError, TypeError, ValueError, AttributeError):
         raise InputError(f"{path}: no answer that can be used", example) from None
     return {"effects": [_effect(path, *each, units) for each in named], "trials": {}}
 

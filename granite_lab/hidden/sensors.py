@@ -51,11 +51,8 @@ def wander(rng: np.random.Generator, size: int, step: float, length: float) -> A
 
 def rotation(roll: float, pitch: float, yaw: float) -> Array:
     """Return the matrix that takes a vector from the old axes to axes turned by yaw, pitch, roll [rad]."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin([roll, pitch, yaw]), np.cos([roll, pitch, yaw])
-    about_x = np.array([[1, 0, 0], [0, cr, sr], [0, -sr, cr]])
-    about_y = np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])
-    about_z = np.array([[cy, sy, 0], [-sy, cy, 0], [0, 0, 1]])
-    return np.asarray(about_x @ about_y @ about_z)
+    turn = scipy.spatial.transform.Rotation.from_euler("ZYX", [yaw, pitch, roll])
+    return np.asarray(turn.as_matrix().T)
 
 
 def felt_at(body: Body, arm_x: float, arm_z: float) -> tuple[Array, Array]:
@@ -165,7 +162,7 @@ def read_imu(
     force, rate = felt_at(body, robot.imu.x, robot.imu.z)
     shaken, rocked = vibration(rng, body, robot)
     biases, read = [], []
-    wrong = misreading or Misreading(np.eye(3), np.eye(3))
+    wrong = misreading or Misreading()
     for signal, distortion, turn_on, instability, density, limit, step in (
         (force + shaken, wrong.accel, grade.accel_bias, grade.accel_instability, grade.accel_noise,
          grade.accel_range, grade.accel_step),
@@ -205,12 +202,10 @@ def read_currents(
     """Return the motor currents, which share the encoders' clock; None without a drive."""
     if robot.drive is None:
         return None
-    cur, drive = robot.currents, robot.drive
+    cur = robot.currents
     instants = np.arange(rng.uniform(0, 1) / cur.rate, body.t[-1], 1 / cur.rate)
-    per_newton = robot.wheels.radius / (drive.gear_efficiency * drive.gear_ratio * drive.torque_constant)
     busy = np.clip(body.v_wheel / 0.1, 0, 1)
-    true = body.force * per_newton if body.current is None else body.current
-    true = true * (1 + logger.ripple * busy * wander(rng, body.t.size, DT, 0.1)[:, None])
+    true = body.current * (1 + logger.ripple * busy * wander(rng, body.t.size, DT, 0.1)[:, None])
     sampled = np.stack([np.interp(instants, body.t, column) for column in true.T], axis=1)
     sampled = sampled * (1 + cur.gain * rng.standard_normal(4)) + cur.offset * rng.standard_normal(4)
     sampled += cur.noise * rng.standard_normal(sampled.shape)

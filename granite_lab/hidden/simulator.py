@@ -26,9 +26,8 @@ class Body:
         w: velocity of R along R's z [m/s]; dw: its derivative.
         pitch, roll, yaw_rate: attitude [rad] (pitch positive nose down) and heading rate [rad/s].
         v_wheel: (N, 4) circumferential velocity of each wheel [m/s].
-        force: (N, 4) longitudinal force each wheel transmits [N], for the currents where those are
-            not known; current: (N, 4) of the motors [A] where they are.
-        start, stop: of the command [s]; steady: settled half of its constant part [s].
+        current: (N, 4) of the motors [A].
+        start: of the command [s].
     """
 
     t: Array
@@ -41,11 +40,8 @@ class Body:
     roll: Array
     yaw_rate: Array
     v_wheel: Array
-    force: Array
+    current: Array
     start: float
-    stop: float
-    steady: tuple[float, float]
-    current: Array | None = None
 
 
 def solve(truth: Truth, t: Array, *, rtol: float = 1e-7, atol: float = 1e-9) -> Array:
@@ -85,10 +81,7 @@ def jacobian(truth: Truth, t: float, y: Array) -> Array:
 
 
 def body_from_states(truth: Truth, t: Array, state: Array) -> Body:
-    """Return the motion from the states (N, 12 or more) at `t` (N,), DT apart, moved to t = 0.
-
-    The steady part is not looked for.
-    """
+    """Return the motion from the states (N, 12 or more) at `t` (N,), DT apart, moved to t = 0."""
     s, c, q = np.sin(state[:, PITCH]), np.cos(state[:, PITCH]), state[:, Q]
     rx, rz = -truth.chassis.com_x, -truth.chassis.com_z  # from the centre of mass to R, in R
     v = c * state[:, VX] - s * state[:, VZ] + q * rz
@@ -106,9 +99,6 @@ def body_from_states(truth: Truth, t: Array, state: Array) -> Body:
         roll=zeros + truth.bank,
         yaw_rate=zeros,
         v_wheel=truth.r * truth.reading(state.T)[1][both].T,
-        force=np.zeros((t.size, 4)),
         current=state[:, CURRENT][:, both],
         start=float(-t[0]),
-        stop=float(truth.command.end - t[0]),
-        steady=(float("nan"), float("nan")),
     )

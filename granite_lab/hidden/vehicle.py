@@ -10,7 +10,7 @@ import numpy as np
 from granite_lab.hidden.contact import Array, Contact
 from granite_lab.hidden.influence import Influence, Size
 from granite_lab.hidden.model import OMEGA, Q
-from granite_lab.hidden.parts import Misreading, Push
+from granite_lab.hidden.parts import Misreading
 from granite_lab.hidden.sensors import rotation
 from granite_lab.parameters import GRAVITY, Robot
 
@@ -87,12 +87,13 @@ class GroundSlope(Influence):
         self.rise = float(np.radians(self.sizes[GroundSlope.id]["slope"]))
         self.bank = self.rise / 3
 
-    def push(self, t: float, y: Array, wheel: Contact) -> Push:
+    def push(self, t: float, y: Array, wheel: Contact) -> Array:
         """Turn the weight; what holds it at rest acts at the axles."""
         weight = self.mass * GRAVITY
         back, held = weight * float(np.sin(self.rise)), 1 - self.fade(y)
-        turned = Push((held - 1) * back, weight * (1 - float(np.cos(self.rise))), held * back * self.arm_z)
-        return super().push(t, y, wheel) + turned
+        down = weight * (1 - np.cos(self.rise))
+        turned = np.array([(held - 1) * back, down, held * back * self.arm_z])
+        return np.asarray(super().push(t, y, wheel) + turned)
 
 
 class RollingDrag(Influence):
@@ -106,7 +107,7 @@ class RollingDrag(Influence):
         Size("exponent", "-", "power of the speed", 1.0, 2.0, 0.5, 3, kind="shape"),
     )
 
-    def push(self, t: float, y: Array, wheel: Contact) -> Push:
+    def push(self, t: float, y: Array, wheel: Contact) -> Array:
         """Add the resistance."""
         sizes, u = self.sizes[RollingDrag.id], abs(self.velocity(y)) / 0.5
         linear = 2 - sizes["exponent"]

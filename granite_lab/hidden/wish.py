@@ -43,11 +43,11 @@ class Wish:
         sand_off: φ, K, n and μ_s are 5-20 % off the soil's file.
         lab: name of the laboratory, see `granite_lab.hidden.lab`.
         sizes: parameters that are not drawn, by ``name`` or ``id.name``.
-        repetitions: of each variant; None: as the laboratory says, else 3.
+        repetitions: of each variant; None: those of the laboratory, else 3.
         variants: those of Table 2 when empty.
         label: with which the trials' names begin.
         causes: of a mixture, two to five.
-        soil_law: id of a contact law other than the paper's, or ``random``; none where it is empty.
+        soil_law: id of a contact law other than the paper's, or ``random``; empty for the paper's.
         command: one of `COMMANDS`; logged: the desired velocity is a column of the logs.
         controller: one of `CONTROLS`.
     """

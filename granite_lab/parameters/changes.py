@@ -48,7 +48,7 @@ def checked(given: Mapping[str, Any], where: str = OPTION) -> Changes:
         where: who gives them, for messages.
 
     Raises:
-        InputError: a key is not known, which tells the nearest one, or a number is out of its bounds.
+        InputError: a key is not known (the hint names the nearest one), or a number is out of its bounds.
     """
     settable = quantities()
     for key in given:

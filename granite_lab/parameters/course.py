@@ -53,8 +53,8 @@ class Course(Variant):
             ω is a cubic.
         split: at the same instants (front, rear) half of what the right wheel turns more than the left one;
             empty where the sides turn alike.
-        commanded: False where the desired velocity is that of the wheels, for nobody states another.
-        stamped: False where the wheels alone tell when a command that they follow was given.
+        commanded: False where the desired velocity is that of the wheels, because no other is stated.
+        stamped: False where only the wheels show when a command that they follow was given.
         tow: (time since the start [s], force [N], height [m]) with which a load pulls back while the robot
             drives, linear between, none before and after; the height is that above the wheel centres, the
             same at all times. Its times are among the corners.

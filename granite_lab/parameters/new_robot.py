@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from granite_lab.errors import UsageError
@@ -33,21 +32,8 @@ UNDECIDED: Mapping[str, tuple[tuple[str, object, str], ...]] = {
 """Keys that are no numbers, as comments: an example and what it means."""
 
 
-@dataclass(frozen=True)
-class Question:
-    """A number that an analysis needs.
-
-    Attributes:
-        key: as `--set` takes it.
-        text: what is asked, with unit and bounds.
-    """
-
-    key: str
-    text: str
-
-
-def questions(analysis: str) -> tuple[Question, ...]:
-    """Return what is to be asked for an analysis and those before it, each number once.
+def questions(analysis: str) -> dict[str, str]:
+    """Return what is to be asked for an analysis and those before it: each key of `--set` to the question.
 
     Raises:
         UsageError: there is no such analysis.
@@ -55,26 +41,24 @@ def questions(analysis: str) -> tuple[Question, ...]:
     order = [one.id for one in analyses()]
     if analysis not in order:
         raise UsageError(f"unknown analysis '{analysis}'", f"known: {', '.join(order)}")
-    asked = analyses()[: order.index(analysis) + 1]
-    keys = dict.fromkeys(key for one in asked for key in (*one.needs, *one.expects))
-    return tuple(_question(f"robot.{key}") for key in keys)
+    needed = analyses()[: order.index(analysis) + 1]
+    keys = dict.fromkeys(f"robot.{key}" for each in needed for key in (*each.needs, *each.expects))
+    return {key: _question(**quantities()[key]) for key in keys}
 
 
-def _question(key: str) -> Question:
-    m = quantities()[key]
-    unit = f" [{m['unit']}]" if m["unit"] else ""
-    return Question(key, f"{m['meaning']}{unit} ({m['low']:g} to {m['high']:g})")
+def _question(*, meaning: str, unit: str, low: float, high: float, **_: str) -> str:
+    return f"{meaning}{f' [{unit}]' if unit else ''} ({low:g} to {high:g})"
 
 
 def text_of(name: str, given: Mapping[str, float], like: Robot | None = None) -> str:
     """Return the file of a robot.
 
-    A table that needs numbers nobody gave is a comment as a whole, because it would be refused.
+    A table that lacks a number it needs is a comment as a whole, because it would be refused.
 
     Args:
         name: of the robot.
         given: numbers by the keys of `quantities`, within their bounds.
-        like: a robot whose numbers stand in for those that are not given; the file says so.
+        like: a robot whose numbers stand in for those that are not given; a comment in the file names it.
 
     Raises:
         UsageError: the radius of the wheels is not known.

@@ -1,4 +1,4 @@
-"""What a plan needs to know of a search: trials without their data, noise, sand and what was found."""
+"""What a plan needs of a search: trials without their data, noise, sand and what was found."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from granite_lab.discovery.finding import Finding, Residual
 from granite_lab.errors import InputError
-from granite_lab.files import write_text
+from granite_lab.files import read_json, write_text
 from granite_lab.inference.bench import SAND
 from granite_lab.inference.conditions import PLAIN, Conditions, conditions_of
 from granite_lab.inference.constants import BIN
@@ -105,7 +105,7 @@ class Design:
 
 
 def save_design(finding: Finding, trials: Sequence[Trial], path: Path) -> None:
-    """Write what a plan needs of a search to a file; nothing where its logs do not say what was commanded.
+    """Write what a plan needs of a search to a file, unless the logs do not state the command.
 
     Raises:
         LabError: the file cannot be written.
@@ -158,12 +158,8 @@ def load_design(path: Path) -> Design:
         InputError: the file cannot be read, or is none of this version.
     """
     again = "run 'granite-lab discover' again"
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error})", again) from None
-    if not isinstance(document, dict) or document.pop("schema", None) != SCHEMA:
-        raise InputError(f"{path}: is not the design of a search of this version", again)
+    document = read_json(path, again, SCHEMA)
+    del document["schema"]
     design = build(Design, document, str(path))
     if not design.driven or not all(d.noise for d in design.driven):
         raise InputError(f"{path}: holds no trial", again)
@@ -174,7 +170,7 @@ def _driven(residuals: Sequence[Residual], trials: Sequence[Trial]) -> tuple[Dri
     """Return the trials by command.
 
     Raises:
-        InputError: nothing says what was commanded, or under which conditions.
+        InputError: the command or its conditions are not stated.
     """
     groups: dict[tuple[Variant, Conditions], list[Residual]] = {}
     for trial in trials:

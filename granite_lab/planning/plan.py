@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -19,7 +19,7 @@ from granite_lab.model.effect import Effect
 from granite_lab.parameters import Variant
 from granite_lab.planning.design import Design, Driven
 from granite_lab.planning.stage import DECISIVE, Question, Stage, explanations, fitted, question
-from granite_lab.processes import one_thread
+from granite_lab.processes import Progress, one_thread
 from granite_lab.shown import Shown, frame
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ LONGEST = 20.0
 """A proposed command takes no longer [s]."""
 
 Outlook = dict[str, float]
-"""What trials tell: number to relative standard deviation, or "a from b" to expected log Bayes factor."""
+"""By trials: number to relative standard deviation, or "a from b" to expected log Bayes factor."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Plan(Shown):
 
     Attributes:
         models: the explanations with their values.
-        now: what the trials at hand, those of the `design`, tell.
+        now: by the trials at hand, those of the `design`.
         failed: number of commands that cannot be simulated.
     """
 
@@ -134,7 +134,7 @@ def plan_next(
     room: float | None = None,
     max_speed: float | None = None,
     jobs: int = 1,
-    progress: Callable[[int, int], None] = lambda *_: None,
+    progress: Progress = lambda *_: None,
 ) -> Plan:
     """Rank trials by how well they would answer what is open.
 
@@ -144,7 +144,7 @@ def plan_next(
         room: longest way the sand allows [m]; the longest so far by default.
         max_speed: fastest command [m/s].
         jobs: number of processes.
-        progress: told how many trials are looked at, and of how many.
+        progress: called with what is done, how many trials are looked at, and of how many.
 
     Raises:
         EstimateError: the trials at hand, or the explanations, cannot be simulated.
@@ -165,7 +165,7 @@ def plan_next(
         now = _outlook(stage, models, at_hand)
         looked: list[tuple[Option, Outlook]] = []
         for k, option in enumerate(chosen):
-            progress(k + 1, len(chosen))
+            progress("looking at trials", k + 1, len(chosen))
             number = design.driven.index(option.like) if option.repeats else len(design.driven) + k
             try:
                 more = [stage.one_more(number, model, others) for model, others in pairs]
@@ -190,8 +190,8 @@ def _worst(now: Outlook, after: Sequence[Outlook]) -> Outlook:
 def _judged(asked: Question, option: Option, now: Outlook, after: Outlook) -> Proposal:
     """Judge a trial; of several pairs those count that it decides.
 
-    Twins are told apart by the new trial alone, for the trials at hand leave them undecided; what is too weak
-    to be shown so far is shown by all trials together.
+    Twins must be distinguished by the new trial alone, because the trials at hand do not decide between them.
+    An effect that was too weak so far is shown by all trials together.
     """
     if asked.kind == "sharpen":
         ((name, std),) = after.items()

@@ -1,4 +1,4 @@
-"""What a search knows worst, and what a trial without data, driven or not, tells about the explanations.
+"""What a search leaves most uncertain, and the information that a trial without data, driven or not, adds.
 
 Every trial of a command brings the normal equations of `inference`, with its discrepancy and its own numbers
 integrated out; what is left belongs to the parameters that all trials share, and adds up over commands.
@@ -46,7 +46,7 @@ class Question:
     """What the next trial should answer.
 
     Attributes:
-        kind: tell the rivals "apart", "show" each of them against nothing, or "sharpen" a number.
+        kind: distinguish the rivals ("apart"), "show" each of them against nothing, or "sharpen" a number.
         rivals: ids of the explanations, the named one first; empty where a number is sharpened.
         named: the effects in the model; the rivals are compared with the last one.
         gains: log Bayes factor of each rival on the trials at hand, where no effect is in the model.

@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -114,40 +114,48 @@ def mark_virtual(figure: Plain, virtual: bool) -> None:
         )  # fmt: skip
 
 
+class Frame(NamedTuple):
+    """Lengths around the panels of a figure [in].
+
+    Attributes:
+        left, head: margins.
+        gap: between rows, with room for a legend.
+        width: of the figure.
+        label: place of the labels of the y axes, from the left edge of the figure.
+    """
+
+    left: float = LEFT
+    head: float = HEAD
+    gap: float = GAP
+    width: float = WIDTH
+    label: float = 0.16
+
+
+FRAME = Frame()
+
+
 def panels(
-    heights: Sequence[float],
-    columns: int = 1,
-    *,
-    left: float = LEFT,
-    head: float = HEAD,
-    foot: float = FOOT,
-    gap: float = GAP,
-    width: float = WIDTH,
-    label: float = 0.16,
-    y: Sequence[str] = (),
-    x: str = "",
+    heights: Sequence[float], columns: int = 1, frame: Frame = FRAME, *, y: Sequence[str] = (), x: str = ""
 ) -> tuple[Canvas, list[Axes]]:
     """Return a figure and its panels, row by row; a column shares the x axis, a row the y axis.
 
     Args:
         heights: of the rows [in].
         columns: of panels.
-        left, head, foot: margins [in].
-        gap: between rows, with room for a legend [in].
-        width: of the figure [in].
-        label: place of the labels of the y axes, from the left edge of the figure [in].
+        frame: lengths around them.
         y, x: labels of the rows and of the lowest panel.
     """
-    tall = head + sum(heights) + gap * (len(heights) - 1) + foot
+    left, head, gap, width, label = frame
+    tall = head + sum(heights) + gap * (len(heights) - 1) + FOOT
     wide = (width - left - RIGHT - BETWEEN * (columns - 1)) / columns
     figure = Canvas(figsize=(width, tall))
-    margins = {
-        "left": left / width, "right": 1 - RIGHT / width, "top": 1 - head / tall, "bottom": foot / tall,
+    shares = {
+        "left": left / width, "right": 1 - RIGHT / width, "top": 1 - head / tall, "bottom": FOOT / tall,
         "hspace": gap * len(heights) / sum(heights), "wspace": BETWEEN / wide,
     }  # fmt: skip
     grid = figure.subplots(
         len(heights), columns, sharex="col", sharey="row", squeeze=False, height_ratios=heights,
-        gridspec_kw=margins,
+        gridspec_kw=shares,
     )  # fmt: skip
     for axis in grid[:, 0]:
         axis.yaxis.set_label_coords(label, 0.5, transform=_inches_along(axis))
@@ -174,10 +182,10 @@ def name_rows(axis: Axes, names: Sequence[str], size: float = 7.5) -> None:
 
 
 def named_rows(
-    names: Sequence[str], columns: int = 1, *, row: float = ROW, left: float = NAMES, foot: float = FOOT
+    names: Sequence[str], columns: int = 1, *, row: float = ROW, left: float = NAMES
 ) -> tuple[Canvas, list[Axes]]:
     """Return a figure with panels beside each other that share named rows; lengths as in `panels`."""
-    figure, axes = panels([row * len(names)], columns, left=left, foot=foot)
+    figure, axes = panels([row * len(names)], columns, Frame(left))
     for axis in axes:
         name_rows(axis, names)
     return figure, axes

@@ -10,8 +10,8 @@ import math
 import re
 import unicodedata
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from itertools import accumulate, count
 from pathlib import Path
 
@@ -19,6 +19,7 @@ import matplotlib as mpl
 from matplotlib.ft2font import FT2Font
 
 from granite_lab.columns import FilledTable, Heading
+from granite_lab.reporting.render import rendered
 
 TEXT = 360.0
 """Width of the text of an article on A4 in 11 pt [pt]."""
@@ -146,79 +147,71 @@ def lines_of(text: str, width: float) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Measured:
+class Laid:
     """A column with its widths [em].
 
     Attributes:
         heading: what stands above it.
         texts: its cells.
-        cells: width of the widest cell.
         whole: no cell is broken.
         least: width where all is broken that can be.
         full: width where nothing is.
+        width, em: the width that it gets, and the size of an em [pt].
     """
 
     heading: Heading
     texts: tuple[str, ...]
-    cells: float
     whole: bool
     least: float
     full: float
+    width: float = 0.0
+    em: float = 0.0
 
     @classmethod
-    def of(cls, heading: Heading, texts: tuple[str, ...]) -> Measured:
+    def of(cls, heading: Heading, texts: tuple[str, ...]) -> Laid:
         """Measure a column."""
         cells = widest(texts)
         whole = heading.number and cells <= WHOLE
         pieces = [piece for text in texts for word in words_of(text) for piece in pieces_of(word)]
         least = max(widest(words_of(heading.title)), cells if whole else widest(pieces))
-        return cls(heading, texts, cells, whole, least, max(cells, width_of(heading.title)))
-
-
-@dataclass(frozen=True)
-class Laid:
-    """A column with the width that it gets [em]."""
-
-    column: Measured
-    width: float
-    em: float
+        return cls(heading, texts, whole, least, max(cells, width_of(heading.title)))
 
     @property
     def wraps(self) -> bool:
         """Whether its words stand on several lines."""
-        return not self.column.whole and self.column.cells > self.width + 1e-6
+        return not self.whole and widest(self.texts) > self.width + 1e-6
 
     @property
     def kind(self) -> str:
         """The column as LaTeX declares it."""
         wide = f"p{{{self.em * self.width / TEXT:.3f}\\linewidth}}"
-        return "r" if self.column.whole else wide if self.wraps else "l"
+        return "r" if self.whole else wide if self.wraps else "l"
 
     @property
     def head(self) -> str:
         """Its heading, on as many lines as it needs."""
-        lines = [escaped(line) for line in lines_of(self.column.heading.title, self.width + 1e-6)]
-        side, stack = "r" if self.column.whole else "l", r" \\ ".join(lines)
+        lines = [escaped(line) for line in lines_of(self.heading.title, self.width + 1e-6)]
+        side, stack = "r" if self.whole else "l", r" \\ ".join(lines)
         return rf"\begin{{tabular}}[b]{{@{{}}{side}@{{}}}}{stack}\end{{tabular}}" if lines[1:] else stack
 
-    @property
+    @cached_property
     def cells(self) -> list[str]:
         """Its cells."""
         if self.wraps:
-            return [rf"\raggedright {breakable(text)}" for text in self.column.texts]
-        return [escaped(text) for text in self.column.texts]
+            return [rf"\raggedright {breakable(text)}" for text in self.texts]
+        return [escaped(text) for text in self.texts]
 
     @property
     def lines(self) -> list[int]:
         """About how many lines each cell has."""
-        return [len(lines_of(text, self.width)) if self.wraps else 1 for text in self.column.texts]
+        return [len(lines_of(text, self.width)) if self.wraps else 1 for text in self.texts]
 
 
 Block = tuple[Laid, ...]
 """Columns that stand beside each other."""
 
 
-def beside(columns: Sequence[Measured], em: float, space: float, comfort: float) -> Block | None:
+def beside(columns: Sequence[Laid], em: float, space: float, comfort: float) -> Block | None:
     """Share the width of the text by what columns need; None where it is too little.
 
     `em`, `space` and `comfort` as in `TYPES`.
@@ -228,7 +221,9 @@ def beside(columns: Sequence[Measured], em: float, space: float, comfort: float)
     spare = (TEXT - 2 * space * (len(columns) - 1)) / em - sum(least)
     part = min(1.0, spare / max(sum(wanted), 1e-6))
     shared = zip(columns, least, wanted, strict=True)
-    return tuple(Laid(c, low + part * more, em) for c, low, more in shared) if spare >= 0 else None
+    return (
+        tuple(replace(c, width=low + part * more, em=em) for c, low, more in shared) if spare >= 0 else None
+    )
 
 
 def laid_out(table: FilledTable) -> tuple[str, float, list[Block]]:
@@ -237,7 +232,7 @@ def laid_out(table: FilledTable) -> tuple[str, float, list[Block]]:
     The first column stands in each block.
     """
     texts = [tuple(row[k].text for row in table.rows) for k in range(len(table.columns))]
-    first, *rest = map(Measured.of, table.columns, texts)
+    first, *rest = map(Laid.of, table.columns, texts)
     ends = list(accumulate(column.full + 1.0 for column in rest))
     for n in count(1):
         places = [math.ceil(n * end / ends[-1]) for end in ends]
@@ -255,25 +250,8 @@ def to_latex(table: FilledTable) -> str:
     """Return a table as LaTeX, its note below it."""
     size, space, blocks = laid_out(table)
     lines: int = sum(max(row) for block in blocks for row in zip(*(c.lines for c in block), strict=True))
-    long = 1.2 * blocks[0][0].em * lines > TALL
     title = rf"\caption{{{breakable(table.heading)}}}\label{{tab:{table.name.replace('_', '-')}}}"
-    setting = rf"\{size}\setlength{{\tabcolsep}}{{{space:g}pt}}"
-    out = [r"% needs \usepackage{booktabs}", r"\begin{table}[htbp]", rf"\centering\sloppy{title}", setting]
-    if long:
-        out = [r"% needs \usepackage{booktabs,longtable}", r"\begingroup\sloppy" + setting]
-        out.append(r"\setlength{\LTcapwidth}{\linewidth}\setlength{\LTpost}{0pt}")
-    for k, block in enumerate(blocks):
-        kinds = f"{{@{{}}{''.join(c.kind for c in block)}@{{}}}}"
-        head = [r"\toprule", rf"{' & '.join(c.head for c in block)} \tabularnewline", r"\midrule"]
-        rows = [" & ".join(row) + r" \tabularnewline" for row in zip(*(c.cells for c in block), strict=True)]
-        if long:
-            out += [rf"\begin{{longtable}}{kinds}", *([] if k else [rf"{title}\tabularnewline"]), *head]
-            out += [r"\endfirsthead", *head, r"\endhead", r"\bottomrule", r"\endfoot", *rows]
-            out += [r"\end{longtable}", *([r"\addtocounter{table}{-1}"] if k else [])]
-        else:
-            out += [r"\par\medskip", rf"\begin{{tabular}}{kinds}", *head, *rows]
-            out += [r"\bottomrule", r"\end{tabular}"]
-    if table.note:
-        note = breakable(table.note)
-        out.append(rf"\par\smallskip\noindent\parbox{{\linewidth}}{{\raggedright\footnotesize {note}}}\par")
-    return "\n".join([*out, r"\endgroup" if long else r"\end{table}", ""])
+    return rendered(
+        "table.tex", blocks=blocks, rows=len(table.rows), size=size, space=f"{space:g}", title=title,
+        note=breakable(table.note), long=1.2 * blocks[0][0].em * lines > TALL,
+    )  # fmt: skip

@@ -193,14 +193,14 @@ def speed_stem(speed: float) -> str:
 
 
 def strained_in_words(finding: Finding) -> list[str]:
-    """Say in one line which numbers lie at a bound, or far from their file or range; nothing where none."""
-    found = []
+    """Return a line on the numbers that lie at a bound, or far from file or range; no line without any."""
+    numbers = []
     for name in finding.strained:
         effect, _, number = name.partition(".")
         of_trials = SCALES.get(name, (name, ""))[0]
-        own = f"{plain(effect)} {number.replace('_', ' ')}" if number else f"the {of_trials}"
-        found.append(SAND[name][1] if name in SAND else own)
-    return [f"at a bound, or over 2 std from file or usual range: {listed(found)}"] if found else []
+        words = f"{plain(effect)} {number.replace('_', ' ')}" if number else f"the {of_trials}"
+        numbers.append(SAND[name][1] if name in SAND else words)
+    return [f"at a bound, or over 2 std from file or usual range: {listed(numbers)}"] if numbers else []
 
 
 def _measure_soil(finding: Finding) -> list[str]:
@@ -259,12 +259,12 @@ def amount(effect: FoundEffect, parameter: FoundParameter) -> str:
 
 def in_units(effect_id: str, values: Mapping[str, float]) -> str:
     """Return the numbers of an effect that is switched on, as `name = value unit`."""
-    said = []
+    texts = []
     for name, value in values.items():
         declaration = declared(effect_id, name)
         unit, scale = scale_of(effect_id, name, declaration.unit if declaration else "", value)
-        said.append(f"{name} = {with_unit(f'{value * scale:.4g}', unit)}")
-    return ", ".join(said)
+        texts.append(f"{name} = {with_unit(f'{value * scale:.4g}', unit)}")
+    return ", ".join(texts)
 
 
 def meaning(effect_id: str, name: str) -> str:
@@ -278,12 +278,12 @@ def meaning(effect_id: str, name: str) -> str:
 
 def law_formulas(finding: Finding) -> tuple[str, ...]:
     """Return the formula of each term of the dictionary in a finding, with its number."""
-    found = []
+    formulas = []
     for e in (e for e in finding.terms if e.empirical and e.parameters):
         value = e.parameters[0].estimate
         number = decided(abs(value.value), value.std).text
-        found.append(re.sub(r"\ba\b", f"{'−' * (value.value < 0)}{number}", e.formula, count=1))
-    return tuple(found)
+        formulas.append(re.sub(r"\ba\b", f"{'−' * (value.value < 0)}{number}", e.formula, count=1))
+    return tuple(formulas)
 
 
 def next_steps(finding: Finding, model: Path | str | None, folder: str, effects: str = "") -> tuple[str, ...]:

@@ -79,7 +79,9 @@ def log_figure(trial: Trial, rests: Sequence[tuple[float, float]] = ()) -> Canva
     with canvas.styled():
         labels, time = [label for label, _ in panels], f"time − {origin:.0f} s [s]" if origin else "time [s]"
         time += "; grey: standstill" if rests else ""
-        figure, axes = canvas.panels([HEIGHT] * len(panels), head=0.46, width=WIDTH, y=labels, x=time)
+        figure, axes = canvas.panels(
+            [HEIGHT] * len(panels), frame=canvas.Frame(head=0.46, width=WIDTH), y=labels, x=time
+        )
         for axis, (_, traces) in zip(axes, panels, strict=True):
             for begin, end in rests:
                 axis.axvspan(begin - origin, end - origin, color=canvas.SHADE, lw=0, zorder=0)
@@ -176,9 +178,8 @@ def effect_drawing(imprint: Imprint) -> Figure:
 def _effect(imprint: Imprint) -> Canvas:
     heading = textwrap.wrap(f"{imprint.active.effect.title}: {sizes(imprint)}", 84)
     above = 0.62 + 0.18 * len(heading)
-    figure, axes = canvas.panels(
-        [PANEL] * len(ROWS), len(imprint.seen), left=0.85, head=above, gap=0.16, width=WIDE, label=0.34
-    )
+    frame = canvas.Frame(left=0.85, head=above, gap=0.16, width=WIDE, label=0.34)
+    figure, axes = canvas.panels([PANEL] * len(ROWS), len(imprint.seen), frame)
     inches, tall = figure.dpi_scale_trans, figure.get_size_inches()[1]
     figure.text(
         0.12, tall - 0.1, "\n".join(heading), transform=inches, va="top", fontsize=10.5, weight="bold"
@@ -237,7 +238,8 @@ def _sweep(points: Sequence[WheelPoint], title: str) -> Canvas:
     """Draw drawbar pull, torque and sinkage over slip, three panels above each other."""
     with canvas.styled():
         labels = ("pull [N]", "torque [N m]", "sinkage [mm]")
-        figure, axes = canvas.panels([1.5] * 3, head=0.6, gap=0.14, y=labels, x="slip ratio λ [–]")
+        frame = canvas.Frame(head=0.6, gap=0.14)
+        figure, axes = canvas.panels([1.5] * 3, frame=frame, y=labels, x="slip ratio λ [–]")
         pull, torque, sinkage = axes
         slip = [p.slip for p in points]
         for name, colour, dashes, label in (
@@ -259,7 +261,7 @@ def _arc(point: WheelPoint, title: str) -> Canvas:
     """Draw normal and shear stress over the contact arc, the rear at the left."""
     with canvas.styled():
         angles = "angle ϑ from the lowest point, front at the right [°]"
-        figure, (axis,) = canvas.panels([2.3], head=0.46, y=["stress [kPa]"], x=angles)
+        figure, (axis,) = canvas.panels([2.3], frame=canvas.Frame(head=0.46), y=["stress [kPa]"], x=angles)
         angle = np.degrees(point.angle)
         axis.axhline(0, color=canvas.INK, linewidth=0.6)
         axis.axvline(0, color=canvas.INK, linewidth=0.6)

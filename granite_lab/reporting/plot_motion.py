@@ -29,10 +29,10 @@ from granite_lab.results import gaps
 from granite_lab.rounding import axis_unit, shown_as, significant
 
 SLIP_STD_SHOWN = 0.04
-"""Measured slip is drawn where its standard deviation is below this; at crawling speed it says nothing."""
+"""Measured slip is drawn where its standard deviation is below this; at crawling speed it is larger."""
 
 WIDEST = 0.3
-"""Share of a panel's height up to which the band of ±2σ is drawn; of a wider one the width is said."""
+"""Share of a panel's height up to which the band of ±2σ is drawn; the width of a wider band is printed."""
 
 PAPER = {0.3: "Figs. 5 and 6", 0.7: "Figs. 7 and 8"}
 """Figures of the paper by speed [m/s]."""
@@ -145,7 +145,7 @@ def _history(c: Comparison) -> Canvas:
     labels = [
         label for p in PANELS for label in (f"{p.name} [{axis_unit(p.unit)[0]}]", f"[{shown_as(p.unit)[0]}]")
     ]
-    figure, axes = canvas.panels(heights, y=labels, x=canvas.TIME, gap=0.2)
+    figure, axes = canvas.panels(heights, frame=canvas.Frame(gap=0.2), y=labels, x=canvas.TIME)
     end = min(float(c.t[-1]), duration(c.run.variant) + 1.2)
     inside = (c.t >= -0.5) & (c.t <= end)
     t = c.t[inside]
@@ -278,7 +278,7 @@ def health_figure(motion: Motion, index: int) -> Figure:
 def _health(motion: Motion, ratio: Array) -> Canvas:
     h, kinds = motion.health, np.array(motion.health.kind, dtype=object)
     figure, axes = canvas.panels(
-        [1.0, 1.2], gap=0.3 if len(set(h.kind)) < 4 else 0.46,
+        [1.0, 1.2], frame=canvas.Frame(gap=0.3 if len(set(h.kind)) < 4 else 0.46),
         y=["velocity [m/s]", "innovation [σ]"], x="time of the log [s]",
     )  # fmt: skip
     for axis in axes:

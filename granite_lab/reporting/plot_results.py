@@ -86,7 +86,7 @@ def k92_figure(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
             None: "these trials do not test the law",
         }[answers.a_theta_agrees].format(answers.a_theta_paper)
         title = f"a_θ = {number.with_std} s/m; {where}"
-    points, law = _over_speed(answers.speeds, lambda c: _told(c.fit)), fit if number is not None else None
+    points, law = _over_speed(answers.speeds, lambda c: _usable(c.fit)), fit if number is not None else None
     draw = partial(_k92_panel, points, [s.velocity for s in answers.speeds], law, paper)
     caption = (
         "Ratio of the rear to the front contact angle, fitted to the slip of each trial, with the law "
@@ -138,7 +138,7 @@ def k92_over_slip(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figu
             fitted = line[0] + line[1] * x
             axis.plot(100 * x, fitted, color=canvas.FITTED, linewidth=UNDER, label="fitted line")
         fits = [(r.comparison.fit, len(s.results)) for s in answers.speeds for r in s.results]
-        _trials(axis, [(f.slip_measured, _told(f), n) for f, n in fits], (100.0, 1.0))
+        _trials(axis, [(f.slip_measured, _usable(f), n) for f, n in fits], (100.0, 1.0))
         axis.plot(100 * x, paper.fig4_intercept + paper.fig4_slope * x, color=canvas.PAPER, linestyle=DASHED)
         _published(axis, [(100 * p.slip_measured, p.k92) for p in paper.table3])
         axis.axhline(0, color=canvas.INK, linewidth=0.6)
@@ -149,7 +149,7 @@ def k92_over_slip(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figu
     return Figure("k92_over_slip", title, caption, make, bool(answers.virtual))
 
 
-def _told(fit: K92Fit) -> Estimate:
+def _usable(fit: K92Fit) -> Estimate:
     """Return k_92 of a trial that tells it, else nothing to draw."""
     return fit.k92 if fit.tells else Estimate(math.nan)
 

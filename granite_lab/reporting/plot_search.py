@@ -145,7 +145,7 @@ def intervals_figure(finding: Finding) -> Figure | None:
 def _intervals(finding: Finding) -> Canvas:
     speeds, channels = by_speed(d.variant for d in finding.where), channels_of(finding)
     heights, variants = [0.13 * len(channels)] * len(speeds), {d.variant for d in finding.where}
-    figure, axes = canvas.panels(heights, left=canvas.NAMES, gap=0.24, x=canvas.TIME)
+    figure, axes = canvas.panels(heights, frame=canvas.Frame(left=canvas.NAMES, gap=0.24), x=canvas.TIME)
     for axis, (speed, positions) in zip(axes, speeds.items(), strict=True):
         for d in (finding.where[i] for i in positions):
             axis.barh(channels.index(d.channel), d.end - d.start, 0.8, d.start, linewidth=0, color=BEFORE)
@@ -200,7 +200,7 @@ def mean_of(group: Sequence[Residual]) -> Residual:
 
 def _history(finding: Finding, drawn: Mapping[str, Residual]) -> Canvas:
     units = [f"[{shown_as(m.unit)[0]}]" for m in drawn.values()]
-    figure, axes = canvas.panels([1.1] * len(drawn), head=0.46, y=units, x=canvas.TIME)
+    figure, axes = canvas.panels([1.1] * len(drawn), frame=canvas.Frame(head=0.46), y=units, x=canvas.TIME)
     for axis, (name, mean) in zip(axes, drawn.items(), strict=True):
         scale = shown_as(mean.unit)[1]
         zero = mean.before if mean.unit == "rad" else np.zeros_like(mean.before)

@@ -1,4 +1,4 @@
-"""Reports as HTML, Markdown and PDF, all from templates.
+"""Reports as HTML, Markdown and PDF, and tables as LaTeX, all from templates.
 
 All text from a log is escaped.
 """
@@ -53,7 +53,7 @@ def plain_markdown(value: object) -> str:
 def to_pdf(result: StudyResult, report: Report, made: str, figures: Mapping[str, str]) -> bytes:
     """Return the report as four pages of A4, set by Typst; the same study gives the same bytes.
 
-    `made` says with which version, when; `figures` are their SVG by name.
+    `made` states version and date; `figures` are their SVG by name.
     """
     answers = report.answers
     content = {
@@ -74,10 +74,11 @@ def rendered(template: str, **content: object) -> str:
 
 @lru_cache
 def _environment(kind: str) -> Environment:
+    marks = ("<%", "%>", "<<", ">>") if kind == ".tex" else ("{%", "%}", "{{", "}}")
     environment = Environment(
-        loader=PackageLoader("granite_lab.reporting"), autoescape=kind == ".html",
+        *marks, loader=PackageLoader("granite_lab.reporting"), autoescape=kind == ".html",
         finalize=plain_markdown if kind == ".md" else None, undefined=StrictUndefined,
-        keep_trailing_newline=True,
+        keep_trailing_newline=True, trim_blocks=kind == ".tex",
     )  # fmt: skip
     environment.filters["marked"] = marked
     environment.filters["fenced"] = lambda text: Markup(_BREAKS.sub(" ", str(text)).replace("`", " "))

@@ -40,7 +40,7 @@ from granite_lab.results import PHASES
 from granite_lab.rounding import NONE, interval, percent, percent_of, tidy_unit
 
 SURE = 0.95
-"""Share of sets from which on a candidate is told from all others."""
+"""A candidate that is named first in at least this share of the sets is distinguished from all others."""
 
 FORMULA = percent(FORMULA_ERROR[0])
 """Error of the formula of an effect, as a reader sees it."""

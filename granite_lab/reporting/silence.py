@@ -25,7 +25,7 @@ def silent(result: StudyResult) -> bool:
 
 
 def why_no_k92(result: StudyResult) -> str:
-    """Say why no trial of a study determines k_92; nothing where one does, or where there is none."""
+    """Say why no trial of a study determines k_92; empty where a trial does, or where there is no trial."""
     if not result.trials or any(r.comparison.fit.tells for r in result.trials):
         return ""
     reasons: dict[str, list[TrialResult]] = defaultdict(list)
@@ -50,7 +50,7 @@ def _reason(r: TrialResult) -> str:
         return "does not exist: nothing in it is steady"
     if not fit.slip_known:
         causes = [reason for reason in motion.health.reasons if "known to ±" not in reason]
-        # what anchors the velocity says most of how well slip is known
+        # the std of slip depends most on what anchors the velocity
         causes.sort(key=lambda reason: "anchor" not in reason and "standstill" not in reason)
         because = f" ({causes[0].split(': ')[0]})" if causes else ""
         return f"is known to {{known}} points only{because.replace('{', '{{').replace('}', '}}')}"
@@ -76,7 +76,7 @@ def reach_in_words(speeds: Sequence[Speed]) -> str:
 
 
 def assumptions(result: StudyResult) -> str:
-    """Say which robot and soil were assumed because nobody named them; nothing where all are named."""
+    """Say which robot and soil were assumed because they were not named; empty where all are named."""
     given = dict(result.source.options)
     parts = []
     for kind in ("robot", "soil"):

@@ -17,7 +17,7 @@ from granite_lab.results import StudyResult, TrialResult
 from granite_lab.rounding import NONE, Number, decided
 
 EVERYTHING = 100.0
-"""An interval of λ_R wider than this [points] holds all slip that wheels may have: it tells nothing."""
+"""An interval of λ_R wider than this [points] holds every slip that wheels may have, so no slip is known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class Speed:
         trials: how many have a slip ratio.
         slip: mean λ_R over the trials [%], with its standard error and 95 % interval.
         k92: mean of k_92 fitted to the steady slip [–], likewise.
-        k92_note: stands in place of k_92 where no trial tells it.
+        k92_note: stands in place of k_92 where no trial determines it.
         reach: the least and the largest λ_R that the model attains [%]; NaN if not known.
         paper_slip: λ_R of the paper's experiment [%] as printed there; NaN where it has none.
         paper_k92: k_92 of the paper; NaN likewise.

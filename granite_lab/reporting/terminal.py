@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 def show_study(
     result: StudyResult, console: Console, folder: str = "", model: Path | str | None = None
 ) -> None:
-    """Print the answers of a study, as on the first screen of its report; of a search alone its tables, too.
+    """Print the answers of a study, as on the first screen of its report, and the tables of a search alone.
 
     `folder` and `model` are named in commands.
     """
@@ -111,7 +111,7 @@ def show_motions(
 ) -> None:
     """Print what was estimated of each trial, where its table stands, and how it meets a reference.
 
-    Of trials that are `referred` to, the reference entered the estimate, and the one without it is judged.
+    In trials that are `referred`, the reference entered the estimate; the estimate without it is judged.
     """
     motions = [motion for motion, _, _ in rows]
     show_table(MOTIONS.fill(motions, virtual=any(m.virtual for m in motions)), console)

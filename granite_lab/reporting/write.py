@@ -33,7 +33,7 @@ def write_report(
 ) -> Path:
     """Write page, Markdown, PDF, ``figures/``, ``tables/``, and ``report.json`` with the hashes of them all.
 
-    Of a search alone there is ``finding.json`` in place of ``report.json``, and no PDF.
+    A search alone has ``finding.json`` in place of ``report.json``, and no PDF.
     All or nothing of it is written; files there of other origin stay (`folders.replacing`).
 
     Args:

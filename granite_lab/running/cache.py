@@ -37,7 +37,7 @@ SHOWS = ("api", "cli.py", "commands", "hidden", "reporting", "study_folder.py", 
 class Cache:
     """A folder of results.
 
-    A cache that cannot be written costs time, nothing else: `trouble` says what was wrong.
+    A cache that cannot be written costs time, nothing else; `trouble` holds the reason.
     """
 
     def __init__(self, folder: Path | None = None) -> None:

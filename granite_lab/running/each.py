@@ -45,7 +45,7 @@ _alone = threading.Lock()
 
 @dataclass(frozen=True)
 class Execution:
-    """Where work is done and what is remembered of it; results do not depend on it.
+    """Where work is done and whether its results are stored; results do not depend on it.
 
     Attributes:
         jobs: number of processes of this machine; 0 means one per core, 1 means this process.
@@ -98,7 +98,7 @@ def each_trial(
         if isinstance(outcome, LabError):
             results[path] = outcome
         else:
-            # An input that was changed meanwhile is no longer what the key says.
+            # An input that was changed meanwhile no longer belongs to the key.
             if cache is not None and trial_key(name, path, options) == keys[path]:
                 cache.put(keys[path], outcome)
             results[path] = decode(arena.hold(outcome))[1]
@@ -197,7 +197,7 @@ def _finished(
         call: on each item.
         queue: of items with their index.
         inside: what the pool works on; filled here.
-        room: says how many items the pool may hold; 0 where it has no workers.
+        room: returns how many items the pool may hold; 0 where it has no workers.
 
     Raises:
         LabError: nothing is finished any more, for all workers are gone.

@@ -1,4 +1,4 @@
-"""The folder of a report: one run at a time writes into it, and a part that fails is told."""
+"""The folder of a report: one run at a time writes into it, and a part that fails is reported."""
 
 from __future__ import annotations
 

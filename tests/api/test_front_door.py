@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import pytest
-import typer
 
 import granite_lab as gl
 from granite_lab import estimation
 from granite_lab.api.arguments import options
-from granite_lab.cli import COMMANDS, app
+from granite_lab.cli import COMMANDS, command_of
 from granite_lab.commands import model
 from granite_lab.estimation import chain as stages
 from tests.corpus.cli import ROOT, SAMPLES, lab
@@ -139,8 +138,8 @@ LIMITED = re.compile(r"\(([\d.]+) (?:to ([\d.]+)|or more)\)\.$")
 def limits() -> list[tuple[str, str, float, float]]:
     """List command, option, and the limits that its help states."""
     found = []
-    for name, command in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
-        for option in command.params:
+    for name in COMMANDS:
+        for option in command_of(name).params:
             if match := LIMITED.search(getattr(option, "help", None) or ""):
                 found.append((name, option.opts[0], float(match[1]), float(match[2] or math.inf)))
     return found

@@ -99,10 +99,10 @@ def test_a_file_that_is_there_stays(tmp_path: Path) -> None:
 def test_each_analysis_asks_for_what_it_needs_and_no_more() -> None:
     numbers = [len(questions(one.id)) for one in analyses()]
     assert numbers == sorted(set(numbers))
-    assert [q.key for q in questions("estimate")] == [
+    assert list(questions("estimate")) == [
         "robot.wheels.radius_m", "robot.imu.x_m", "robot.imu.z_m",
     ]  # fmt: skip
-    assert questions("estimate")[0].text == "wheel radius [m] (0.01 to 1)"
+    assert questions("estimate")["robot.wheels.radius_m"] == "wheel radius [m] (0.01 to 1)"
     with pytest.raises(UsageError, match="unknown analysis 'slip'"):
         questions("slip")
 

@@ -129,7 +129,7 @@ def test_logs_are_taken_with_what_they_were_ingested_with(folder: Path) -> None:
     with pytest.raises(InputError, match="is gone since it was ingested"):
         logs_at_hand(folder)
     (folder / "reports" / "ingest" / "ingest.json").write_text("{}", encoding="utf-8")
-    refused(lab("fit-k92", cwd=folder), 3, "is no list of ingested logs", "remove it")
+    refused(lab("fit-k92", cwd=folder), 3, "expected schema", "remove it")
 
 
 def test_ingest_replaces_its_own_tables_and_no_log(folder: Path) -> None:

@@ -4,19 +4,18 @@ import re
 from pathlib import Path
 
 import pytest
-import typer
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from granite_lab.cli import app
+from granite_lab import cli
 from tests.corpus.cli import CODES, GRANITE, LOG, SAND, Done, lab, strict, succeeded
 from tests.soak import SOAK
 
 # Each example is a whole command, so shrinking one takes too long.
 PHASES = (Phase.explicit, Phase.reuse, Phase.generate)
 COMMANDS = {
-    name: [p for p in command.params if p.name not in ("help", "install_completion", "show_completion")]
-    for name, command in typer.main.get_command(app).commands.items()
+    name: [p for p in cli.command_of(name).params if p.name not in ("help", "install_completion")]
+    for name in cli.COMMANDS
 }
 TEXTS = st.one_of(
     st.sampled_from(

@@ -8,8 +8,9 @@ import pytest
 
 from granite_lab.effects import get
 from granite_lab.hidden.catalogue import model_of
+from granite_lab.hidden.command import trapezoid
 from granite_lab.hidden.model import Setup
-from granite_lab.hidden.parts import Trapezoid, exponential_k92
+from granite_lab.hidden.parts import exponential_k92
 from granite_lab.model import Accuracy, simulate
 from granite_lab.model.effect import activate
 from granite_lab.parameters import GRAVITY, Variant
@@ -36,7 +37,7 @@ def by_library(command: Variant, effect: str, values: dict[str, float]) -> Resul
 
 
 def by_hidden(command: Variant, effect: str, values: dict[str, float]) -> Result:
-    given = Trapezoid(command.velocity, command.acceleration, command.distance)
+    given = trapezoid(command.velocity, command.acceleration, command.distance)
     sizes = {effect: values | SHAPES.get(effect, {})} if effect else {}
     truth = model_of(tuple(sizes), Setup(ROBOT, SOIL, exponential_k92(4.919)), given, sizes)
     run = integrate(truth, np.arange(-0.5, given.end + 1.0, 0.0025), rtol=1e-6, atol=1e-8)

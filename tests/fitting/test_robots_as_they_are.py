@@ -12,7 +12,7 @@ from granite_lab.chain import corrected, read, simulable
 from granite_lab.errors import EstimateError, InputError
 from granite_lab.fitting import driven, fit_k92
 from granite_lab.fitting.tow import KEY, towed
-from granite_lab.hidden.parts import Push
+from granite_lab.hidden.command import trapezoid
 from granite_lab.inference.observation import observe
 from granite_lab.logs import write_canonical
 from granite_lab.logs.trial import Series, Trial
@@ -100,16 +100,16 @@ def test_the_paper_s_model_and_another_program_agree_on_a_towed_load() -> None:
     """The independent simulator with the same force at its drag: slip ratio and velocity."""
     from granite_lab.hidden.contact import Array, Contact
     from granite_lab.hidden.model import PITCH, Setup, Truth
-    from granite_lab.hidden.parts import Trapezoid, exponential_k92
+    from granite_lab.hidden.parts import exponential_k92
     from tests.truth.simulator import integrate
 
     class Hauling(Truth):
-        def push(self, t: float, y: Array, wheel: Contact) -> Push:
+        def push(self, t: float, y: Array, wheel: Contact) -> Array:
             force = FORCE * self.fade(y)
             moment = -force * (HEIGHT - self.chassis.com_z) * float(np.cos(y[PITCH]))
-            return super().push(t, y, wheel) + Push(-force, 0.0, moment)
+            return super().push(t, y, wheel) + np.array([-force, 0.0, moment])
 
-    truth = Hauling(Setup(ROBOT, SOIL, exponential_k92(A_THETA)), Trapezoid(0.5, 1.2, 2.5))
+    truth = Hauling(Setup(ROBOT, SOIL, exponential_k92(A_THETA)), trapezoid(0.5, 1.2, 2.5))
     other = integrate(truth, np.asarray(np.arange(-0.2, truth.command.end, 0.0025)), rtol=1e-6, atol=1e-8)
     assert np.interp(other.t, run().t, run()["v_mps"]) == pytest.approx(other.v, abs=5e-4)
 

@@ -10,24 +10,24 @@ from granite_lab.api.hidden import hide
 from granite_lab.errors import UsageError
 from granite_lab.hidden.catalogue import model_of
 from granite_lab.hidden.chance import lot
+from granite_lab.hidden.command import SLOWEST, Command, draw_stick, trapezoid
 from granite_lab.hidden.controller import CONTROLLERS
 from granite_lab.hidden.making import make_set
 from granite_lab.hidden.model import OMEGA, Setup
-from granite_lab.hidden.parts import Trapezoid, exponential_k92
+from granite_lab.hidden.parts import exponential_k92
 from granite_lab.hidden.simulator import DT
-from granite_lab.hidden.stick import SLOWEST, Stick, draw_stick
 from granite_lab.hidden.wish import Wish
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import Variant, load_robot, load_soil
 from tests.truth.simulator import Result, integrate
 
 SHORT = (Variant(velocity=0.3, acceleration=1.2, distance=0.4),)
-STICK = Stick(1, (0.0, 0.5, 1.5, 2.0, 2.4, 3.0), (0.0, 0.4, 0.35, 0.0, 0.0, 0.0))
+STICK = Command("s1", (0.0, 0.5, 1.5, 2.0, 2.4, 3.0), (0.0, 0.4, 0.35, 0.0, 0.0, 0.0), (0.0, 3.0))
 ROBOT = load_robot()
 
 
 @lru_cache
-def drawn() -> tuple[Stick, ...]:
+def drawn() -> tuple[Command, ...]:
     return tuple(draw_stick(lot(1, k), 1, 0.5) for k in range(200))
 
 
@@ -60,7 +60,7 @@ def run_under(name: str, seed: int = 4) -> tuple[Result, dict[str, float]]:
     """Return a run of 0.4 m/s under a controller, "" for the paper's, and its gains."""
     gains = CONTROLLERS[name].drawn(lot(seed), ROBOT) if name else {}
     setup = Setup(ROBOT, load_soil(), exponential_k92(4.919), controller=name, gains=gains)
-    truth = model_of((), setup, Trapezoid(0.4, 1.2, 1.4), {})
+    truth = model_of((), setup, trapezoid(0.4, 1.2, 1.4), {})
     t = np.asarray(np.arange(-0.2, truth.command.end + 0.5, 0.0025))
     return integrate(truth, t, rtol=3e-5, atol=1e-6), gains
 
@@ -90,7 +90,7 @@ def test_another_controller_turns_the_wheels_in_another_way_and_comes_to_rest(na
 def test_a_current_keeps_to_its_limit(name: str) -> None:
     gains = CONTROLLERS[name].drawn(lot(4), ROBOT) | {"current": 2.5}
     setup = Setup(ROBOT, load_soil(), exponential_k92(4.919), controller=name, gains=gains)
-    truth = model_of((), setup, Trapezoid(0.4, 2.4, 0.6), {})
+    truth = model_of((), setup, trapezoid(0.4, 2.4, 0.6), {})
     r = integrate(truth, np.asarray(np.arange(-0.1, truth.command.end, 0.0025)), rtol=3e-5, atol=1e-6)
     assert 2.4 < r.current.max() < 2.55
     assert (r.current.max(axis=1) > 2.35).sum() > 10  # it limits, for a while

@@ -70,8 +70,8 @@ def test_a_folder_with_logs_and_an_open_answer_is_enough_for_a_judgement(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "no answer that can be used"),
-        ("[]", "no answer that can be used"),
+        ("{", "not JSON"),
+        ("[]", "expected an object"),
         ('{"effects": "none"}', "no answer that can be used"),
         ('{"effects": [{"id": "drive_reaction", "parameters": [1]}]}', "no answer that can be used"),
         ('{"effects": [{"id": "tire_windup"}]}', "unknown effect 'tire_windup'"),
@@ -199,7 +199,7 @@ def test_the_gap_closed_is_a_share_of_what_is_not_explained(gap: dict[str, Any],
     ("text", "said"),
     [
         ("{", "not JSON"),
-        ("[]", "expected schema"),
+        ("[]", "expected an object"),
         ('{"schema": "granite-lab/fit/1"}', "expected schema"),
         ('{"schema": "granite-lab/discovery/3", "verdict": "maybe"}', "verdict is 'maybe'"),
         ('{"schema": "granite-lab/discovery/3", "verdict": "named", "effects": ["a"]}', "malformed"),
@@ -256,22 +256,24 @@ def _answer(**changes: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    "changes",
     [
-        ({"trials": None}, "no trials"),
-        ({"trials": {}}, "no trials"),
-        ({"trials": {"a": {}}}, "no hash of each trial"),
-        ({"effects": 1}, "no list of effects"),
-        ({"effects": [{"id": "x"}]}, "no list of effects"),
-        ({"effects": [_answer()["effects"][0] | {"parameters": {"p": 1}}]}, "no list of effects"),
+        {"trials": None},
+        {"trials": {}},
+        {"trials": {"a": {}}},
+        {"trials": {"a": {"sha256": 1}}},
+        {"effects": 1},
+        {"effects": [{"id": "x"}]},
+        {"effects": [_answer()["effects"][0] | {"parameters": {"p": 1}}]},
+        {"effects": [_answer()["effects"][0] | {"parameters": {"p": {"value": "2", "unit": "m"}}}]},
     ],
 )
 def test_a_sealed_answer_that_lacks_something_is_told_in_one_line(
-    changes: dict[str, Any], said: str, tmp_path: Path
+    changes: dict[str, Any], tmp_path: Path
 ) -> None:
     assert unseal(seal(_answer()), "x") == _answer()
     (tmp_path / "sealed.bin").write_bytes(seal(_answer(**changes)))
-    refused(lab("reveal", tmp_path), 3, f"sealed.bin: the sealed answer holds {said}")
+    refused(lab("reveal", tmp_path), 3, "sealed.bin: the sealed answer is incomplete")
 
 
 def test_several_names_are_counted_one_by_one() -> None:

@@ -266,8 +266,8 @@ def test_the_document_and_the_table_carry_the_figures_of_the_folder(tmp_path: Pa
     ("content", "says"),
     [
         (None, "holds no search"),
-        ("{", "cannot be read"),
-        ("[]", "is not the design"),
+        ("{", "not JSON"),
+        ("[]", "expected schema"),
         ('{"schema": "granite-lab/design/2", "verdict": "none"}', "is missing"),
     ],
 )

@@ -142,12 +142,12 @@ def test_every_table_is_balanced_escaped_and_has_all_columns_in_each_row(
 def test_every_table_is_estimated_to_be_no_wider_than_the_text(tables: Sequence[FilledTable]) -> None:
     for one in tables:
         _, space, blocks = laid_out(one)
-        assert {c.column.heading.name for block in blocks for c in block} == {c.name for c in one.columns}
+        assert {c.heading.name for block in blocks for c in block} == {c.name for c in one.columns}
         for block in blocks:
             widths = [c.em * c.width for c in block]
             assert sum(widths) + 2 * space * (len(widths) - 1) <= TEXT + 1e-6, one.name
             for c in block:
-                texts, heading = c.column.texts, c.column.heading.title
+                texts, heading = c.texts, c.heading.title
                 pieces = [p for text in texts for word in words_of(text) for p in pieces_of(word)]
                 assert widest([*(pieces if c.wraps else texts), *words_of(heading)]) <= c.width + 1e-6, (
                     one.name

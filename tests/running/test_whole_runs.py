@@ -256,8 +256,8 @@ def test_verify_takes_the_effects_that_it_is_given(tmp_path: Path) -> None:
 
 def test_verify_refuses_what_is_no_report(tmp_path: Path) -> None:
     refused(lab("study", "--verify", "report.json", cwd=tmp_path), 3, "report.json: cannot be read: does not")
-    other = "is not the report of a study"
-    for text, said in (("{", "is not JSON"), ("[]", other), ('{"schema": "granite-lab/report/1"}', other)):
+    other = "expected schema"
+    for text, said in (("{", "not JSON"), ("[]", other), ('{"schema": "granite-lab/report/1"}', other)):
         (tmp_path / "report.json").write_text(text, encoding="utf-8")
         refused(lab("study", "--verify", "report.json", cwd=tmp_path), 3, f"report.json: {said}")
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,9 +10,10 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 
+from granite_lab.hidden.command import trapezoid
 from granite_lab.hidden.contact import V_FLOOR, Array, smoothstep
 from granite_lab.hidden.model import ANGLE, CURRENT, OMEGA, PITCH, VX, VZ, Q, Setup, Truth, X
-from granite_lab.hidden.parts import Law, Trapezoid, exponential_k92
+from granite_lab.hidden.parts import Law, exponential_k92
 from granite_lab.hidden.simulator import DT, Body, body_from_states, solve
 from granite_lab.parameters import Robot, Soil, Variant, Wheels, load_robot, load_soil
 
@@ -112,7 +113,7 @@ def build(
 ) -> Truth:
     """Return the model of one motion, with a constant k_92 or (5); by default the paper's robot and soil."""
     law = exponential_k92(a_theta) if k92 is None else constant_k92(k92)
-    command = Trapezoid(variant.velocity, variant.acceleration, variant.distance)
+    command = trapezoid(variant.velocity, variant.acceleration, variant.distance)
     return Truth(Setup(robot or load_robot(), soil or load_soil(), law, intervals=intervals), command)
 
 
@@ -129,7 +130,15 @@ def simulate(variant: Variant, *, settle: float = 1.0, after: float = 1.0, **giv
     return integrate(truth, np.asarray(-settle + SPACING * np.arange(steps + 1)))
 
 
-def body_from_run(run: Result, *, steady: tuple[float, float]) -> Body:
+@dataclass(frozen=True, eq=False)
+class Driven(Body):
+    """A true motion with the end of its command [s], and the settled half of its constant part [s]."""
+
+    stop: float
+    steady: tuple[float, float]
+
+
+def body_from_run(run: Result, *, steady: tuple[float, float]) -> Driven:
     """Return the motion of a run, its first sample moved to t = 0.
 
     Args:
@@ -139,7 +148,8 @@ def body_from_run(run: Result, *, steady: tuple[float, float]) -> Body:
     origin = float(run.t[0])
     t = np.asarray(origin + DT * np.arange(int((run.t[-1] - origin) / DT + 1e-6) + 1))
     body = body_from_states(run.truth, t, CubicSpline(run.t, run.state)(t))
-    return replace(body, steady=(steady[0] - origin, steady[1] - origin))
+    end = float(run.truth.command.end - origin)
+    return Driven(**vars(body), stop=end, steady=(steady[0] - origin, steady[1] - origin))
 
 
 def forces(

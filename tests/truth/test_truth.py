@@ -126,7 +126,7 @@ def run(velocity: float) -> Result:
 def steady(velocity: float) -> tuple[float, float]:
     """Second half of the part with constant desired velocity."""
     command = build(variant_of(velocity), k92=1.0).command
-    return command.ramp + 0.5 * command.hold, command.ramp + command.hold
+    return command.measured
 
 
 @pytest.mark.parametrize("velocity", SPEEDS)

@@ -16,13 +16,13 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import bilinear, lfilter
 
 from granite_lab.estimation.motion import Motion
+from granite_lab.hidden.command import trapezoid
 from granite_lab.hidden.contact import Array
-from granite_lab.hidden.parts import Trapezoid
 from granite_lab.hidden.sensors import Logger, read_currents, read_imu, read_wheels, wander
 from granite_lab.hidden.simulator import DT, Body
 from granite_lab.logs.trial import Series, Trial, TrialInfo
 from granite_lab.parameters import ImuGrade, Robot, load_robot
-from tests.truth.simulator import Result, body_from_run, interpolated
+from tests.truth.simulator import Driven, Result, body_from_run, interpolated
 
 SLIP_SPEED = np.array([0.0, 0.2, 0.3, 0.5, 0.7, 1.0])
 SLIP_LEVEL = np.array([0.03, 0.0531, 0.0835, 0.165, 0.229, 0.3])
@@ -94,24 +94,24 @@ def random_body(
     *,
     velocity: float,
     acceleration: float,
-    mass: float,
+    robot: Robot,
     duration: float = 8.0,
     still: tuple[float, float] = (2.0, 2.0),
     slip: float | None = None,
     wobble: float = 1.0,
-) -> Body:
+) -> Driven:
     """Draw a motion.
 
     Args:
         rng: source of all randomness.
         velocity, acceleration: of the desired trapezoid [m/s], [m/s^2].
-        mass: of the robot [kg].
+        robot: with its mass and drive.
         duration: from the command's start to its end [s].
         still: rest before the command and after it [s].
         slip: mean slip ratio; drawn around the published one when None.
         wobble: factor on the side motion: roll of 0.25-0.3 deg, yaw rate of 0.5 deg/s (std).
     """
-    command = Trapezoid(velocity, acceleration, velocity * (duration - velocity / acceleration))
+    command = trapezoid(velocity, acceleration, velocity * (duration - velocity / acceleration))
     n = round((still[0] + duration + still[1]) / DT) + 1
     t = DT * np.arange(n)
     desired = np.array([command.velocity(ti - still[0]) for ti in t])
@@ -144,10 +144,14 @@ def random_body(
     w = v * np.sin(squat)
     each = rng.normal(0, 0.002, 4)
     unlike = 1 + each + 0.004 * np.stack([wander(rng, n, DT, 0.4) for _ in range(4)], axis=1)
+    mass, drive, per_newton = robot.chassis.total_mass, robot.drive, 0.0
+    if drive is not None:
+        torque = drive.gear_efficiency * drive.gear_ratio * drive.torque_constant
+        per_newton = robot.wheels.radius / torque
     resistance = mass * 9.81 * (0.12 + 0.2 * level) * moving
     share = np.array([0.46, 0.46, 0.54, 0.54]) / 2
-    steady = still[0] + command.ramp + 0.5 * command.hold, still[0] + command.ramp + command.hold
-    return Body(
+    steady = still[0] + command.measured[0], still[0] + command.measured[1]
+    return Driven(
         t=np.asarray(t, dtype=np.float64),
         x=x,
         v=v,
@@ -158,7 +162,7 @@ def random_body(
         roll=start_roll + field_over(rng, x, 0.3, np.radians(0.5 * wobble * TERRAIN)),
         yaw_rate=np.radians(0.5) * wobble * wander(rng, n, DT, 0.7) * moving,
         v_wheel=rolling[:, None] * unlike,
-        force=(mass * a + resistance)[:, None] * share,
+        current=(mass * a + resistance)[:, None] * share * per_newton,
         start=still[0],
         stop=still[0] + duration,
         steady=steady,
@@ -308,7 +312,7 @@ def generate(
     motion_seed, sensor_seed = np.random.SeedSequence(seed).spawn(2)
     body = random_body(
         np.random.default_rng(motion_seed), velocity=velocity, acceleration=acceleration,
-        mass=rig.chassis.total_mass, **motion,
+        robot=rig, **motion,
     )  # fmt: skip
     info = TrialInfo(
         robot=rig.name, v_desired=velocity, a_max=acceleration,

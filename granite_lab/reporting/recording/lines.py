@@ -52,7 +52,7 @@ CHANNELS = {
     "forward_acceleration": {"accel": ""},
     "pitch_rate": {"pitch_rate": ""},
 }
-"""Plot to the channels of the comparison that it shows, and what tells them apart."""
+"""Plot to the channels of the comparison that it shows, and what distinguishes them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,7 +314,7 @@ def write_events(
     for channel in sorted({i.channel for i in intervals}):
         bars = [(i.start, i.end, i.label) for i in intervals if i.channel == channel]
         _bars(writer, f"{DIFFERS}/{entity_of(channel)}", float(t[0]), bars, VERMILION)
-    events = [*_events(comparison), *_updates(comparison, start), *_told(comparison, finding)]
+    events = [*_events(comparison), *_updates(comparison, start), *_of_search(comparison, finding)]
     for bar in intervals:
         sentence = f"simulated {bar.channel} differs from the measured one by up to {bar.label} % of its rms"
         events.append(Event(bar.start, f"{sentence}, {bar.start:.2f} s to {bar.end:.2f} s"))
@@ -365,7 +365,7 @@ def _events(comparison: Comparison) -> Iterator[Event]:
     yield Event(t2 - start, f"slip λ_R (2) over the steady part of {t2 - t1:.2f} s: {slip}")
 
 
-def _told(comparison: Comparison, finding: Finding | None) -> Iterator[Event]:
+def _of_search(comparison: Comparison, finding: Finding | None) -> Iterator[Event]:
     """Yield what a search found, at the start of the trial; for a trial that it left out, why."""
     if finding is None:
         return

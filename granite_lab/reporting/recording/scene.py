@@ -128,7 +128,7 @@ def _hull(chassis: Chassis, wheels: Wheels) -> tuple[float, float, float, float]
 
 
 def _solid(chassis: Chassis, wheels: Wheels) -> tuple[Any, Any, Any]:
-    """Return the measured robot: body with a bow that tells the front; of a wheel tyre, hub, lugs, spokes."""
+    """Return the measured robot: a body whose bow marks the front, tyre and hub, and lugs and spokes."""
     r, half, width = wheels.radius, chassis.track / 2, wheels.width
     x, y, low, high = _hull(chassis, wheels)
     axles = (-chassis.wheel_base / 2, chassis.wheel_base / 2)

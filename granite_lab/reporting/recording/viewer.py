@@ -21,7 +21,7 @@ from granite_lab.files import readable, refuse_special, write_bytes
 from granite_lab.reporting.recording.stream import TIMELINE
 
 PATIENCE, START = 4.0, 30.0
-"""How long a viewer that cannot start may take to say so, and a picture to stand still [s]."""
+"""Time within which a viewer that cannot start ends, and within which a picture stands still [s]."""
 SIZE, TITLE_BAR = (1920, 1080), 37
 """Size of a picture's window, and the height of its title bar, which is cut off [pixels]."""
 WEB_PORT, DATA_PORT = 9090, 9876

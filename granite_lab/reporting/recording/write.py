@@ -68,7 +68,7 @@ OVERLAY = "all_trials"
 """Entity below which the plots of all trials stand."""
 TIME_AXIS = rrb.TimeAxis(link="LinkToGlobal")
 MOST_NAMED, MOST_ROWS = 5, 5
-"""Most trials of a speed that an overlay names in its legend (of more, the pointer tells the name), and most
+"""Most trials of a speed that an overlay names in its legend (of more, the pointer shows the name), and most
 plots of a tab that stand below each other."""
 
 

@@ -1,9 +1,10 @@
-"""A robot driven by a person's stick: the desired velocity is linear between the corners of its course."""
+"""A desired velocity that is linear between corners: of a trapezoid of Table 2, or of a stick in a hand."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -26,23 +27,23 @@ SLOWEST, BY, STEP = 0.4, 0.15, 0.01
 
 
 @dataclass(frozen=True)
-class Stick:
+class Command:
     """Desired velocity that is linear between corners; the robot stands before the first and after the last.
 
     Attributes:
-        number: which stick of its set, from 1 on.
+        label: word for it in the name of a trial.
         times: (K,) of the corners [s]; the first is 0.
         speeds: (K,) velocities there [m/s]; 0 at both ends, never negative.
+        measured: begin and end of the part over which λ_R is taken [s].
+        stated: velocity [m/s], acceleration [m/s^2] and distance [m], which the log of a trapezoid states;
+            None for a stick.
     """
 
-    number: int
+    label: str
     times: tuple[float, ...]
     speeds: tuple[float, ...]
-
-    @property
-    def label(self) -> str:
-        """Word for it in the name of a trial."""
-        return f"s{self.number}"
+    measured: tuple[float, float]
+    stated: tuple[float, float, float] | None = None
 
     @property
     def end(self) -> float:
@@ -50,47 +51,61 @@ class Stick:
         return self.times[-1]
 
     @cached_property
-    def _ways(self) -> Array:
+    def _corners(self) -> tuple[Array, Array, Array]:
+        """(K,) times [s], velocities [m/s] and distances [m]."""
         t, v = np.array(self.times), np.array(self.speeds)
-        return np.concatenate([[0.0], np.cumsum(np.diff(t) * (v[1:] + v[:-1]) / 2)])
+        return t, v, np.concatenate([[0.0], np.cumsum(np.diff(t) * (v[1:] + v[:-1]) / 2)])
 
     @property
     def distance(self) -> float:
         """Way in all [m]."""
-        return float(self._ways[-1])
+        return float(self._corners[2][-1])
 
     def velocity(self, t: float) -> float:
         """Return v_d(t) [m/s]."""
-        return float(np.interp(t, self.times, self.speeds))
+        return float(np.interp(t, *self._corners[:2]))
 
     def position(self, t: float) -> float:
         """Return s_d(t), the integral of v_d [m]."""
-        if t >= self.end:
-            return self.distance
-        k = int(np.searchsorted(self.times, t, side="right")) - 1
-        if k < 0:
-            return 0.0
-        return float(self._ways[k]) + 0.5 * (t - self.times[k]) * (self.speeds[k] + self.velocity(t))
+        times, speeds, distances = self._corners
+        k = int(np.searchsorted(times, t, side="right")) - 1
+        if k < 0 or t >= self.end:
+            return 0.0 if k < 0 else self.distance
+        return float(distances[k] + 0.5 * (t - times[k]) * (speeds[k] + self.velocity(t)))
 
     def corners(self, v_floor: float) -> tuple[float, ...]:
         """Instants at which the law of v_d changes, or v_d crosses `v_floor`."""
         marks = set(self.times)
-        for (t0, v0), (t1, v1) in zip(
-            zip(self.times, self.speeds, strict=True),
-            zip(self.times[1:], self.speeds[1:], strict=True),
-            strict=False,
-        ):
+        for (t0, v0), (t1, v1) in pairwise(zip(self.times, self.speeds, strict=True)):
             if min(v0, v1) < v_floor < max(v0, v1):
                 marks.add(t0 + (v_floor - v0) / (v1 - v0) * (t1 - t0))
         return tuple(sorted(marks))
 
-    def measured(self, start: float) -> Array:
-        """Return begin and end of where λ_R is taken, all of a run that began at `start` [s]."""
-        return start + np.array([0.0, self.end])
+
+def trapezoid(v: float, a: float, distance: float) -> Command:
+    """Return the command that accelerates at `a` [m/s^2] to `v` [m/s], holds, and brakes at `a`.
+
+    λ_R is taken over the second half of the steady part.
+
+    Args:
+        v, a: of the steady part and of both ramps.
+        distance: in all [m].
+
+    Raises:
+        ValueError: the distance is too short to reach the velocity.
+    """
+    ramp, hold = v / a, (distance - v**2 / a) / v
+    if hold < 0:
+        raise ValueError("the distance is too short to reach the velocity")
+    times, speeds = (0.0, ramp, ramp + hold, 2 * ramp + hold), (0.0, v, v, 0.0)
+    return Command(f"v{v:g}", times, speeds, (ramp + 0.5 * hold, ramp + hold), (v, a, distance))
 
 
-def draw_stick(rng: np.random.Generator, number: int, top: float) -> Stick:
-    """Draw how a person drives whose fastest speed is `top` [m/s]."""
+def draw_stick(rng: np.random.Generator, number: int, top: float) -> Command:
+    """Draw how a person drives whose fastest speed is `top` [m/s]; λ_R is taken over all of it.
+
+    `number` counts the sticks of a set, from 1 on.
+    """
     times, speeds = [0.0], [0.0]
 
     def go(speed: float, within: tuple[float, float]) -> None:
@@ -108,4 +123,4 @@ def draw_stick(rng: np.random.Generator, number: int, top: float) -> Stick:
         last = place
     if speeds[-1] > 0.0:
         go(0.0, MOVED)
-    return Stick(number, tuple(times), tuple(speeds))
+    return Command(f"s{number}", tuple(times), tuple(speeds), (0.0, times[-1]))
