@@ -76,5 +76,5 @@ def command_of(words: list[str]) -> tuple[Any, list[str]]:
     """Return the command of granite-lab that words name, and its arguments."""
     command, rest = COMMANDS, list(words)
     while rest and rest[0] in getattr(command, "commands", {}):
-        command = command.commands[rest.pop(0)]
+        command = command.get_command(None, rest.pop(0))
     return command, rest
