@@ -64,13 +64,15 @@ def led(variant: Variant, leads: Sequence[float], robot: Robot) -> Variant:
 
 
 def _earlier(course: Course, lead: float) -> Course:
-    """Return a course whose command begins earlier [s]; its wheels turn as they did."""
+    """Return a course whose command begins earlier [s]; its wheels turn, and it ends, as they did."""
     t, v = course.corners
-    at = np.clip(t - lead, course.wheels[0][0], course.wheels[-1][0])
     known = [instant for instant, *_ in course.wheels]
-    fresh = np.setdiff1d(
-        at, known
-    )  # between two instants lies one cubic, so that more of them change nothing
+    at = np.clip(t - lead, known[0], course.end)
+    # between two instants lies one cubic, so that more of them change nothing; behind them the wheels stand
+    fresh = np.setdiff1d(at[at < known[-1]], known)
+    path = list(zip(at.tolist(), v.tolist(), strict=True))
+    if at[-1] < course.end:
+        path.append((course.end, float(v[-1])))
     numbers = dict(zip(NUMBERS[kind_of(course)], numbers_at(fresh, course), strict=True))
     sides = ("split_f", "split_r") if course.split else ()
     front, rear, *apart = (_listed(spin(fresh, numbers, axle)) for axle in ("f", "r", *sides))
@@ -78,7 +80,7 @@ def _earlier(course: Course, lead: float) -> Course:
     wheels = [*course.wheels, *zip(fresh.tolist(), front, rear, strict=True)]
     split = [*course.split, *zip(*apart, strict=True)]
     return replace(
-        course, path=tuple(zip(at.tolist(), v.tolist(), strict=True)), wheels=tuple(wheels[k] for k in order),
+        course, path=tuple(path), wheels=tuple(wheels[k] for k in order),
         split=tuple(split[k] for k in order) if split else (),
     )  # fmt: skip
 

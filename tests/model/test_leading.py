@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from granite_lab.inference.bench import SAND, World
+from granite_lab.inference.bench import ACCURACY, SAND, World
 from granite_lab.model import simulate
 from granite_lab.model.command import kind_of
+from granite_lab.model.instants import instants
 from granite_lab.model.leading import LASTING, is_free, lasting_of, led
 from granite_lab.model.pieces import NUMBERS, numbers_at, spin
 from granite_lab.model.turning import turned
@@ -97,6 +98,20 @@ def test_a_command_that_only_the_wheels_date_is_led_as_a_whole(split: float) -> 
         assert after.rate == pytest.approx(before.rate, abs=1e-4)
     task = World(ROBOT, SOIL, (wheels,), {}).task(0, np.append(np.zeros(len(SAND)), (0.03, 0.2)), ())
     assert task.leads == (0.03, 0.0)
+
+
+@pytest.mark.parametrize("lead", [0.03, -0.03])
+def test_a_command_that_outlasts_its_wheels_is_computed_at_the_same_instants(lead: float) -> None:
+    """As for wheels that stand before the stated distance is driven."""
+    t = np.arange(-0.2, 3.0, 0.005)
+    v = 0.3 * np.sin(np.pi * np.clip(t / 2.8, 0, 1)) ** 2
+    still = np.zeros(t.size)
+    wheels = turned(t, (v, v), (still, still), RADIUS, command=dataclasses.replace(STICK, stamped=False))
+    course = led(wheels, (lead, 0.0), ROBOT)
+    assert isinstance(course, Course)
+    assert np.array_equal(instants(course, ACCURACY), instants(wheels, ACCURACY))
+    within = t[(t > 0.05) & (t < 2.9)]
+    assert course.velocity_at(within) == pytest.approx(STICK.velocity_at(within + lead), abs=1e-9)
 
 
 def test_what_was_commanded_is_not_led() -> None:
