@@ -42,7 +42,7 @@ def page(lines: Lines, of: int) -> str:
 How much of the gap between virtual trials and the model without effects is closed on trials and on speeds
 that were left out:
 
-* **this**: `discover`, by its own account;
+* **this**: `discover`, by its own account; it was developed with the sets of `outside/` and `mixtures/`;
 * **STLSQ**: sparse regression on the residual as PySINDy does it, products of two inputs, the threshold by
   cross-validation over speeds;
 * **GP**: a Gaussian process on the residual (scikit-learn), a width for each input, white noise,
