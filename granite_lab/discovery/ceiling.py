@@ -15,7 +15,7 @@ from scipy.special import ndtri
 from granite_lab.discovery.finding import Ceiling, Push
 from granite_lab.discovery.pushes import Places, Pushes
 from granite_lab.discovery.where import intervals
-from granite_lab.inference.constants import CLOSE, CREDIBLE, NOTHING, TINY
+from granite_lab.inference.constants import CLOSE, CREDIBLE, NOTHING
 from granite_lab.inference.fit import ROUNDS, Fit
 from granite_lab.inference.gap import beyond, tolerated
 from granite_lab.inference.normal import Normal, Posterior, posterior
@@ -108,7 +108,7 @@ class _Solver:
             squares = found.step[-self.kind.size :] ** 2
             new = np.array(
                 [
-                    np.sqrt(squares[self.kind == q].sum() / max(known[self.kind == q].sum(), TINY))
+                    np.sqrt(squares[self.kind == q].sum() / max(known[self.kind == q].sum(), 1e-9))
                     for q in range(sizes.size)
                 ]
             )

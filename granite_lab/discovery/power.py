@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from granite_lab.discovery.candidates import Probe, Screen, others_of
 from granite_lab.discovery.finding import Confusion, Detectable
-from granite_lab.inference.constants import CREDIBLE, DRAWS, NOTHING, SAME, TINY, WORTH
+from granite_lab.inference.constants import CREDIBLE, DRAWS, SAME, TINY, WORTH
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import posterior
 from granite_lab.inference.problem import Problem
@@ -178,7 +178,7 @@ def _by_noise_own(power: Array, at: Sequence[int], needed: float) -> float:
         spread = float(np.sqrt(np.sum(taken**2 * (0.5 + signal))))
         return gain - POWER * spread - needed
 
-    low, high = float(np.log(NOTHING)), -float(np.log(NOTHING))
+    low, high = np.log(1e-3), np.log(1e3)  # of the probed size
     return float(np.exp(brentq(beyond, low, high))) if beyond(low) < 0 < beyond(high) else float("inf")
 
 

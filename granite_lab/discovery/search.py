@@ -13,7 +13,7 @@ from granite_lab.discovery.heldout import predict, predicts_better
 from granite_lab.discovery.leaders import Look, Promise, leaders, origins, screened
 from granite_lab.discovery.relevance import good, made, needed, shows, strained, unexplained
 from granite_lab.discovery.sets import attempts, fit_sets, set_of
-from granite_lab.inference.constants import EFFECT_ODDS, FEW, LEFT, NOTHING, RIVAL, TOLERANCE, TRIED, WORTH
+from granite_lab.inference.constants import EFFECT_ODDS, FEW, LEFT, RIVAL, TOLERANCE, TRIED, WORTH
 from granite_lab.inference.fit import LEAST, ROUNDS, Fit, under
 from granite_lab.inference.gap import moved
 from granite_lab.inference.point import Point
@@ -23,14 +23,14 @@ from granite_lab.inference.scales import FORMULAS
 MOST = 6
 """Effects in a set at most."""
 
-REVISED = FEW
+REVISED = 2
 """Effects that are taken out of a set to be revised, each in turn."""
 
 FINE = 12
 """Most steps of a fit that begins where another one ended: a fine one at a rough one's end, or one of the
 best set with an effect exchanged; convention."""
 
-UNLIKELY = NOTHING
+UNLIKELY = 1e-3
 """Odds below which a set changes no probability that is told in percent."""
 
 

@@ -21,7 +21,6 @@ from granite_lab.inference.constants import (
     NOTHING,
     RELEVANT,
     STANDS_IN,
-    TRIED,
 )
 from granite_lab.inference.fit import Fit, under
 from granite_lab.inference.gap import moved, scatter
@@ -31,7 +30,7 @@ from granite_lab.inference.scales import FORMULAS
 from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 
-LARGEST_SET = TRIED
+LARGEST_SET = 3
 """Most effects that cannot be told apart in an answer that still is one: no more rivals of a screen are
 fitted."""
 

@@ -12,7 +12,7 @@ from typing import ClassVar, Self, TypeVar
 import numpy as np
 
 from granite_lab.errors import EstimateError, InputError
-from granite_lab.inference.constants import CLOSE, MEMORY, RAKING
+from granite_lab.inference.constants import RAKING
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active, Effect, activate
 from granite_lab.model.instants import Accuracy
@@ -47,7 +47,7 @@ ACCURACY = Accuracy(relative=1e-5, absolute=2e-8, travel=0.0018, lean=True, orde
 five times the errors the differences of neighbouring runs, which are derivatives, were too rough for a fit
 to end twice at the same numbers."""
 
-KEPT = CLOSE * MEMORY
+KEPT = 4e7
 """Bytes of the responses that are remembered, little beside other tables; each is of about 200 kB for a
 command of Table 2."""
 

@@ -124,19 +124,18 @@ SAND_STD = (_MODULUS, _MODULUS, _MODULUS, _MODULUS, _ANGLE, _ANGLE, _MODULUS)
 """Std of the logarithm of a_θ, k_φ, c, K, φ, n and μ_s about the soil's file. Dry sands of the literature
 differ by 10 to 20 % in moduli and by 2 to 4° in the angle of friction (Wong 2008, table 2.3)."""
 
-_LEAST_RAKED, _RAKED = 0.05, 0.08
-RAKING = (_LEAST_RAKED, _RAKED, _RAKED)
+RAKING = (0.05, 0.08, 0.08)
 """First value of the std of the logarithm of a_θ, k_φ and c from one raking to the next: cone indices of
 prepared sand scatter by 5 to 10 %."""
 
-_BY_HAND, _WHEEL = 0.01, 0.002
+_BY_HAND = 0.01
 SENSOR_STD = {
     "tilt": _BY_HAND,
     "accel_x gain": 0.005,
     "wheel offset": 0.02,
-    "wheel gain": _WHEEL,
+    "wheel gain": 0.002,
     "wheel_split gain": 0.003,
-    "start": BIN,
+    "start": 0.02,
     "arm": _BY_HAND,
 }
 """First value of the std of what a data sheet or a file leaves open: mounting tilt [rad], gain of the
@@ -157,8 +156,7 @@ WORTH = -math.log(EFFECT_ODDS)
 """Gain of log likelihood that makes up for those odds: a candidate that promises less is not fitted."""
 
 CREDIBLE = 0.9
-"""Posterior probability that a name, or a set that cannot be told apart, must hold;
-convention."""
+"""Posterior probability that a name, or a set that cannot be told apart, must hold; convention."""
 
 CERTAIN = 2 * NormalDist().cdf(2) - 1
 """The same of a name that explains no more than errors of other formulas at their limit could: as sure as

@@ -8,7 +8,7 @@ import numpy as np
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import RAKED, SAND
-from granite_lab.inference.constants import CLOSE, NOTHING, REACH, UPDATES, WORTH
+from granite_lab.inference.constants import CLOSE, REACH, UPDATES, WORTH
 from granite_lab.inference.normal import Normal, Posterior, Scales, least_within
 from granite_lab.inference.point import SHARED, Point, Slopes
 from granite_lab.inference.problem import Problem
@@ -23,7 +23,7 @@ from granite_lab.inference.scales import (
 )
 from granite_lab.logs.trial import Array
 
-LEAST, LEAST_OF_ROUGH = 2 * NOTHING, 2 * CLOSE
+LEAST, LEAST_OF_ROUGH = 0.002, 0.2
 """Drop of the objective below which no further step is taken: a thousandth of a log likelihood, so that no
 number is further from the optimum than 0.045 of its std. Of a rough fit, which serves to learn the noise or
 to rank sets of effects, a tenth."""
@@ -43,7 +43,7 @@ HALF = 0.5
 """Drop over the promised one above which a fine fit doubles the share of a step of Gauss and Newton that it
 tries; convention."""
 
-TRUSTED, TRUSTED_ROUGH = CLOSE, 0.4
+TRUSTED, TRUSTED_ROUGH = 0.1, 0.4
 """How far from one the drop over the promised one may be for the derivatives to be kept, far from the
 optimum; of a rough fit."""
 
@@ -51,11 +51,11 @@ NEAR = 1.0
 """Promised drop below which a step of Gauss and Newton is taken although the objective does not fall: within
 a std it tells of kinks of the model and of derivatives at the centre of a command, not of the optimum."""
 
-AS_GOOD, AS_GOOD_ROUGH = CLOSE, NEAR
+AS_GOOD, AS_GOOD_ROUGH = CLOSE, 1.0
 """How far a fit may move, in std of the numbers, with derivatives that count as those of the point; a rough
 one."""
 
-LEAST_OF_LOUD = CLOSE**2
+LEAST_OF_LOUD = 0.01
 """Promised drop, as a share of the objective, below which a fit ends where the noise is louder than
 repetitions show: the model is wrong, its kinks are sharper than the noise, and half a percent of its rms does
 not change that. Such a fit has not converged."""
@@ -66,14 +66,14 @@ STRENGTH = ("cohesion", "friction_angle")
 WITHIN = REACH**2
 """Promised drop below which a fine fit shortens a step in place of damping it: three std."""
 
-LEAST_PACE = CLOSE
+LEAST_PACE = 1 / 8
 """Least share of a step of Gauss and Newton that a fine fit tries. Damping would keep numbers of little
 influence where they are."""
 
-LEAST_DAMPED = CLOSE**2
+LEAST_DAMPED = 0.01
 """Damping below which there is none."""
 
-MOST_DAMPED = 1 / NOTHING
+MOST_DAMPED = 1e3
 """Damping at which a fit ends: steps are then a thousandth of those of Gauss and Newton."""
 
 SETTLED = 0.02

@@ -36,16 +36,13 @@ REST_ORDER = 2
 LEAST = 9
 """Bins of which a spectrum can be told: several of each coefficient of `REST_ORDER`."""
 
-_NEARLY = 0.8
-"""Share of a largest value that counts as near it; convention."""
-
-FAST = _NEARLY
+FAST = 0.8
 """Share of the full speed from which a bin tells of the vibration."""
 
 CUT = 4.0
 """Below this frequency [Hz] a residual without repetitions may be a missing effect, not noise."""
 
-TOP = _NEARLY
+TOP = 0.8
 """Largest share of the Nyquist frequency at which the band above the cut may begin."""
 
 ABOVE = LOW_PASS / CUT

@@ -23,8 +23,7 @@ from granite_lab.inference.problem import Problem
 from granite_lab.inference.strengths import own_name, width_of
 from granite_lab.logs.trial import Array
 
-_FURTHEST = 32
-SHARES = (TOLERANCE / _FURTHEST, _FURTHEST * TOLERANCE)
+SHARES = (TOLERANCE / 32, 32 * TOLERANCE)
 FORMULAS = (FORMULA_ERROR[1] / 2**14, FORMULA_ERROR[1])
 """Smallest and largest scales of the discrepancy: none that matters, and all that a channel shows; of the
 error of formulas, which is a share of traces that may be 10,000 times the noise (a wrong wheel radius)."""

@@ -11,12 +11,9 @@ from granite_lab.errors import EstimateError, InputError
 from granite_lab.estimation.motion import Motion
 from granite_lab.inference.constants import (
     BIN,
-    FEW,
     LATENCY_STD,
     NOTHING,
     REST_SHARE,
-    TRIED,
-    UPDATES,
 )
 from granite_lab.inference.fit import LEAST, LEAST_OF_ROUGH, Fit, fit
 from granite_lab.inference.noise import FAST, FLOOR, NOMINAL, Whitener, at_rest, errors, learn, white
@@ -31,17 +28,16 @@ from granite_lab.parameters import Course, Robot, Variant, load_variants
 TURNED = 0.005
 """Wheel angle by which the command has certainly begun [rad]; half a millimetre on the circumference."""
 
-QUICK, ROUGH = FEW, UPDATES
+QUICK, ROUGH = 2, 8
 """Most steps of the first fit of one trial, whose noise follows from the fast part of its residuals; of the
 first fit of several."""
 
-FAR, TIMES = 1.5, TRIED
+FAR, TIMES = 1.5, 3
 """A trial alone learns its noise again, up to so often, while a fit ends more std away from where the noise
 was learnt: there residuals were not yet noise."""
 
 
-_SPAN = 5
-LATENCIES = LATENCY_STD * np.arange(-_SPAN, _SPAN + 1)
+LATENCIES = LATENCY_STD * np.arange(-5, 6)
 """Latencies of the IMU that are tried before the first fit [s]; the robot takes 0.1 to 0.35 s to set off."""
 
 STILL = NOTHING
