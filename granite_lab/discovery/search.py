@@ -9,7 +9,7 @@ import numpy as np
 
 from granite_lab.discovery.candidates import Score
 from granite_lab.discovery.carrying import carried, filed, worse
-from granite_lab.discovery.heldout import predict, predicts_better
+from granite_lab.discovery.heldout import Predicted, predict, predicts_better
 from granite_lab.discovery.leaders import Look, Promise, leaders, origins, screened
 from granite_lab.discovery.relevance import good, made, needed, shows, strained, unexplained
 from granite_lab.discovery.sets import attempts, fit_sets, set_of
@@ -131,6 +131,7 @@ class _Steps:
         models: fitted sets.
         looks: sets to the screens beside them.
         small: sets that are not the best, see `stays` and `guard`.
+        predictions: fits to what they predict of trials that are left out.
         named: effects beside which is searched; `MOST` where they are exchanged.
     """
 
@@ -141,6 +142,7 @@ class _Steps:
     models: dict[tuple[str, ...], Model]
     looks: dict[tuple[str, ...], tuple[Look, ...]] = field(default_factory=dict)
     small: set[tuple[str, ...]] = field(default_factory=set)
+    predictions: dict[Fit, Predicted] = field(default_factory=dict)
     named: int = 0
 
     def path(self, model: Model) -> tuple[Model, list[_Extension]]:
@@ -187,7 +189,7 @@ class _Steps:
         """
         if sum(error >= FORMULAS[1] for error in model.fit.scales.formulas.values()) < 2:
             return False
-        predicted = predict(self.problem, model.fit, self.tolerance)
+        predicted = self.predicted(model)
         return bool(predicted.unseen.sum() > (1 + LEFT**2) * predicted.expected.sum())
 
     def extended(self, model: Model) -> tuple[Model, list[Score]]:
@@ -286,9 +288,14 @@ class _Steps:
             share = made(changes, moved(problem, self.models[()].fit, other.fit), self.tolerance)
             if max(left.values(), default=0.0) <= self.tolerance and not shows(share, scales):
                 return False
-        alone = under(problem, model.fit, scales)
-        before, after = (predict(problem, f, self.tolerance) for f in (alone, other.fit))
-        return predicts_better(before, after)
+        before = predict(problem, under(problem, model.fit, scales), self.tolerance)
+        return predicts_better(before, self.predicted(other))
+
+    def predicted(self, model: Model) -> Predicted:
+        """Return how a set predicts trials that are left out, computed once for each fit."""
+        if model.fit not in self.predictions:
+            self.predictions[model.fit] = predict(self.problem, model.fit, self.tolerance)
+        return self.predictions[model.fit]
 
     def is_open(self, model: Model) -> bool:
         """Tell whether a set leaves more of trials left out than noise and tolerance do by chance.
@@ -297,7 +304,7 @@ class _Steps:
         """
         if not model.effects:
             return True
-        predicted = predict(self.problem, model.fit, self.tolerance)
+        predicted = self.predicted(model)
         expected = float(predicted.expected.sum())
         return bool(not predicted.unseen.sum() < expected + 2 * np.sqrt(2 * expected))
 
