@@ -21,6 +21,7 @@ from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.sensors.faults import UNSEEN
 from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.stamps import spread_of
 from granite_lab.logs.sensors.standstill import COAST, MOVING, WINDOW, ZERO_VELOCITY
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY
@@ -306,7 +307,7 @@ def inflate(Q: Array, course: Course, problem: Problem, rest: np.ndarray) -> Non
         return
     active = ~rest & ~faults.doubt
     enough = active.sum() > 2
-    shake = 1.4826 * float(np.median(np.abs(np.diff(imu.forward[active])))) if enough else 1.0
+    shake = spread_of(np.diff(imu.forward[active]), 0.0) if enough else 1.0
     turn = max(0.02, 2.0 * float(np.std(imu.pitch_rate[active])) if enough and imu.has_pitch_rate else 0.0)
 
     def shares(begin: float, end: float) -> Array:

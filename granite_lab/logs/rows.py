@@ -13,23 +13,9 @@ import numpy.typing as npt
 
 # Cells that stand for "not sampled".
 MISSING = (
-    "",
-    "nan",
-    "NaN",
-    "NAN",
-    "Nan",
-    "-nan",
-    "-NaN",
-    "NA",
-    "N/A",
-    "n/a",
-    "null",
-    "NULL",
-    "None",
-    "none",
-    "-",
-    "--",
-)
+    "", "-", "--", "nan", "NaN", "NAN", "Nan", "-nan", "-NaN",
+    "NA", "N/A", "n/a", "null", "NULL", "None", "none",
+)  # fmt: skip
 DELIMITERS = {";": "semicolon", "\t": "tab", "|": "bar", ",": "comma", " ": "space"}
 # No two parts of it can match the same digits, or a long cell would take quadratic time.
 _NUMBER = re.compile(
