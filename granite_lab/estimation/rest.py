@@ -31,7 +31,7 @@ def turning_of(rolling: Rolling) -> Turning:
     """Return what the rolled wheels tell of standing."""
     distance = rolling.distance.copy()
     distance[0] = np.where(np.isfinite(distance[1]), 0.0, distance[0])  # where it counts from
-    return Turning(rolling.t, distance, rolling.velocity if rolling.by_rate else None, rolling.resolution)
+    return Turning(rolling.t, distance, rolling.rates, rolling.resolution)
 
 
 def find_rests(

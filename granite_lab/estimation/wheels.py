@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from granite_lab.estimation.wheel_speeds import speeds_of
 from granite_lab.logs.counters import integral, joined, mean_known, runs
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.stamps import spread_of
@@ -25,6 +26,9 @@ STUCK_AFTER = 0.25
 
 COUNTS = 3.0
 """It must have missed this many counts."""
+
+FEWEST = 3
+"""A wheel that is known for fewer samples on end has no speed."""
 
 SHARED, SLOWEST = 0.2, 1.0e-3
 """Samples share the error of the last count for this long [s] at most, of wheels this fast [m/s] at least:
@@ -43,9 +47,14 @@ class Rolling:
     velocity_std: Array
     speed: Array  # (M,) velocity of `mean` [m/s]
     speed_std: Array
-    by_rate: bool  # the logger gave rates; distances are their integrals and not measurements
+    rates: Array | None  # (M, 4) velocities as logged; distances are their integrals and not measurements
     resolution: tuple[float, ...]  # (4,) of each distance [m] (of each velocity [m/s] if by_rate)
     doubts: tuple[Doubt, ...] = ()
+
+    @property
+    def by_rate(self) -> bool:
+        """Whether the logger gave rates."""
+        return self.rates is not None
 
     @property
     def step(self) -> float:
@@ -93,21 +102,17 @@ def rolling_of(stream: WheelStream, robot: Robot) -> Rolling:
 
     speed, speed_std = derivative_of(t, np.nan_to_num(mean), sigma(n_live, rough))
     mean_std = sigma(n_live, speed)
-    velocity, velocity_std = np.full_like(distance, np.nan), np.full_like(distance, np.nan)
-    for i in range(distance.shape[1]):
-        use = np.isfinite(increment[:, i])
-        use[1:-1] &= use[:-2] | use[2:]
-        use[0] = np.isfinite(distance[0, i]) and use[1:2].any()
-        for a, b in runs(use):
-            if b - a >= 3:
-                way = np.concatenate([[0.0], np.cumsum(increment[a + 1 : b, i])])
-                velocity[a:b, i], velocity_std[a:b, i] = derivative_of(t[a:b], way, sigma(1, speed[a:b]))
+    known = np.isfinite(increment)
+    known[1:-1] &= known[:-2] | known[2:]
+    known[0] = np.isfinite(distance[0]) & known[1:2].any(axis=0)
+    way = np.cumsum(np.nan_to_num(increment), axis=0)
+    velocity, velocity_std = speeds_where(known, t, way, sigma(1, speed))
     speed[~np.isfinite(mean)] = np.nan
     first = np.nan_to_num(distance[np.isfinite(distance).argmax(axis=0), np.arange(distance.shape[1])])
     return Rolling(
         t=t, distance=np.where(np.isfinite(increment), distance - first, np.nan), mean=mean,
         mean_std=mean_std, velocity=velocity, velocity_std=velocity_std, speed=speed, speed_std=speed_std,
-        by_rate=False, resolution=resolution, doubts=tuple(doubts),
+        rates=None, resolution=resolution, doubts=tuple(doubts),
     )  # fmt: skip
 
 
@@ -122,13 +127,33 @@ def _roll_rates(t: Array, velocity: Array, resolution: tuple[float, ...]) -> Rol
     scatter = spread_of(bend[finite], 0.0) / np.sqrt(6.0) if finite.any() else 0.0
     floor = max(max(resolution) / np.sqrt(12.0), scatter, 1e-3)
     mean = integral(t, joined(t, t, speed) if finite.any() else np.zeros_like(speed))
-    distance = np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0)
-    distance[~np.isfinite(velocity)] = np.nan
+    known = np.isfinite(velocity)
+    distance = np.where(known, np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0), np.nan)
+    smooth, smooth_std = speeds_where(known, t, velocity, np.full(speed.size, floor), rates=True)
     return Rolling(
-        t=t, distance=distance, mean=mean, mean_std=np.full(speed.size, np.nan), velocity=velocity,
-        velocity_std=np.where(np.isfinite(velocity), floor, np.nan), speed=speed,
-        speed_std=np.full(speed.size, floor), by_rate=True, resolution=resolution, doubts=tuple(doubts),
+        t=t, distance=distance, mean=mean, mean_std=np.full(speed.size, np.nan), velocity=smooth,
+        velocity_std=smooth_std, speed=speed, speed_std=np.full(speed.size, floor), rates=velocity,
+        resolution=resolution, doubts=tuple(doubts),
     )  # fmt: skip
+
+
+def speeds_where(
+    known: np.ndarray, t: Array, y: Array, sigma: Array, *, rates: bool = False
+) -> tuple[Array, Array]:
+    """Return (M, 4) speeds and their std as `speeds_of` does, NaN where a wheel is not `known` (M, 4).
+
+    Wheels that are known at the same samples are smoothed together.
+    """
+    speed, std = np.full_like(y, np.nan), np.full_like(y, np.nan)
+    alike: dict[tuple[int, int], list[int]] = {}
+    for i, mine in enumerate(known.T):
+        for run in runs(mine):
+            alike.setdefault(run, []).append(i)
+    for (a, b), wheels in alike.items():
+        if b - a >= FEWEST:
+            found, found_std = speeds_of(t[a:b], y[a:b, wheels], sigma[a:b], rates=rates)
+            speed[a:b, wheels], std[a:b, wheels] = found, found_std[:, None]
+    return speed, std
 
 
 def bridge(t: Array, angle: Array) -> Array:
