@@ -71,3 +71,23 @@ def test_shear_falls_from_its_peak_to_the_residual_share(j: float) -> None:
     assert share == pytest.approx(1.0, abs=1e-4) or j > 1e-3
     assert share == pytest.approx(0.6, abs=1e-3) or j < 0.05
     assert np.all(np.diff([float(effect.shear(1.0, x, own)) for x in np.linspace(0, 0.2, 50)]) <= 0)
+
+
+@pytest.mark.parametrize(("z", "slip", "recovery"), [(0.008, 0.1, 0.05), (0.015, 0.2, 0.4), (0.03, 0.5, 1.0)])
+def test_exit_by_sinkage_is_the_wheel_whose_rear_angle_is_that_of_the_risen_sand(
+    z: float, slip: float, recovery: float
+) -> None:
+    law = activate(get("exit_by_sinkage"), {"share": 1.0, "recovery": recovery})
+    risen = SingleWheel(RIM, SOIL, [law]).at_sinkage(z, rolling(slip, R), Ratio(0.7))
+    ratio = math.acos(1 - recovery * z / R) / math.acos(1 - z / R)
+    paper = SingleWheel(RIM, SOIL).at_sinkage(z, rolling(slip, R), Ratio(ratio))
+    for name in ("load", "drawbar_pull", "torque"):
+        assert getattr(risen, name) == pytest.approx(getattr(paper, name), rel=1e-9)
+
+
+def test_exit_by_sinkage_leaves_a_wheel_that_does_not_move_forward_alone() -> None:
+    law = activate(get("exit_by_sinkage"), {"share": 1.0})
+    one, other = (
+        SingleWheel(RIM, SOIL, on).at_sinkage(0.015, rolling(1.0, R), Ratio(0.4)) for on in ([law], [])
+    )
+    assert one.load == pytest.approx(other.load, rel=1e-12)
