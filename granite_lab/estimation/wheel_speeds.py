@@ -32,7 +32,7 @@ LONGEST = 0.5
 FREEDOM = 1.0
 """Degrees of freedom of the rates' prior: jumps are of any size, as those of a Cauchy distribution."""
 
-PASSES, SETTLED = 30, 0.1
+PASSES, SETTLED = 60, 0.02
 """Most passes in which rates are learnt; the last one changes no speed by more than this share of its std."""
 
 COARSE, FIRST = 3, 100.0
