@@ -55,7 +55,7 @@ class Ground:
     c_t: float
     harden: float = 0.0
     harden_speed: float = 1.0
-    moved: float | Array = 0.0
+    moved: float | Array | None = None
     ahead: float = 0.0
     ahead_slip: float = 0.0
     bearing: float = 0.0
@@ -169,7 +169,7 @@ def contact(
     Args:
         ground: soil and wheel.
         at: how the wheels meet it.
-        k92: ratio of rear to front contact angle, also of each state.
+        k92: ratio of rear to front contact angle; (states,) where it differs.
         intervals: of the quadrature.
         near_rest: how (1) and (11) go on there.
     """
@@ -182,11 +182,11 @@ def contact(
     half = 0.5 * (1.0 + k92) * front  # (4)
     arc = front - half + half * nodes
     sin, cos = np.sin(arc), np.cos(arc)
-    depth = np.maximum(z0, 0.0)
-    sigma = k * np.maximum(depth - arcs * (1.0 - cos), 0.0) ** n  # (7)-(9)
-    if np.any(g.moved):
+    centre = np.maximum(z0, 0.0) - arcs  # of the wheel, below the ground
+    sigma = k * np.maximum(centre + arcs * cos, 0.0) ** n  # (7)-(9)
+    if g.moved is not None:
         top = (g.ahead + g.ahead_slip * np.abs(slip)) * front
-        highest = np.maximum(depth - arcs * (1.0 - np.cos(np.maximum(arc, top))), 0.0)
+        highest = np.maximum(centre + arcs * np.cos(np.maximum(arc, top)), 0.0)
         line = np.minimum((arc + k92 * front) / (k92 * front + top), 1.0)
         sigma += _on_arc(g.moved) * (k * highest**n * line - sigma)
     if g.bearing:

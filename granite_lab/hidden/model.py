@@ -31,10 +31,11 @@ from granite_lab.parameters import GRAVITY, Robot, Soil
 
 X, Z, PITCH, VX, VZ, Q = range(6)
 ANGLE, OMEGA, CURRENT = slice(6, 8), slice(8, 10), slice(10, 12)
-"""Places in the state: centre of mass in O, pitch, their rates; then front and rear wheel of each kind."""
+"""Places in the state: centre of mass in O, pitch, their rates; then front and rear wheel of each kind.
 
-# A state y is an array (n,), or (n, m) for m states at once: what belongs to the robot is then a number or
-# (m,), what belongs to its wheels (2,) or (2, m). Constants of the wheels are multiplied by `.T` for that.
+A state y is an array (n,), or (n, m) where there are m states at once. A value of the robot is then a number
+or (m,), one of its wheels (2,) or (2, m); constants (2,) of the wheels meet the transpose of such values.
+"""
 
 LOCKING_RATE = 5e4
 """Rate at which a locked gear stops its wheel [1/s]: under the torques at hand it gives by 1 mm/s at most."""
@@ -133,7 +134,8 @@ class Truth:
 
     def places(self, y: Array) -> Array:
         """Return how far along O front and rear wheel centre are [m]."""
-        return y[X] + np.multiply.outer(self.arm_x, np.cos(y[PITCH])) + np.sin(y[PITCH]) * self.arm_z
+        along = np.multiply.outer(self.arm_x, np.cos(y[PITCH]))
+        return np.asarray(y[X] + along + np.sin(y[PITCH]) * self.arm_z)
 
     def fade(self, y: Array) -> Array:
         """Return 0 at rest and 1 above v_floor: what the ground holds at rest acts on nothing."""
@@ -191,7 +193,7 @@ class Truth:
 
         Forces on the centre of mass along O's x and z [N], and the moment about y, nose down [N m].
         """
-        push = np.zeros_like(y[:3])
+        push = np.zeros((3, *y.shape[1:]))
         push[1] = -self.mass * GRAVITY
         return push
 
@@ -213,7 +215,7 @@ class Truth:
     def rates(self, t: float, y: Array, wheel: Contact) -> Array:
         """Return dy/dt under the given wheel forces."""
         push, voltage, locked = self.push(t, y, wheel), self.voltage(t, y), self.locked(t, y)
-        dy, s, c = np.zeros_like(y), np.sin(y[PITCH]), np.cos(y[PITCH])
+        dy, s, c = np.zeros(y.shape), np.sin(y[PITCH]), np.cos(y[PITCH])
         along, up = wheel.F + wheel.R, wheel.normal  # along O's axes
         f_x, f_z = c * along - s * up, s * along + c * up  # (19)
         dy[:3], dy[ANGLE] = y[3:6], y[OMEGA]

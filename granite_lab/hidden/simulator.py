@@ -70,8 +70,9 @@ def solve(truth: Truth, t: Array, *, rtol: float = 1e-7, atol: float = 1e-9) -> 
 def jacobian(truth: Truth, t: float, y: Array) -> Array:
     """Return the (n, n) derivatives of the rates (n,) by the states (n,), by differences.
 
-    All states of one Jacobian are one call: NumPy takes hardly longer for them than for one. SciPy's own widens the step of a state on which nothing depends, such as the distance driven, ten times
-    at each use; after some three hundred it overflows, and the integration creeps or is lost.
+    All states are one call, which takes little longer than that of one state. SciPy's own differences widen
+    the step of a state on which nothing depends, such as the distance driven, ten times at each use; after
+    some three hundred the step overflows, and the integration creeps or is lost.
     """
     steps = 1e-8 * np.maximum(1.0, np.abs(y))
     rates = truth.derivative(t, np.column_stack([y, y[:, None] + np.diag(steps)]))
