@@ -38,9 +38,10 @@ class Ground:
     A number of the soil may differ from wheel to wheel: an array of wheels then. The pressure (8) grows
     by the factor 1 + harden log(1 + v sin(theta) / harden_speed) where the arc moves into the soil.
 
-    A part `moved` of the normal stress is greatest at the angle (ahead + ahead_slip |λ|) θ_1 and falls from
-    there to zero at -θ_2 along a straight line. The pressure is bounded by `bearing` [Pa], where that is not
-    zero. The shear stress has the peak and the residual value of `oida` where `residual` is below 1.
+    A part `moved` of the normal stress, if any, is greatest at the angle (ahead + ahead_slip |λ|) θ_1 and
+    falls from there to zero at -θ_2 along a straight line. The pressure is bounded by `bearing` [Pa], where
+    that is not zero. The shear stress has the peak and the residual value of `oida` where `residual` is
+    below 1.
     """
 
     r: float
