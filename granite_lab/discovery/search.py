@@ -292,8 +292,8 @@ class _Steps:
     def stays(self, model: Model, other: Model) -> bool:
         """Tell whether the last effect of a set stays: it matters, and predicts what is left out.
 
-        Beside others it must be needed, too, or show beyond the errors of their formulas. These are as learnt
-        without it: what it may only imitate makes them smaller.
+        Beside others it must be needed, too, or show beyond the errors of their formulas as learnt. A contact
+        law beside another one must be needed: it may be the error of that formula.
         """
         problem, scales = self.problem, other.fit.scales
         changes = moved(problem, model.fit, other.fit)
@@ -303,7 +303,9 @@ class _Steps:
             (id_,) = set(other.effects) - set(model.effects)
             left = needed(problem, model.fit, scales, id_, changes, self.tolerance)
             share = made(changes, moved(problem, self.models[()].fit, other.fit), self.tolerance)
-            if max(left.values(), default=0.0) <= self.tolerance and not shows(share, model.fit.scales):
+            laws = [e for e in other.effects if self.problem.bench.world.effects[e].law]
+            corrects = id_ in laws and len(laws) > 1
+            if max(left.values(), default=0.0) <= self.tolerance and (corrects or not shows(share, scales)):
                 return False
         before = predict(problem, under(problem, model.fit, scales), self.tolerance)
         return predicts_better(before, self.predicted(other))
