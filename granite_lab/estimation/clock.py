@@ -53,8 +53,7 @@ HIDDEN = 0.015
 """Std of an offset that rests on changes during which samples are missing or at the rail [s]."""
 
 LATEST = 0.01
-"""Filters, buses and logging delay one sensor against the other by up to this [s], or by a period of the
-slower one: a reading is up to a period old when its row is written."""
+"""Filters, buses and logging delay one sensor against the other by up to this [s]."""
 
 LATENCY = LATEST / float(np.sqrt(3.0))
 """Std of such an offset [s], any of which is as likely. It is not applied but left to the filter."""
@@ -183,11 +182,14 @@ def find_offset(problem: Problem, *, apart: bool = False) -> Clock:
 
 
 def latency_of(problem: Problem) -> float:
-    """Return the std of an ordinary offset of the clocks [s]."""
-    periods = [problem.imu.period]
-    if problem.rolling is not None:
-        periods.append(float(np.median(np.diff(problem.rolling.t))))
-    return math.hypot(max(LATEST, *periods) / LATEST * LATENCY, problem.stamp_std)
+    """Return the std of an ordinary offset of the clocks [s].
+
+    Where each row holds both sensors, its stamp is that of the row: a reading may be up to a period old.
+    """
+    latest = LATEST
+    if problem.rolling is not None and np.array_equal(problem.rolling.t, problem.imu.t):
+        latest = max(LATEST, problem.imu.period)
+    return math.hypot(latest / LATEST * LATENCY, problem.stamp_std)
 
 
 def agreed(by_onsets: Estimate, by_filter: Estimate, compliance: float) -> Estimate:
