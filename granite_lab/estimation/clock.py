@@ -172,13 +172,16 @@ def find_offset(problem: Problem, *, apart: bool = False) -> Clock:
     # a body on a spring follows by a quarter of its period at most, whose square the compliance is
     follows = 0.5 * np.pi * float(np.sqrt(applied.compliance)) + 2.0 * shown.std
     lags = 0.0 < shown.value < follows and applied.compliance > problem.compliance
-    # a loud IMU shows its onsets vaguely: what they show must exclude an ordinary latency by themselves
-    if abs(shown.value) < OUTLYING * float(np.hypot(latency, shown.std)):
+    if abs(shown.value) < OUTLYING * latency:
         return Clock(usual, shown, 0.0 if lags else likely)
     ordinary = settle(problem, usual, robust=False).by_filter.innovations
     if applied.by_filter.innovations.log_likelihood - ordinary.log_likelihood < LOG_ODDS:
         return Clock(usual, shown, 0.0)
-    return Clock(usual, usual, 0.0) if lags else Clock(unusual, shown, shown.value)
+    if lags:
+        return Clock(usual, usual, 0.0)
+    # a loud IMU shows its onsets vaguely: what they show must exclude an ordinary latency by themselves
+    vague = abs(shown.value) < OUTLYING * float(np.hypot(latency, shown.std))
+    return Clock(usual, shown, 0.0) if vague else Clock(unusual, shown, shown.value)
 
 
 def latency_of(problem: Problem) -> float:
