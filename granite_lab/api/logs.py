@@ -213,31 +213,21 @@ def inspect(logs: Logs, *, column_map: File = None, topics: Topics = None, robot
 def view(
     what: str | Path,
     *,
-    trial: str | None = None, web: bool = False, screenshot: File = None, at: float | None = None,
+    trial: str | None = None,
     robot: File = None, soil: File = None, column_map: File = None,
-    tell: Callable[[str], None] = print,
 ) -> None:  # fmt: skip
     """Open a recording in the Rerun viewer, which stays open.
 
     Args:
         what: a recording (.rrd), a report folder, or a log.
         trial: with a report folder, the trial to open.
-        web: serve the viewer to a browser on this machine instead, until interrupted.
-        screenshot: save a picture of the viewer (.png) instead; no display is needed.
-        at: time of the `screenshot` since the start of the command [s]; by default the middle.
         robot, soil, column_map: as in `ingest`, for a log.
-        tell: called with the address, with `web`.
 
     Raises:
         InputError: there is no such recording, or the log cannot be used.
-        UsageError: `web` and `screenshot` together, `at` alone or outside of the recording.
         LabError: there is no display, viewer or graphics driver.
     """
     options = options_of(locals())
-    if web and screenshot is not None:
-        raise UsageError("--web and --screenshot: one of them at a time", "run the command twice")
-    if at is not None and screenshot is None:
-        raise UsageError("--at is the time of a picture", "add --screenshot FILE.png")
     path = Path(what)
     refuse_special(path)
     if is_folder(path) and not is_log(path):
@@ -248,12 +238,7 @@ def view(
         with replacing(place, name) as new:
             reporting.recording.record_trial(result.trial, result.comparison, new / name)
         path = place / name
-    if screenshot is not None:
-        reporting.recording.save_picture(path, Path(screenshot), at)
-    elif web:
-        reporting.recording.serve(path, tell)
-    else:
-        reporting.recording.open_viewer(path)
+    reporting.recording.open_viewer(path)
 
 
 def _recording_in(folder: Path, trial: str | None) -> Path:
