@@ -77,8 +77,6 @@ REFUSED: list[tuple[str, int, str, str]] = [
     (f"inspect {SLOW} --plot a.jpg", 2, "not a picture", ""),
     (f"inspect {SLOW} {SLOW} --plot a.png", 2, "--plot", ""),
     ("effects show drive_reactio", 2, "drive_reactio", "drive_reaction"),
-    ("effects show payload_mass --picture a.gif", 2, "--picture", ""),
-    ("effects show payload_mass --picture a.png --no-picture", 2, "--picture", ""),
     ("wheel --slip 2", 2, "slip 2 is out of range", ""),
     ("wheel --slip fast", 2, NO, ""),
     ("wheel --slip 0:1", 2, NO, ""),
