@@ -232,20 +232,6 @@ class WheelRun(Shown):
             ]
         )  # fmt: skip
 
-    def arcs(self) -> pd.DataFrame:
-        """Return the stresses over the contact arc, one row a slip and place from back to front."""
-        import pandas as pd  # noqa: PLC0415
-
-        return pd.concat(
-            pd.DataFrame(
-                {
-                    "slip": p.slip, "angle_deg": p.angle * 180 / math.pi,
-                    "normal_stress_Pa": p.normal_stress, "shear_stress_Pa": p.shear_stress,
-                }
-            )
-            for p in self.points
-        ).reset_index(drop=True)  # fmt: skip
-
 
 def wheel(
     slip: float | Sequence[float] = 0.2,

@@ -108,7 +108,6 @@ def wheel(
     changes: Changes = None,
     model: ModelFile = None, effects: EffectFile = None, active: Active = None,
     out: Annotated[Path | None, Option(help="File for the table, a row for each slip.")] = None,
-    arc: Annotated[Path | None, Option(help="File for the stresses over the contact arc.")] = None,
     plot: Annotated[Path | None, picture("Draw the sweep over slip, or the stresses at one slip")] = None,
     table_format: Format = None, as_json: Json = False,
 ) -> None:  # fmt: skip
@@ -120,15 +119,14 @@ def wheel(
     The table has a row for each slip.
     """
     (slips,) = read_all("--slip", [slip], slips_of, "write 0.2, or start:end:step, as 0:0.9:0.1")
-    endings = [ending_of(path, table_format) for path in (out, arc)]
+    ending = ending_of(out, table_format)
     run = gl.wheel(
         slips, load=load, sinkage=None if sinkage is None else sinkage / 1000, v=v,
         k92=k92, a_theta=a_theta, robot=robot, soil=soil, model=model, effects=effects,
         active=effects_of(active), changes=changes_of(changes),
     )  # fmt: skip
-    for path, frame, ending in zip((out, arc), (run.to_frame, run.arcs), endings, strict=True):
-        if path:
-            write_table(path, frame(), ending)
+    if out:
+        write_table(out, run.to_frame(), ending)
     if plot:
         title = f"{run.points[0].load:.1f} N on {run.soil.name}, k_92 {run.points[0].k92:.3g}"
         write_picture(plot, reporting.pictures.wheel_figure(run.points, title))

@@ -224,7 +224,7 @@ def quick(page: str, folder: Path) -> list[Done]:
     ("page", "files"),
     [
         ("README.md", "virtual.csv set/sealed.bin reports/ingest/trial.csv"),
-        ("docs/model.md", "wheel.png wheel.csv arc.png stresses.csv"),
+        ("docs/model.md", "wheel.png wheel.csv arc.png"),
     ],
 )
 def test_the_lines_of_a_page_write_what_they_name(page: str, files: str, folder: Path) -> None:
