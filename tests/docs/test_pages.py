@@ -289,7 +289,7 @@ def test_the_tutorial_and_what_builds_on_a_study(tmp_path: Path, monkeypatch: py
     Path("my-trials/answer.json").write_text('{"effects": []}', encoding="utf-8")
     for page in STUDIED[1:]:
         follow(page, is_long, prepare)
-    assert Path("reports/a-and-b/compared.md").is_file()
+    assert Path("reports/a-and-b.csv").is_file()
 
 
 def prepare(line: str) -> None:
