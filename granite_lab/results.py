@@ -35,9 +35,6 @@ SCHEMA = "granite-lab/report/2"
 RECORDINGS = "recordings"
 """Folder of recordings beside a report."""
 
-WHOLE = "study"
-"""Name of the recording of a whole study, beside those of its trials."""
-
 
 @dataclass(frozen=True, eq=False)
 class TrialResult(Shown):
@@ -66,8 +63,8 @@ def shown_path(path: Path) -> str:
 
 
 def recordings_of(result: StudyResult) -> list[str]:
-    """Return the file names of a study's recordings: that of the whole study, then those of its trials."""
-    return [f"{name}.rrd" for name in distinct([WHOLE, *(r.trial.name for r in result.trials)])]
+    """Return the file names of the recordings of a study's trials."""
+    return [f"{name}.rrd" for name in distinct([r.trial.name for r in result.trials])]
 
 
 def command_of(name: str, logs: Sequence[Path], options: Sequence[tuple[str, str]] = ()) -> str:

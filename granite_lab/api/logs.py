@@ -32,7 +32,6 @@ from granite_lab.folders import replacing
 from granite_lab.logs.trial import Trial, TrialInfo, is_log, name_of, over, trial_files
 from granite_lab.origin import Origin
 from granite_lab.parameters import Robot
-from granite_lab.results import WHOLE
 from granite_lab.running import each_trial, sifted
 from granite_lab.shown import Shown
 
@@ -220,7 +219,7 @@ def view(
 
     Args:
         what: a recording (.rrd), a report folder, or a log.
-        trial: with a report folder, the trial to open.
+        trial: with a report folder, the trial to open; all by default.
         robot, soil, column_map: as in `ingest`, for a log.
 
     Raises:
@@ -231,28 +230,27 @@ def view(
     path = Path(what)
     refuse_special(path)
     if is_folder(path) and not is_log(path):
-        path = _recording_in(path, trial)
-    elif path.suffix != ".rrd":
+        reporting.recording.open_viewer(_recordings_in(path, trial))
+        return
+    if path.suffix != ".rrd":
         result = analyse(path, choose(path, options, everything=True).options)
         place, name = Path("reports") / "view", f"{name_of(path)}.rrd"
         with replacing(place, name) as new:
             reporting.recording.record_trial(result.trial, result.comparison, new / name)
         path = place / name
-    reporting.recording.open_viewer(path)
+    reporting.recording.open_viewer([path])
 
 
-def _recording_in(folder: Path, trial: str | None) -> Path:
-    """Return the recording of a trial in a report folder, or that of the whole study."""
+def _recordings_in(folder: Path, trial: str | None) -> list[Path]:
+    """Return the recordings in a report folder, or that of a trial."""
     recordings = {path.stem: path for path in sorted(folder.rglob("*.rrd"), reverse=True)}
     if not recordings:
         hint = "make one with 'granite-lab study TRIALS --out DIR'"
         raise InputError(f"{folder}: no recording in it", hint)
-    if trial is not None and trial.casefold() == WHOLE and f"{trial} (2)" in recordings:
-        trial = f"{trial} (2)"  # the log has the name of the whole study's recording
     if trial is not None and trial not in recordings:
         hint = f"there are: {', '.join(sorted(recordings))}"
         raise InputError(f"{folder}: no recording of trial '{trial}'", hint)
-    return recordings[trial] if trial else recordings.get(WHOLE, recordings[min(recordings)])
+    return [recordings[name] for name in ([trial] if trial else sorted(recordings))]
 
 
 def check(

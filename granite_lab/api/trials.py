@@ -284,7 +284,7 @@ def _write(
 
 
 def record(result: StudyResult, folder: str | Path) -> tuple[Path, ...]:
-    """Write a Rerun recording of each trial of a study, and one of the whole; return their paths.
+    """Write a Rerun recording of each trial of a study; return their paths.
 
     Args:
         result: the study.

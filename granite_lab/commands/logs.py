@@ -215,7 +215,8 @@ def ingest(
 def view(
     what: Annotated[Path, Argument(
         metavar="WHAT", help="A recording (.rrd), a report folder, or a log (CSV, ROS bag, MCAP).")],
-    trial: Annotated[str | None, Option(help="With a report folder, the trial to open.")] = None,
+    trial: Annotated[str | None, Option(
+        help="With a report folder, the trial to open; all by default.")] = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None,
 ) -> None:  # fmt: skip
     """Open a recording in the Rerun viewer, which stays open.

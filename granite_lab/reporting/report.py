@@ -295,7 +295,7 @@ def _failures(result: StudyResult) -> list[str]:
 
 def _looks(result: StudyResult, folder: str, recordings: str) -> Looks:
     """Say how to look at each trial; with recordings, by a command."""
-    names = recordings_of(result)[1:]
+    names = recordings_of(result)
     place = f"{folder or result.name}/{recordings}"
     commands = [f"granite-lab view {pasted(f'{place}/{name}')}" if recordings else "" for name in names]
     trials = [r.trial.name for r in result.trials]

@@ -207,7 +207,7 @@ def test_a_study_writes_only_where_it_is_told_and_keeps_failures(
     assert frame["k92"].iloc[0] == result.trials[0].comparison.fit.k92.value
     assert gl.report(result, tmp_path / "out").is_file()
     recordings = gl.record(result, tmp_path / "rec")
-    assert [path.name for path in recordings] == ["virtual_v0.3_r1.rrd", "study.rrd"]
+    assert [path.name for path in recordings] == ["virtual_v0.3_r1.rrd"]
     with pytest.raises((InputError, EstimateError)):
         gl.study([broken], discover=False)
 

@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +16,10 @@ from PIL import Image
 from granite_lab.errors import InputError, LabError
 from granite_lab.reporting.recording import (
     open_viewer,
-    record_study,
     record_trial,
     viewer,
 )
-from tests.reporting.made_up import made_up_study, made_up_trial
+from tests.reporting.made_up import made_up_trial
 from tests.reporting.made_up_finding import made_up_finding
 
 ARTEFACTS = Path(__file__).parent.parent / "artefacts"
@@ -41,7 +39,7 @@ def test_what_is_no_recording_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.rrd").write_text("t_s,imu_ax_mps2\n")
     for name, said in (("no_such.rrd", "no_such"), ("a.rrd", "not a Rerun recording")):
         with pytest.raises(InputError, match=said):
-            open_viewer(tmp_path / name)
+            open_viewer([tmp_path / name])
 
 
 def test_no_display_is_said_with_a_way_out(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -49,7 +47,7 @@ def test_no_display_is_said_with_a_way_out(recorded: Path, monkeypatch: pytest.M
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(LabError, match="no display") as caught:
-        open_viewer(recorded)
+        open_viewer([recorded])
     assert str(recorded.resolve()) in caught.value.hint
     assert "rerun --bind 127.0.0.1 --serve-web" in caught.value.hint
 
@@ -67,10 +65,10 @@ def test_a_viewer_that_dies_at_once_is_reported(recorded: Path, monkeypatch: pyt
     monkeypatch.setenv("DISPLAY", ":0")
     pretend("raise SystemExit(102)")
     with pytest.raises(LabError, match="code 102"):
-        open_viewer(recorded)
+        open_viewer([recorded])
     monkeypatch.setattr(viewer, "PATIENCE", 0.3)
     pretend("import time; time.sleep(30)")
-    open_viewer(recorded)
+    open_viewer([recorded])
     assert started[1].poll() is None
     started[1].kill()
     started[1].wait()
@@ -149,11 +147,10 @@ def test_the_robot_drives_as_time_goes_on(headless: Any, tmp_path: Path) -> None
 
 
 @draws
-def test_a_study_looks_right_with_a_name_without_glyphs(headless: Any, tmp_path: Path) -> None:
-    study = made_up_study(speeds=(0.2, 0.7), repetitions=2)
+def test_a_name_without_glyphs_is_drawn(headless: Any, tmp_path: Path) -> None:
     odd = made_up_trial(0.7, name="砂 \N{LARGE BLUE SQUARE} grüße λ_R² ∂x")
-    path = record_study(replace(study, trials=(*study.trials, odd)), tmp_path / "study.rrd")
+    path = record_trial(odd.trial, odd.comparison, tmp_path / "odd.rrd")
     assert _shown(headless, path, 2.0)
-    picture = _picture(headless.take_screenshot(), "recording_study")
+    picture = _picture(headless.take_screenshot(), "recording_odd_name")
     assert _share(picture, (86, 180, 233)) > 1e-4
     assert _share(picture, (230, 159, 0)) > 1e-4

@@ -34,7 +34,6 @@ SKY, BLUE, ORANGE, VERMILION = (86, 180, 233), (40, 120, 215), (230, 159, 0), (2
 GREEN, PURPLE, GREY = (0, 158, 115), (204, 121, 167), (150, 150, 150)
 MEASURED, SIMULATED = SKY, ORANGE
 OF_WHEELS = (SKY, GREEN, BLUE, PURPLE)
-OF_TRIALS = (SKY, PURPLE, GREEN, BLUE, GREY)
 THIN, WIDE = 1.5, 4.0
 """Widths of measured and of simulated lines, in points of the screen."""
 
@@ -202,22 +201,6 @@ def _found(finding: Finding, comparison: Comparison) -> Iterator[Line]:
         else:
             yield Line(f"{plot}/measured", ("measured",), r.unit, t, r.measured, (MEASURED,))
         yield _simulated(plot, names, r.unit, t, both, later[:many])
-
-
-def overlaid(row: str, name: str, comparison: Comparison, colour: Rgb) -> list[Line]:
-    """Return velocity and mean slip of one trial, as shown, in plots of a row that many trials share."""
-    motion, run = comparison.motion, comparison.run
-    t, last = motion.t - comparison.start, rr.escape_entity_path_part(name)
-    slip = (run["slip_f"] + run["slip_r"]) / 2
-    lines = []
-    for plot, unit, simulated, measured in (
-        (f"{row}/velocity", "m/s", run["v_mps"], motion.v),
-        (f"{row}/slip", "-", slip, mean_known(motion.slip, 1)),
-    ):
-        wide = _simulated(plot, ("simulated",), unit, run.t, simulated, (SIMULATED,))
-        lines.append(replace(wide, entity=f"{wide.entity}/{last}"))
-        lines.append(Line(f"{plot}/measured/{last}", (name,), unit, t, measured, (colour,), step=FINE))
-    return [line.shown() for line in lines]
 
 
 def write_lines(writer: Writer, lines: Iterable[Line]) -> None:

@@ -6,6 +6,7 @@ import os
 import shlex
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,22 +17,24 @@ PATIENCE = 4.0
 """Time within which a viewer that cannot start ends [s]."""
 
 
-def open_viewer(path: Path) -> None:
-    """Open a recording in a viewer window of its own and return while it stays open.
+def open_viewer(paths: Sequence[Path]) -> None:
+    """Open recordings in a viewer window of their own and return while it stays open.
 
     Raises:
         InputError: there is no such file, or it is no recording.
         LabError: this machine has no display, no viewer, or no graphics driver.
     """
-    _refuse_others(path)
+    for path in paths:
+        _refuse_others(path)
+    files = [str(path.resolve()) for path in paths]
     elsewhere = (
-        f"see it in a browser with 'rerun --bind 127.0.0.1 --serve-web {shlex.quote(str(path.resolve()))}', "
+        f"see it in a browser with 'rerun --bind 127.0.0.1 --serve-web {shlex.join(files[:1])}', "
         "or copy that file to a computer with a screen and open it with 'rerun FILE'"
     )
     display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if sys.platform.startswith("linux") and not display:
         raise LabError("there is no display to open the Rerun viewer on", elsewhere)
-    viewer = _start(["--new", str(path.resolve())], start_new_session=True)
+    viewer = _start(["--new", *files], start_new_session=True)
     try:
         code = viewer.wait(PATIENCE)
     except subprocess.TimeoutExpired:
