@@ -247,7 +247,7 @@ def study(
         if folder is not None:
             result = replace(result, name=folder.name)
             result = _write(result, chosen.options, folder, execution, recordings, progress)
-    import granite_lab.reporting.notebook  # noqa: F401, PLC0415, heavy: how a notebook shows the result
+    import granite_lab.reporting.render  # noqa: F401, PLC0415, heavy: how a notebook shows the result
 
     return replace(result, warnings=execution.doubts())
 

@@ -15,13 +15,13 @@ from granite_lab.parameters import by_speed, load_paper
 from granite_lab.reporting.channels import AGREES, SMALL, ChannelAnswer, channels_of
 from granite_lab.reporting.names import (
     MUCH,
+    Step,
     capital,
     describe,
     in_plain_words,
     inside,
     listed,
     next_steps,
-    parted,
     plain,
     sensor,
     strained_in_words,
@@ -95,7 +95,7 @@ class Answers:
     lead: str
     virtual: str
     questions: tuple[Answer, ...]
-    steps: tuple[str, ...]
+    steps: tuple[Step, ...]
     speeds: tuple[Speed, ...] = ()
     a_theta: Number | None = None
     a_theta_agrees: bool | None = None
@@ -130,11 +130,13 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
     questions += [closes_answer(finding)] if finding else []
     questions.append(_trust(result, finding))
     user_effects = dict(result.source.options).get("effects", "")
-    steps: tuple[str, ...] = (REMEDY,) if quiet else ()
+    steps = (Step(REMEDY),) if quiet else ()
     if finding is not None:
         steps = next_steps(finding, model, folder or result.name, user_effects)
+    if steps:
+        questions.append(Answer("next", "What to do next?", "", steps[0].text, command=steps[0].command))
     return Answers(
-        _lead(result, speeds), _virtual(result), (*questions, *_next(steps)), steps, speeds, a_theta, agrees,
+        _lead(result, speeds), _virtual(result), tuple(questions), steps, speeds, a_theta, agrees,
         channels, paper.a_theta, quiet,
     )  # fmt: skip
 
@@ -489,10 +491,3 @@ def all_good(n: int) -> str:
     """Say that all of n motion estimates are good."""
     which = {1: "The motion estimate is", 2: "Both motion estimates are"}
     return f"{which.get(n, f'All {n} motion estimates are')} good."
-
-
-def _next(steps: Sequence[str]) -> tuple[Answer, ...]:
-    if not steps:
-        return ()
-    text, command = parted(steps[0])
-    return (Answer("next", "What to do next?", "", text, command=command),)

@@ -22,11 +22,11 @@ from granite_lab.reporting.canvas import Figure
 from granite_lab.reporting.channels import CHANNEL_TABLE, MISFITS
 from granite_lab.reporting.names import (
     LINES,
+    Step,
     in_plain_words,
     latency_in_words,
     law_formulas,
     lines_of,
-    parted,
     pasted,
     shared,
 )
@@ -328,12 +328,12 @@ def _quality(result: StudyResult, decided: Answers, looks: Looks) -> Iterator[Ma
     )
 
 
-def _provenance(source: Source, steps: Sequence[str]) -> Section:
+def _provenance(source: Source, steps: Sequence[Step]) -> Section:
     command = source.command
     if len(command) > LONGEST:
         command = f"{command[: LONGEST // 2]} … {command[-LONGEST // 2 :]} (shortened)"
     blocks = (
-        *(Code(p) if p.startswith("granite-lab ") else p for s in steps for p in parted(s)),
+        *(part for s in steps for part in (s.text, Code(s.command) if s.command else None)),
         f"Made by {made_by(source)}. This command repeats it:",
         Code(command),
         _fold("Parameters in force", tables.PARAMETERS.fill(source.parameters)),

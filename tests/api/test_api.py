@@ -20,8 +20,7 @@ from granite_lab.errors import EstimateError, InputError, UsageError
 from granite_lab.fitting.fit import K92Fit
 from granite_lab.reporting import write_report
 from granite_lab.reporting.answers import of_study
-from granite_lab.reporting.notebook import study_as_html
-from granite_lab.reporting.render import marked
+from granite_lab.reporting.render import marked, study_as_html
 from tests.corpus.cli import ROOT, SAMPLES, lab, refused, succeeded, told
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding
