@@ -9,8 +9,8 @@ from granite_lab.model.effect import Effect, EffectParameter
 
 AREAS = {
     "Soil": (
-        "bulldozing", "slip_sinkage", "stress_ahead", "shear_softening", "multi_pass",
-        "rate_dependent_soil", "tread_ripple",
+        "bulldozing", "slip_sinkage", "stress_ahead", "exit_by_sinkage", "shear_softening",
+        "multi_pass", "rate_dependent_soil", "tread_ripple",
         "contact_angle_lag", "contact_angle_actual_speed", "sand_throw",
     ),
     "Tyre": ("tyre_windup", "radial_tyre_compliance"),

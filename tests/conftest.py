@@ -9,9 +9,11 @@ from hypothesis import settings
 
 from tests.soak import SOAK
 
-settings.register_profile("same draws in each run", derandomize=True)
-if not SOAK:  # new draws are for `make soak`: a change is judged by what it changes
-    settings.load_profile("same draws in each run")
+# a deadline would judge what else the machine does
+settings.register_profile("new draws", deadline=None)
+settings.register_profile("same draws in each run", deadline=None, derandomize=True)
+# new draws are for `make soak`: a change is judged by what it changes
+settings.load_profile("new draws" if SOAK else "same draws in each run")
 
 
 @pytest.fixture(scope="session", autouse=True)

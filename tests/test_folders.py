@@ -5,7 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import granite_lab as gl
@@ -38,7 +38,6 @@ def write(folder: Path, part: str, names: set[str], text: str) -> None:
 RUNS = st.lists(st.tuples(st.sampled_from(["report", "model"]), st.sets(st.sampled_from(NAMES))), max_size=5)
 
 
-@settings(deadline=None)
 @given(mine=st.sets(st.sampled_from(NAMES)), runs=RUNS)
 def test_any_runs_leave_the_files_of_others_and_none_of_their_own_that_is_old(
     mine: set[str], runs: list[tuple[str, set[str]]], tmp_path_factory: pytest.TempPathFactory

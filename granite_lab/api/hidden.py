@@ -93,8 +93,8 @@ def hide(
             it lacks; ``mixture``: several `causes`; ``none``.
         out: folder of the trials and the sealed answer.
         causes: of a mixture, 2 to 5. Each alone reopens a tenth of the squared gap when it is absent.
-        soil_law: contact law in place of the paper's: ``stress_ahead``, ``shear_softening``,
-            ``bearing_limit``, or ``random``; the paper's by default.
+        soil_law: contact law in place of the paper's: ``stress_ahead``, ``exit_by_sinkage``,
+            ``shear_softening``, ``bearing_limit``, or ``random``; the paper's by default.
         command: ``trapezoid``: the variants of Table 2; ``joystick``: a person's stick, another one in each
             trial; ``recorded``: sticks that each repetition repeats.
         log_command: the desired velocity is a column of the logs.

@@ -27,8 +27,8 @@ def hide(
     causes: Annotated[int, Option(
         help="Of a mixture (2 to 5). Each alone reopens a tenth of the squared gap when it is absent.")] = 3,
     soil_law: Annotated[str, Option(
-        help="Contact law in place of the paper's: stress_ahead, shear_softening, bearing_limit, or "
-        "random.", show_default="the paper's")] = "",
+        help="Contact law in place of the paper's: stress_ahead, exit_by_sinkage, shear_softening, "
+        "bearing_limit, or random.", show_default="the paper's")] = "",
     command: Annotated[str, Option(
         help="trapezoid: the variants of Table 2; joystick: a person's stick, another one in each trial; "
         "recorded: sticks that each repetition repeats.")] = "trapezoid",

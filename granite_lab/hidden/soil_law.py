@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from granite_lab.hidden.contact import Array, Ground, Stance
 from granite_lab.hidden.influence import Influence, Size
 
@@ -48,6 +50,28 @@ class ShearSoftening(Influence):
         """Give the shear stress its peak."""
         sizes = self.sizes[ShearSoftening.id]
         return replace(super().soil(t, y, at), residual=1.0 - sizes["loss"], peak=sizes["peak"])
+
+
+class ExitBySinkage(Influence):
+    """Rear contact angle that the rise of the sand behind the wheel sets."""
+
+    id = "exit_by_sinkage"
+    title = "rear contact angle set by the sinkage"
+    account = (
+        "in place of (5) k_92 = sqrt(κ) at any speed, κ of the sinkage behind the wheel over that in front "
+        "(Ishigami and others, J. Field Robotics 24, 2007, 233-250), by the small angles of (4); a robot at "
+        "rest has the paper's"
+    )
+    declared = (
+        Size("share", "-", "share of this law, the rest by (5)", 0.6, 1.0, 0, 1, kind="equivalent"),
+        Size("recovery", "-", "κ", 0.02, 0.15, 0, 1, kind="shape"),
+    )
+
+    def k92(self, t: float, y: Array) -> float:
+        """Mix both laws."""
+        sizes = self.sizes[ExitBySinkage.id]
+        share = sizes["share"] * self.fade(y)
+        return (1 - share) * super().k92(t, y) + share * float(np.sqrt(sizes["recovery"]))
 
 
 class BearingLimit(Influence):

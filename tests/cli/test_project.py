@@ -186,7 +186,6 @@ def test_with_a_reference_ingest_also_compares_the_estimate_without_it(tmp_path:
     assert apart.motion.slip_ratio.std < 0.5 * motion.slip_ratio.std
     places = {one.quantity: one for one in apart.judgement}
     assert places["distance"].rmse < 1e-3
-    done = succeeded(
-        "ingest", path, "--reference", tmp_path / "tape.csv", "--use-reference", "--ref-x-std", 0.001
-    )
+    options = "--use-reference", "--ref-x-std", 0.001
+    done = succeeded("ingest", path, "--reference", tmp_path / "tape.csv", *options, cwd=tmp_path)
     assert "estimated without the reference: distance" in done.out

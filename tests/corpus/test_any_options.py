@@ -79,7 +79,7 @@ def hold(done: Done, args: list[str]) -> None:
 
 def examples(count: int, *, soak: int) -> settings:
     return settings(
-        max_examples=soak if SOAK else count, deadline=None, phases=PHASES,
+        max_examples=soak if SOAK else count, phases=PHASES,
         suppress_health_check=list(HealthCheck),
     )  # fmt: skip
 

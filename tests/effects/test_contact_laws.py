@@ -71,3 +71,29 @@ def test_shear_falls_from_its_peak_to_the_residual_share(j: float) -> None:
     assert share == pytest.approx(1.0, abs=1e-4) or j > 1e-3
     assert share == pytest.approx(0.6, abs=1e-3) or j < 0.05
     assert np.all(np.diff([float(effect.shear(1.0, x, own)) for x in np.linspace(0, 0.2, 50)]) <= 0)
+
+
+@pytest.mark.parametrize(("z", "slip", "root"), [(0.008, 0.1, 0.2), (0.015, 0.2, 0.6), (0.03, 0.5, 1.0)])
+def test_exit_by_sinkage_is_the_wheel_whose_rear_angle_is_that_of_the_risen_sand(
+    z: float, slip: float, root: float
+) -> None:
+    law = activate(get("exit_by_sinkage"), {"share": 1.0, "onset": 0.005})
+    risen = SingleWheel(RIM, SOIL, [law]).at_sinkage(z, rolling(slip, R), Ratio(root))
+    ratio = math.acos(1 - root**2 * z / R) / math.acos(1 - z / R)
+    paper = SingleWheel(RIM, SOIL).at_sinkage(z, rolling(slip, R), Ratio(ratio))
+    for name in ("load", "drawbar_pull", "torque"):
+        assert getattr(risen, name) == pytest.approx(getattr(paper, name), rel=1e-6)
+
+
+@pytest.mark.parametrize("v", [0.2, 0.7])
+def test_exit_by_sinkage_does_not_go_by_the_velocity(v: float) -> None:
+    law = activate(get("exit_by_sinkage"), {"share": 1.0, "onset": 0.005})
+    own = SingleWheel(RIM, SOIL, [law]).at_sinkage(0.015, rolling(0.2, R, speed=v), Ratio(a_theta=4.919))
+    paper = SingleWheel(RIM, SOIL).at_sinkage(0.015, rolling(0.2, R, speed=0.4), Ratio(a_theta=4.919))
+    assert own.angle_rear == pytest.approx(paper.angle_rear, rel=0.02)  # √κ is k_92 for small angles
+
+
+def test_exit_by_sinkage_leaves_equal_angles_to_a_wheel_that_does_not_move_forward() -> None:
+    law = activate(get("exit_by_sinkage"), {"share": 1.0})
+    at_rest = SingleWheel(RIM, SOIL, [law]).at_sinkage(0.015, rolling(1.0, R), Ratio(0.4))
+    assert at_rest.angle_rear == pytest.approx(at_rest.angle_front, rel=1e-12)

@@ -189,7 +189,7 @@ def test_a_wrong_number_of_the_sand_is_told(tmp_path: Path, row: str, said: str)
         load_model(path)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     st.recursive(
         st.booleans() | st.integers(-(2**53), 2**53) | st.floats(allow_nan=False) | st.text(

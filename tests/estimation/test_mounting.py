@@ -35,7 +35,7 @@ def plain() -> Motion:
 
 
 @given(roll=DEG, pitch=DEG, yaw=DEG)
-@settings(max_examples=6, deadline=None, derandomize=True)
+@settings(max_examples=6, derandomize=True)
 def test_forward_axis_is_found_whatever_the_orientation(roll: float, pitch: float, yaw: float) -> None:
     turn = Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True).as_matrix()
     turned = faults.turned(truth().trial, turn.T)

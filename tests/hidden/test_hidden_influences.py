@@ -367,9 +367,9 @@ def test_the_shear_stress_of_oida_has_its_peak_at_one_and_ends_at_the_residual_v
 def test_each_contact_law_changes_the_forces(name: str) -> None:
     truth, r = typical(name)
     y = r.state[np.flatnonzero(steady(r))[50]]
-    at, k92 = truth.stance(1.5, y), truth.k92(1.5, y)
-    under_law, paper = (contact(ground, at, k92) for ground in (truth.soil(1.5, y, at), model().ground))
-    shares = [getattr(under_law, force) / getattr(paper, force) for force in "WRFM"]
+    at, paper = truth.stance(1.5, y), model()
+    under_law, other = (contact(m.soil(1.5, y, at), at, m.k92(1.5, y)) for m in (truth, paper))
+    shares = [getattr(under_law, force) / getattr(other, force) for force in "WRFM"]
     assert np.abs(np.array(shares) - 1).max() > 0.01
 
 

@@ -61,7 +61,7 @@ def trials(draw: st.DrawFn) -> Trial:
 
 
 @given(trial=trials())
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, suppress_health_check=list(HealthCheck))
 def test_what_is_written_is_read_back_to_the_last_bit(trial: Trial, tmp_path: Path) -> None:
     path = tmp_path / "any.csv"
     write_canonical(path, trial)

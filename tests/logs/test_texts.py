@@ -292,7 +292,7 @@ def check(path: Path) -> bool:
     return refused is not None
 
 
-many = settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
+many = settings(max_examples=EXAMPLES, suppress_health_check=list(HealthCheck))
 numbers = st.floats(allow_nan=True, width=32) | st.none()
 
 
