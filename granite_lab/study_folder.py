@@ -49,7 +49,7 @@ def write(
     library(options.effects)  # the report takes words from the user's own effects, too
     found = result.finding
     if found is not None:
-        pairs = searched or [(r.trial, r.comparison.motion) for r in result.trials]
+        pairs = searched or [(r.trial, r.motion) for r in result.trials]
         trials, motions = [trial for trial, _ in pairs], [motion for _, motion in pairs]
         model = save_found(found, options, trials, motions, guard)
     name = model.name if model and result.trials else model
@@ -95,8 +95,7 @@ def record(
 def _record(given: tuple[StudyResult, Sequence[Path]], k: int) -> None:
     """Write the recording of trial number `k`."""
     result, paths = given
-    one = result.trials[k]
-    reporting.recording.record_trial(one.trial, one.comparison, paths[k], finding=result.finding)
+    reporting.recording.record_trial(result.trials[k], paths[k], finding=result.finding)
 
 
 def save_found(

@@ -147,7 +147,7 @@ def test_a_report_keeps_the_figures_and_tables_of_others(tmp_path: Path, study: 
     write_report(study, tmp_path / "out")
     figures = {path.name for path in (tmp_path / "out" / "figures").iterdir()}
     assert figures > {"mine.svg", "motion_0p50.svg"}
-    write_comparison([study.trials[0].comparison], tmp_path / "out")
+    write_comparison([study.trials[0]], tmp_path / "out")
     compared = {path.name for path in (tmp_path / "out" / "figures").iterdir()} - figures
     assert compared
     write_report(made_up_study(speeds=(0.3,), repetitions=1), tmp_path / "out")

@@ -236,7 +236,7 @@ def view(
         result = analyse(path, choose(path, options, everything=True).options)
         place, name = Path("reports") / "view", f"{name_of(path)}.rrd"
         with replacing(place, name) as new:
-            reporting.recording.record_trial(result.trial, result.comparison, new / name)
+            reporting.recording.record_trial(result, new / name)
         path = place / name
     reporting.recording.open_viewer([path])
 

@@ -203,7 +203,7 @@ def test_a_study_writes_only_where_it_is_told_and_keeps_failures(
     assert [failure.trial for failure in result.failures] == ["broken"]
     frame = result.to_frame()
     assert list(frame["trial"]) == ["virtual_v0.3_r1"]
-    assert frame["k92"].iloc[0] == result.trials[0].comparison.fit.k92.value
+    assert frame["k92"].iloc[0] == result.trials[0].fit.k92.value
     assert gl.report(result, tmp_path / "out").is_file()
     recordings = gl.record(result, tmp_path / "rec")
     assert [path.name for path in recordings] == ["virtual_v0.3_r1.rrd"]

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from granite_lab.chain import analyse
+from granite_lab.comparison.compare import Comparison
 from granite_lab.effects import get
 from granite_lab.effects.model_file import FittedEffect, ModelFile, save_model
 from granite_lab.estimate import Estimate
@@ -14,7 +15,6 @@ from granite_lab.fitting import fit_a_theta
 from granite_lab.hidden.sealed import open_answer
 from granite_lab.options import Options
 from granite_lab.parameters.quantity import parse_toml
-from granite_lab.results import TrialResult
 from granite_lab.running import Cache, Execution, each_trial
 from tests.corpus.cli import SAMPLES
 
@@ -28,31 +28,29 @@ def truth_of(log: Path) -> tuple[pd.DataFrame, dict[str, float]]:
     return pd.read_csv(path, comment="#"), parse_toml(header, path)
 
 
-def analysed(options: Options) -> list[TrialResult]:
+def analysed(options: Options) -> list[Comparison]:
     """Analyse all samples; what another process of pytest has done is remembered."""
     found = each_trial(analyse, LOGS, options, execution=Execution(1, cache=Cache()))
-    return [result for result in found if isinstance(result, TrialResult)]
+    return [result for result in found if isinstance(result, Comparison)]
 
 
 @pytest.fixture(scope="module")
-def results() -> list[TrialResult]:
+def results() -> list[Comparison]:
     return analysed(Options())
 
 
 def test_the_samples_are_table_2_three_times_and_say_that_they_are_virtual(
-    results: list[TrialResult],
+    results: list[Comparison],
 ) -> None:
-    assert [r.comparison.fit.variant.velocity for r in results] == [
-        v for v in (0.2, 0.3, 0.5, 0.7) for _ in "123"
-    ]
-    assert all(r.trial.info.virtual and r.comparison.motion.virtual for r in results)
+    assert [r.fit.variant.velocity for r in results] == [v for v in (0.2, 0.3, 0.5, 0.7) for _ in "123"]
+    assert all(r.trial.info.virtual and r.motion.virtual for r in results)
 
 
-def test_velocity_distance_and_slip_are_true_within_their_uncertainty(results: list[TrialResult]) -> None:
+def test_velocity_distance_and_slip_are_true_within_their_uncertainty(results: list[Comparison]) -> None:
     squares = []
     for log, result in zip(LOGS, results, strict=True):
         truth, true = truth_of(log)
-        motion = result.comparison.motion
+        motion = result.motion
         error = motion.v - np.interp(motion.t, truth["t_s"], truth["v_mps"])
         assert np.sqrt(np.mean(error**2)) < 0.006  # [m/s]
         assert abs(motion.x[-1] - truth["x_m"].iloc[-1]) < 3 * motion.distance.std
@@ -64,7 +62,7 @@ def test_velocity_distance_and_slip_are_true_within_their_uncertainty(results: l
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> list[TrialResult]:
+def whole(tmp_path_factory: pytest.TempPathFactory) -> list[Comparison]:
     """By the model with the effects that the samples hide, of the size that the sealed answer tells."""
     effects = tuple(
         FittedEffect(get(e["id"]), {k: Estimate(p["value"]) for k, p in e["parameters"].items()}, ())
@@ -75,11 +73,11 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> list[TrialResult]:
     return analysed(Options(model=path))
 
 
-def test_k92_lies_in_its_interval_as_often_as_that_says(whole: list[TrialResult]) -> None:
+def test_k92_lies_in_its_interval_as_often_as_that_says(whole: list[Comparison]) -> None:
     z = []
     for log, result in zip(LOGS, whole, strict=True):
         _, true = truth_of(log)
-        fit = result.comparison.fit
+        fit = result.fit
         assert fit.status == "ok"
         k92 = np.exp(-true["k92_value"] * fit.variant.velocity)
         z += [(estimate.value - k92) / estimate.std for estimate in (fit.k92, fit.k92_trajectory)]
@@ -90,16 +88,16 @@ def test_k92_lies_in_its_interval_as_often_as_that_says(whole: list[TrialResult]
 
 
 def test_a_model_that_lacks_the_effects_misses_k92_by_more(
-    results: list[TrialResult], whole: list[TrialResult]
+    results: list[Comparison], whole: list[Comparison]
 ) -> None:
-    with_them, without = whole[0].comparison.fit, results[0].comparison.fit
+    with_them, without = whole[0].fit, results[0].fit
     _, true = truth_of(LOGS[0])
     k92 = np.exp(-true["k92_value"] * without.variant.velocity)
     assert abs(with_them.k92_trajectory.value - k92) < 0.5 * abs(without.k92_trajectory.value - k92)
 
 
-def test_a_theta_lies_in_its_interval(results: list[TrialResult]) -> None:
+def test_a_theta_lies_in_its_interval(results: list[Comparison]) -> None:
     drawn = [truth_of(log)[1]["k92_value"] for log in LOGS]
-    fit = fit_a_theta([result.comparison.fit for result in results])
+    fit = fit_a_theta([result.fit for result in results])
     assert fit.ci95[0] <= np.mean(drawn) <= fit.ci95[1]
     assert fit.agrees  # the scatter was drawn about the published value

@@ -120,7 +120,7 @@ def _share(picture: np.ndarray, colour: tuple[int, int, int]) -> float:
 @draws
 def test_a_discovery_is_seen_as_bars(headless: Any, tmp_path: Path) -> None:
     result = made_up_trial(0.3)
-    path = record_trial(result.trial, result.comparison, tmp_path / "a.rrd", finding=made_up_finding())
+    path = record_trial(result, tmp_path / "a.rrd", finding=made_up_finding())
     views = _shown(headless, path, 1.0)
     assert {"Pitch rate [°/s]", "Rear motor current [A]"} <= set(views)
     _picture(headless.take_screenshot(), "recording_discovery")
@@ -131,7 +131,7 @@ def test_a_discovery_is_seen_as_bars(headless: Any, tmp_path: Path) -> None:
 @draws
 def test_the_robot_drives_as_time_goes_on(headless: Any, tmp_path: Path) -> None:
     result = made_up_trial(0.3)
-    path = record_trial(result.trial, result.comparison, tmp_path / "a.rrd")
+    path = record_trial(result, tmp_path / "a.rrd")
     pictures = []
     for t in (0.0, 4.0):
         assert _shown(headless, path, t)
@@ -149,7 +149,7 @@ def test_the_robot_drives_as_time_goes_on(headless: Any, tmp_path: Path) -> None
 @draws
 def test_a_name_without_glyphs_is_drawn(headless: Any, tmp_path: Path) -> None:
     odd = made_up_trial(0.7, name="砂 \N{LARGE BLUE SQUARE} grüße λ_R² ∂x")
-    path = record_trial(odd.trial, odd.comparison, tmp_path / "odd.rrd")
+    path = record_trial(odd, tmp_path / "odd.rrd")
     assert _shown(headless, path, 2.0)
     picture = _picture(headless.take_screenshot(), "recording_odd_name")
     assert _share(picture, (86, 180, 233)) > 1e-4

@@ -19,7 +19,7 @@ import rerun as rr
 from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import Finding, Residual
 from granite_lab.logs.counters import mean_known
-from granite_lab.logs.trial import Array, Trial
+from granite_lab.logs.trial import Array
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting.answers import missing_answer
 from granite_lab.reporting.names import latency_in_words, sensor
@@ -103,7 +103,7 @@ def _simulated(
     return Line(f"{plot}/from_model", names, unit, t, value, colours, widths, step=FINE)
 
 
-def lines_of(trial: Trial, comparison: Comparison, finding: Finding | None = None) -> list[Line]:
+def lines_of(comparison: Comparison, finding: Finding | None = None) -> list[Line]:
     """Return every line of a trial as shown, with simulations of a finding; none without a finite sample."""
     motion, start = comparison.motion, comparison.start
     run, t = comparison.run, motion.t - start
@@ -114,10 +114,10 @@ def lines_of(trial: Trial, comparison: Comparison, finding: Finding | None = Non
         Line("slip_of_each_wheel/measured", WHEELS, "-", t, motion.slip, OF_WHEELS, (THIN,) * 4, step=MEDIUM),
         *_channels(comparison), *_innovations(comparison),
     ]  # fmt: skip
-    if (reference := trial.reference_v) is not None:
+    if (reference := comparison.trial.reference_v) is not None:
         t = reference.t - start
         lines.append(Line("velocity/reference", ("reference",), "m/s", t, reference.value, (PURPLE,)))
-    if (drawn := trial.currents) is not None:
+    if (drawn := comparison.trial.currents) is not None:
         t, value = drawn.t - start, drawn.current
         lines.append(
             Line("motor_current/measured", WHEELS, "A", t, value, OF_WHEELS, (1.0,) * 4, step=MEDIUM)

@@ -13,7 +13,6 @@ from rerun.blueprint.encodings import TextLogColumn, TextLogColumnKind, Timeline
 
 from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import Finding
-from granite_lab.logs.trial import Trial
 from granite_lab.reporting.names import SENSORS, capital
 from granite_lab.reporting.recording.lines import (
     CHANNELS,
@@ -136,7 +135,7 @@ def blueprint(content: Any) -> Any:
     )
 
 
-def record_trial(trial: Trial, comparison: Comparison, path: Path, *, finding: Finding | None = None) -> Path:
+def record_trial(comparison: Comparison, path: Path, *, finding: Finding | None = None) -> Path:
     """Write the Rerun recording of one trial, layout included; whole or not at all; return its path.
 
     With a finding, bars show where the simulation differs, and its simulations are drawn, too.
@@ -144,9 +143,9 @@ def record_trial(trial: Trial, comparison: Comparison, path: Path, *, finding: F
     Raises:
         LabError: the file cannot be written.
     """
-    lines, bars = lines_of(trial, comparison, finding), intervals_of(comparison, finding)
-    content = layout(lines, lanes=len({bar.channel for bar in bars}), name=drawable(trial.name))
-    with recording(path, trial.name, blueprint(content)) as stream:
+    lines, bars = lines_of(comparison, finding), intervals_of(comparison, finding)
+    content = layout(lines, lanes=len({bar.channel for bar in bars}), name=drawable(comparison.trial.name))
+    with recording(path, comparison.trial.name, blueprint(content)) as stream:
         writer = Writer(stream)
         write_lines(writer, lines)
         write_scene(writer, comparison)
