@@ -45,6 +45,9 @@ from granite_lab.reporting.canvas import saved
 
 GROWTH, STRENGTH = ("slip_sinkage", "growth"), ("bulldozing", "strength")
 CHOICES: tuple[tuple[tuple[str, str], ...], ...] = ((GROWTH,), (STRENGTH,), (GROWTH, STRENGTH))
+LAWS = (GROWTH, ("stress_ahead", "share"), ("shear_softening", "loss"), ("exit_by_sinkage", "share"))
+"""Contact laws of the library that do not go by the speed, each with what says how much of it there is."""
+
 TEXT = Path(__file__).with_name("validation.md.jinja")
 FIGURES = (("k10", "K10-mini"), ("ding", "Ding 2011"), ("kls1", "KLS-1"), ("rashid", "Rashid-1"))
 
@@ -58,6 +61,7 @@ class Results:
         given: series id to name of a model to (rows, 3) pull, torque, sinkage, nothing fitted.
         needs: series id to the k_92 that each slip needs.
         constants, linears: the laws of k_92, by series.
+        laws: series id to the fits of the contact laws in the order of `LAWS`, each with a constant k_92.
         effects: series id to the fits with effects, in the order of `CHOICES`, k_92 linear in slip.
         braking: the same for braked wheels with a constant k_92; without effects first.
     """
@@ -67,6 +71,7 @@ class Results:
     needs: Mapping[str, Sequence[Needed]]
     constants: Mapping[str, Fit]
     linears: Mapping[str, Fit]
+    laws: Mapping[str, Sequence[Fit]]
     effects: Mapping[str, Sequence[Fit]]
     braking: Mapping[str, Sequence[Fit]]
 
@@ -97,6 +102,7 @@ def measure() -> Results:
         {s.id: [needed(s, row) for row in s.groups] for s in series},
         {s.id: fit(s, forms[0]) for s in series},
         {s.id: fit(s, forms[1]) for s in series},
+        {s.id: [fit(s, law_forms((law,))[0], leave_out=False) for law in LAWS] for s in series},
         {s.id: [fit(s, law_forms(c)[1]) for c in CHOICES] for s in series},
         {
             s.id: [fit(s, law_forms(c)[0], braked[s.id], leave_out=False) for c in ((), *CHOICES)]
@@ -202,6 +208,17 @@ def fits_table(results: Results) -> str:
     return table(head, rows)
 
 
+def laws_table(results: Results) -> str:
+    """Return what each contact law leaves of the residuals, and its size."""
+    rows = [
+        [s.title, number(total(results.constants[s.id].off)),
+         *(f"{number(total(found.off))} ({size_of(found, law)})"
+           for law, found in zip(LAWS, results.laws[s.id], strict=True))]
+        for s in results.series
+    ]  # fmt: skip
+    return table(["wheel", "paper's", *(f"`{id_}` ({name})" for id_, name in LAWS)], rows)
+
+
 def size_of(found: Fit, effect: tuple[str, str]) -> str:
     """Return a fitted size, in bold where the literature does not lead to expect it."""
     key = ".".join(effect)
@@ -262,7 +279,7 @@ def page(results: Results) -> str:
     template = jinja2.Environment(undefined=jinja2.StrictUndefined, autoescape=False).from_string(
         TEXT.read_text(encoding="utf-8")
     )
-    tables: dict[str, Any] = {f.__name__: f(results) for f in (given_table, fits_table)}
+    tables: dict[str, Any] = {f.__name__: f(results) for f in (given_table, fits_table, laws_table)}
     tables |= {"tips": changes(results, "lug radius"), "rubber": changes(results, "rubber")}
     return template.render(**tables, **_needed(results), **_fitted(results)) + "\n"
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmarks.validation import GROWTH, TEXT, expected
+from benchmarks.validation import GROWTH, LAWS, TEXT, expected
 from benchmarks.validation_data import DATA, Row, Series, all_series
 from benchmarks.validation_fit import (
     Setup,
@@ -92,6 +92,14 @@ def test_a_law_in_slip_with_an_effect_is_recovered() -> None:
     plain = fit(series, law_forms()[0])
     assert total(plain.off) > 1
     assert plain.left_out >= total(plain.off)
+
+
+@pytest.mark.parametrize("law", LAWS[:3], ids=lambda law: law[0])
+def test_a_contact_law_is_recovered_beside_a_constant_k_92(law: tuple[str, str]) -> None:
+    series = made_up(Setup(constant(0.4), {law[0]: {law[1]: 0.3}}))
+    found = fit(series, law_forms((law,))[0], leave_out=False)
+    assert found.values[".".join(law)] == pytest.approx(0.3, abs=0.01)
+    assert total(fit(series, law_forms()[0], leave_out=False).off) > 3 * total(found.off)
 
 
 def test_a_wheel_that_sinks_to_its_axle_is_no_agreement() -> None:
