@@ -13,6 +13,7 @@ from granite_lab.inference.bench import RAKED
 from granite_lab.inference.constants import FEW, RIVAL, TOLERANCE, TRIED, WORTH
 from granite_lab.inference.fit import Fit, fit, taken
 from granite_lab.inference.gap import tolerated
+from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
 
 
@@ -34,21 +35,21 @@ class Look:
     tolerated: bool = False
 
 
-def origins(problem: Problem, result: Fit) -> list[Fit]:
-    """Return where candidates are screened: at the fit, and at the files' sand where the fit is bad.
+def at_files(point: Point) -> Point:
+    """Return a point with the sand of the files.
 
     Where much is missing, the sand has moved to stand in for it.
     """
+    trials = tuple(np.concatenate([np.zeros(RAKED), x[RAKED:]]) for x in point.trials)
+    return replace(point, shared=np.zeros_like(point.shared), trials=trials)
+
+
+def origins(problem: Problem, result: Fit) -> list[Fit]:
+    """Return where candidates are screened: at the fit, and at the files' sand where the fit is bad."""
     if not result.scales.loud and result.scales.largest <= 2 * TOLERANCE:
         return [result]
-    trials = []
-    for x in result.point.trials:
-        own = x.copy()
-        own[:RAKED] = 0.0
-        trials.append(own)
-    afresh = replace(result.point, shared=np.zeros_like(result.point.shared), trials=tuple(trials))
     try:
-        return [result, fit(problem, afresh, result.scales, rounds=0)]
+        return [result, fit(problem, at_files(result.point), result.scales, rounds=0)]
     except EstimateError:
         return [result]
 

@@ -10,7 +10,7 @@ import numpy as np
 from granite_lab.discovery.candidates import Score
 from granite_lab.discovery.carrying import carried, filed, worse
 from granite_lab.discovery.heldout import Predicted, predict, predicts_better
-from granite_lab.discovery.leaders import Look, Promise, leaders, origins, screened
+from granite_lab.discovery.leaders import Look, Promise, at_files, leaders, origins, screened
 from granite_lab.discovery.relevance import good, made, needed, shows, strained, unexplained
 from granite_lab.discovery.sets import attempts, fit_sets, set_of
 from granite_lab.inference.constants import EFFECT_ODDS, FEW, LEFT, RIVAL, TOLERANCE, TRIED, WORTH
@@ -18,7 +18,7 @@ from granite_lab.inference.fit import LEAST, ROUNDS, Fit, under
 from granite_lab.inference.gap import moved
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.scales import FORMULAS
+from granite_lab.inference.scales import FIRST, FORMULAS
 
 MOST = 6
 """Effects in a set at most."""
@@ -132,6 +132,7 @@ class _Steps:
         looks: sets to the screens beside them.
         small: sets that are not the best, see `stays` and `guard`.
         predictions: fits to what they predict of trials that are left out.
+        again: sets that were fitted from the files' sand, too.
         named: effects beside which is searched; `MOST` where they are exchanged.
     """
 
@@ -143,6 +144,7 @@ class _Steps:
     looks: dict[tuple[str, ...], tuple[Look, ...]] = field(default_factory=dict)
     small: set[tuple[str, ...]] = field(default_factory=set)
     predictions: dict[Fit, Predicted] = field(default_factory=dict)
+    again: set[tuple[str, ...]] = field(default_factory=set)
     named: int = 0
 
     def path(self, model: Model) -> tuple[Model, list[_Extension]]:
@@ -150,11 +152,30 @@ class _Steps:
         taken: list[_Extension] = []
         while len(model.effects) < MOST:
             best, tried = self.extended(model)
-            if best is model:
+            if best is not model:
+                taken.append(_Extension(model, best, tried))
+            elif (best := self.afresh(model)) is model:
                 break
-            taken.append(_Extension(model, best, tried))
             model = best
         return model, taken
+
+    def afresh(self, model: Model) -> Model:
+        """Return a set that leaves a discrepancy fitted again from the files' sand, if that is likelier.
+
+        Sand that stood in for effects which have been found since may lie beside another optimum.
+        """
+        if not model.effects or model.effects in self.again or self.settled(model):
+            return model
+        self.again.add(model.effects)
+        self.tell(f"fitting {_words(model.effects)}", self.named)
+        starts = [(at_files(model.fit.point), FIRST)]
+        found = attempts(self.problem, starts).get(model.effects)
+        other = model if found is None else _model(model.effects, found)
+        if other.log_posterior <= model.log_posterior + WORTH:
+            return model
+        self.models[model.effects] = other
+        self.looks.pop(model.effects, None)
+        return other
 
     def revised(self, best: Model, taken: list[_Extension]) -> tuple[Model, list[_Extension]]:
         """Extend again what is left of a set without one of its effects, and go on with a likelier one.
@@ -193,14 +214,9 @@ class _Steps:
         return bool(predicted.unseen.sum() > (1 + LEFT**2) * predicted.expected.sum())
 
     def extended(self, model: Model) -> tuple[Model, list[Score]]:
-        """Return the best set with one more effect, the set itself if none is better, and what was tried.
-
-        Where noise explains what a set leaves, only a candidate without a rival is fitted.
-        """
+        """Return the best set with one more effect, the set itself if none is better, and what was tried."""
         self.named = max(self.named, len(model.effects))
         found = self.promised(model)
-        if len(found) > 1 and not self.is_open(model):
-            return model, []
         tried: list[Promise] = []
         for group in self.in_turn(model, found):
             tried += group
@@ -276,7 +292,8 @@ class _Steps:
     def stays(self, model: Model, other: Model) -> bool:
         """Tell whether the last effect of a set stays: it matters, and predicts what is left out.
 
-        Beside others it must be needed, too, or show beyond the errors of their formulas as learnt.
+        Beside others it must be needed, too, or show beyond the errors of their formulas as learnt. A contact
+        law beside another one must be needed: it may be the error of that formula.
         """
         problem, scales = self.problem, other.fit.scales
         changes = moved(problem, model.fit, other.fit)
@@ -286,7 +303,9 @@ class _Steps:
             (id_,) = set(other.effects) - set(model.effects)
             left = needed(problem, model.fit, scales, id_, changes, self.tolerance)
             share = made(changes, moved(problem, self.models[()].fit, other.fit), self.tolerance)
-            if max(left.values(), default=0.0) <= self.tolerance and not shows(share, scales):
+            laws = [e for e in other.effects if self.problem.bench.world.effects[e].law]
+            corrects = id_ in laws and len(laws) > 1
+            if max(left.values(), default=0.0) <= self.tolerance and (corrects or not shows(share, scales)):
                 return False
         before = predict(problem, under(problem, model.fit, scales), self.tolerance)
         return predicts_better(before, self.predicted(other))
@@ -296,17 +315,6 @@ class _Steps:
         if model.fit not in self.predictions:
             self.predictions[model.fit] = predict(self.problem, model.fit, self.tolerance)
         return self.predictions[model.fit]
-
-    def is_open(self, model: Model) -> bool:
-        """Tell whether a set leaves more of trials left out than noise and tolerance do by chance.
-
-        By two standard deviations of a sum of squares, as of so many degrees of freedom.
-        """
-        if not model.effects:
-            return True
-        predicted = self.predicted(model)
-        expected = float(predicted.expected.sum())
-        return bool(not predicted.unseen.sum() < expected + 2 * np.sqrt(2 * expected))
 
     def settled(self, model: Model) -> bool:
         """Tell whether a model leaves no discrepancy that matters."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-
-from granite_lab.hidden.contact import Array
 
 LASTS = 5.0, 10.0
 """Time for which a run is driven, but for its last ramp [s]; the variants of Table 2 take 5 to 7 s."""
@@ -51,27 +50,30 @@ class Command:
         return self.times[-1]
 
     @cached_property
-    def _corners(self) -> tuple[Array, Array, Array]:
-        """(K,) times [s], velocities [m/s] and distances [m]."""
+    def _distances(self) -> list[float]:
+        """(K,) of the corners [m]."""
         t, v = np.array(self.times), np.array(self.speeds)
-        return t, v, np.concatenate([[0.0], np.cumsum(np.diff(t) * (v[1:] + v[:-1]) / 2)])
+        return [0.0, *np.cumsum(np.diff(t) * (v[1:] + v[:-1]) / 2).tolist()]
 
     @property
     def distance(self) -> float:
         """Way in all [m]."""
-        return float(self._corners[2][-1])
+        return self._distances[-1]
 
     def velocity(self, t: float) -> float:
         """Return v_d(t) [m/s]."""
-        return float(np.interp(t, *self._corners[:2]))
+        k = bisect_right(self.times, t)
+        if k in (0, len(self.times)):
+            return 0.0
+        (t0, t1), (v0, v1) = self.times[k - 1 : k + 1], self.speeds[k - 1 : k + 1]
+        return v0 + (v1 - v0) / (t1 - t0) * (t - t0)
 
     def position(self, t: float) -> float:
         """Return s_d(t), the integral of v_d [m]."""
-        times, speeds, distances = self._corners
-        k = int(np.searchsorted(times, t, side="right")) - 1
+        k = bisect_right(self.times, t) - 1
         if k < 0 or t >= self.end:
             return 0.0 if k < 0 else self.distance
-        return float(distances[k] + 0.5 * (t - times[k]) * (speeds[k] + self.velocity(t)))
+        return self._distances[k] + 0.5 * (t - self.times[k]) * (self.speeds[k] + self.velocity(t))
 
     def corners(self, v_floor: float) -> tuple[float, ...]:
         """Instants at which the law of v_d changes, or v_d crosses `v_floor`."""

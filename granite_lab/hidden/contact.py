@@ -1,6 +1,7 @@
 """Forces between a rigid wheel and soft ground, (1) and (4)-(17), by Clenshaw-Curtis quadrature.
 
-Written from the paper alone, for any number of wheels at once; independent of the package.
+Written from the paper alone, for any number of wheels and of states at once; independent of the package.
+"Wheels" in the shapes below stands for (wheels,), or (wheels, states).
 """
 
 from __future__ import annotations
@@ -34,12 +35,13 @@ def clenshaw_curtis(intervals: int) -> Array:
 class Ground:
     """Soil and wheel numbers of (6)-(17), in the paper's symbols and SI units.
 
-    A number of the soil may differ from wheel to wheel: an array (wheels,) then. The pressure (8) grows
+    A number of the soil may differ from wheel to wheel: an array of wheels then. The pressure (8) grows
     by the factor 1 + harden log(1 + v sin(theta) / harden_speed) where the arc moves into the soil.
 
-    A part `moved` of the normal stress is greatest at the angle (ahead + ahead_slip |λ|) θ_1 and falls from
-    there to zero at -θ_2 along a straight line. The pressure is bounded by `bearing` [Pa], where that is not
-    zero. The shear stress has the peak and the residual value of `oida` where `residual` is below 1.
+    A part `moved` of the normal stress, if any, is greatest at the angle (ahead + ahead_slip |λ|) θ_1 and
+    falls from there to zero at -θ_2 along a straight line. The pressure is bounded by `bearing` [Pa], where
+    that is not zero. The shear stress has the peak and the residual value of `oida` where `residual` is
+    below 1.
     """
 
     r: float
@@ -54,7 +56,7 @@ class Ground:
     c_t: float
     harden: float = 0.0
     harden_speed: float = 1.0
-    moved: float = 0.0
+    moved: float | Array | None = None
     ahead: float = 0.0
     ahead_slip: float = 0.0
     bearing: float = 0.0
@@ -64,7 +66,7 @@ class Ground:
 
 @dataclass(frozen=True)
 class Contact:
-    """What (12)-(17) give for each wheel: forces [N], torque [N m], and what they came from."""
+    """What (12)-(17) give for each of the wheels: forces [N], torque [N m], and what they came from."""
 
     slip: Array
     sinkage: Array
@@ -139,7 +141,7 @@ def slip_ratio(v_o: Array, v: Array, near_rest: NearRest = FLOOR) -> Array:
 
 @dataclass(frozen=True)
 class Stance:
-    """How wheels meet the ground, (wheels,) each.
+    """How wheels meet the ground.
 
     Attributes:
         v_o: circumferential velocity [m/s].
@@ -155,46 +157,53 @@ class Stance:
     radius: Array | None = None
 
 
+def _on_arc(x: float | Array) -> float | Array:
+    """Return a number of each wheel with an axis for the nodes along its arc."""
+    return x[..., None] if isinstance(x, np.ndarray) and x.ndim else x
+
+
 def contact(
-    ground: Ground, at: Stance, k92: float, *, intervals: int = 32, near_rest: NearRest = FLOOR
+    ground: Ground, at: Stance, k92: float | Array, *, intervals: int = 32, near_rest: NearRest = FLOOR
 ) -> Contact:
     """Return the forces on each wheel.
 
     Args:
         ground: soil and wheel.
         at: how the wheels meet it.
-        k92: ratio of rear to front contact angle.
+        k92: ratio of rear to front contact angle; (states,) where it differs.
         intervals: of the quadrature.
         near_rest: how (1) and (11) go on there.
     """
-    g, z0, (nodes, weights) = ground, at.z0[:, None], clenshaw_curtis(intervals)
-    n, k, c, K = (np.reshape(x, (-1, 1)) for x in (g.n, g.k_c / g.b + g.k_phi, g.c, g.K))
-    arcs = np.reshape(g.r if at.radius is None else at.radius, (-1, 1))
-    slip, share = (x[:, None] for x in slip_and_share(at.v_o, at.v, near_rest))
-    front = np.arccos(1.0 - np.clip(z0 / arcs, 0.0, 2.0))  # theta_1
+    g, z0, (nodes, weights) = ground, at.z0[..., None], clenshaw_curtis(intervals)
+    n, k, c, K = _on_arc(g.n), _on_arc(g.k_c / g.b + g.k_phi), _on_arc(g.c), _on_arc(g.K)
+    radius, k92 = g.r if at.radius is None else at.radius, _on_arc(k92)
+    arcs = _on_arc(radius)
+    slip, share = (x[..., None] for x in slip_and_share(at.v_o, at.v, near_rest))
+    front = np.arccos(1.0 - np.minimum(np.maximum(z0 / arcs, 0.0), 2.0))  # theta_1
     half = 0.5 * (1.0 + k92) * front  # (4)
     arc = front - half + half * nodes
     sin, cos = np.sin(arc), np.cos(arc)
-    depth = np.maximum(z0, 0.0)
-    sigma = k * np.maximum(depth - arcs * (1.0 - cos), 0.0) ** n  # (7)-(9)
-    if g.moved:
+    centre = np.maximum(z0, 0.0) - arcs  # of the wheel, below the ground
+    sigma = k * np.maximum(centre + arcs * cos, 0.0) ** n  # (7)-(9)
+    if g.moved is not None:
         top = (g.ahead + g.ahead_slip * np.abs(slip)) * front
-        highest = np.maximum(depth - arcs * (1.0 - np.cos(np.maximum(arc, top))), 0.0)
+        highest = np.maximum(centre + arcs * np.cos(np.maximum(arc, top)), 0.0)
         line = np.minimum((arc + k92 * front) / (k92 * front + top), 1.0)
-        sigma += g.moved * (k * highest**n * line - sigma)
+        sigma += _on_arc(g.moved) * (k * highest**n * line - sigma)
     if g.bearing:
         sigma = g.bearing * np.tanh(sigma / g.bearing)
     if g.harden:
-        speed = np.abs(at.v)[:, None] / g.harden_speed
+        speed = np.abs(at.v)[..., None] / g.harden_speed
         sigma *= 1.0 + g.harden * np.log1p(speed * np.maximum(sin, 0.0))
     reach = np.sin(front) - sin
     j = arcs * (share * (front - arc - reach) + slip * reach)  # (6)
     limit = np.minimum(g.mu_s * sigma, c + sigma * g.tan_phi)  # (10)
-    mobilised = -np.expm1(-np.abs(j) / K)  # (11)
-    if g.residual < 1.0:
-        mobilised = oida(np.abs(j), g.residual, g.peak)
-    tau = np.sign(j) * limit * mobilised
-    parts = np.stack([sigma * cos + tau * sin, sigma * sin, tau * cos, tau])
-    W, R, F, S = g.b * arcs[:, 0] * (parts * (half * weights)).sum(axis=2)  # (12)-(15)
+    size = np.abs(j)
+    mobilised = oida(size, g.residual, g.peak) if g.residual < 1.0 else -np.expm1(-size / K)  # (11)
+    tau = np.copysign(limit * mobilised, j)
+    area = g.b * radius * half[..., 0]
+    W, R, F, S = (
+        area * (stress @ weights) for stress in (sigma * cos + tau * sin, sigma * sin, tau * cos, tau)
+    )  # (12)-(15)
     normal = np.where(at.z0 > 0, np.maximum(W + g.c_t * at.dz0, 0.0), 0.0)  # (17), never pulls
-    return Contact(slip[:, 0], at.z0, W, -R, F, -g.r * S, normal)  # (13) with the sign that opposes motion
+    return Contact(slip[..., 0], at.z0, W, -R, F, -g.r * S, normal)  # (13) with the sign that opposes motion

@@ -116,14 +116,14 @@ class SupplySag(Influence):
         super().setup()
         self.polarised = self.claim(1)
 
-    def drawn(self, t: float, y: Array) -> float:
+    def drawn(self, t: float, y: Array) -> Array:
         """Return the current of the supply [A]: four motors draw their duty's share."""
-        return 2 * float((super().voltage(t, y) / self.drive.voltage_max * y[CURRENT]).sum())
+        return np.asarray(2 * (super().voltage(t, y) / self.drive.voltage_max * y[CURRENT]).sum(axis=0))
 
     def voltage(self, t: float, y: Array) -> Array:
         """Apply the duty to what the battery still has."""
         resistance, top = self.sizes[SupplySag.id]["resistance"], self.drive.voltage_max
-        lost = resistance * (0.85 * self.drawn(t, y) + 0.15 * float(y[self.polarised][0]))
+        lost = resistance * (0.85 * self.drawn(t, y) + 0.15 * y[self.polarised][0])
         return np.asarray(super().voltage(t, y) * (1 - lost / top))
 
     def rates(self, t: float, y: Array, wheel: Contact) -> Array:

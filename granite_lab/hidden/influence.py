@@ -80,10 +80,10 @@ class Influence(Truth):
             found["phase"] = float(rng.uniform(0, 2 * np.pi))
         return found
 
-    def drag(self, y: Array, force: float) -> Array:
+    def drag(self, y: Array, force: float | Array) -> Array:
         """Return the push of a resistance [N] along R's x at wheel-centre height; none on a robot at rest."""
         f = -np.sign(self.velocity(y)) * self.fade(y) * force
-        return np.asarray(f * np.array([np.cos(y[PITCH]), -np.sin(y[PITCH]), self.arm_z]))
+        return np.array([f * np.cos(y[PITCH]), -f * np.sin(y[PITCH]), f * self.arm_z])
 
 
 def pairs(sizes: Mapping[str, float]) -> tuple[Array, Array]:

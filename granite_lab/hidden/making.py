@@ -46,7 +46,7 @@ LOGGED = 50.0
 """Rate at which a desired velocity is logged, as far as the encoders' rate allows [Hz]."""
 
 RELATIVE, ABSOLUTE = 3e-6, 1e-7
-"""Tolerances of the integration: the velocity is then within 0.002 mm/s of that at 1e-8."""
+"""Tolerances of the integration: the velocity is then within 0.05 mm/s of that at 1e-9."""
 
 
 @dataclass(frozen=True)

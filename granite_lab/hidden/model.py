@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import cos, sin
 
 import numpy as np
 import scipy
@@ -32,7 +31,11 @@ from granite_lab.parameters import GRAVITY, Robot, Soil
 
 X, Z, PITCH, VX, VZ, Q = range(6)
 ANGLE, OMEGA, CURRENT = slice(6, 8), slice(8, 10), slice(10, 12)
-"""Places in the state: centre of mass in O, pitch, their rates; then front and rear wheel of each kind."""
+"""Places in the state: centre of mass in O, pitch, their rates; then front and rear wheel of each kind.
+
+A state y is an array (n,), or (n, m) where there are m states at once. A value of the robot is then a number
+or (m,), one of its wheels (2,) or (2, m); constants (2,) of the wheels meet the transpose of such values.
+"""
 
 LOCKING_RATE = 5e4
 """Rate at which a locked gear stops its wheel [1/s]: under the torques at hand it gives by 1 mm/s at most."""
@@ -121,28 +124,29 @@ class Truth:
         """Return distance [m] and velocity [m/s] that the controller follows."""
         return self.command.position(t), self.command.velocity(t)
 
-    def k92(self, t: float, y: Array) -> float:
+    def k92(self, t: float, y: Array) -> float | Array:
         """Return k_92 in force."""
         return self.law(self.command.velocity(t))
 
-    def velocity(self, y: Array) -> float:
+    def velocity(self, y: Array) -> Array:
         """Return the longitudinal component in R of the velocity of the wheel centres, and of R [m/s]."""
-        return float(cos(y[PITCH]) * y[VX] - sin(y[PITCH]) * y[VZ] + y[Q] * self.arm_z)
+        return np.asarray(np.cos(y[PITCH]) * y[VX] - np.sin(y[PITCH]) * y[VZ] + y[Q] * self.arm_z)
 
     def places(self, y: Array) -> Array:
         """Return how far along O front and rear wheel centre are [m]."""
-        return np.asarray(y[X] + np.cos(y[PITCH]) * self.arm_x + np.sin(y[PITCH]) * self.arm_z)
+        along = np.multiply.outer(self.arm_x, np.cos(y[PITCH]))
+        return np.asarray(y[X] + along + np.sin(y[PITCH]) * self.arm_z)
 
-    def fade(self, y: Array) -> float:
+    def fade(self, y: Array) -> Array:
         """Return 0 at rest and 1 above v_floor: what the ground holds at rest acts on nothing."""
-        return float(smoothstep(abs(self.velocity(y)) / V_FLOOR))
+        return smoothstep(np.abs(self.velocity(y)) / V_FLOOR)
 
     def stance(self, t: float, y: Array) -> Stance:
         """Return how the wheels meet the ground."""
-        s, c = sin(y[PITCH]), cos(y[PITCH])
-        height = y[Z] - s * self.arm_x + c * self.arm_z
-        rate = y[Q] * (c * self.arm_x + s * self.arm_z) - y[VZ]
-        return Stance(self.rolling * y[OMEGA], np.full(2, self.velocity(y)), self.r - height, rate)
+        s, c, v = np.sin(y[PITCH]), np.cos(y[PITCH]), self.velocity(y)
+        height = y[Z] + c * self.arm_z - np.multiply.outer(self.arm_x, s)
+        rate = y[Q] * (np.multiply.outer(self.arm_x, c) + s * self.arm_z) - y[VZ]
+        return Stance((self.rolling * y[OMEGA].T).T, np.array([v, v]), self.r - height, rate)
 
     def soil(self, t: float, y: Array, at: Stance) -> Ground:
         """Return the soil under the wheels."""
@@ -185,11 +189,13 @@ class Truth:
         return wheel.M
 
     def push(self, t: float, y: Array, wheel: Contact) -> Array:
-        """Return what acts on the body besides the wheel forces, (3,).
+        """Return what acts on the body besides the wheel forces, a new array (3,) or (3, m).
 
         Forces on the centre of mass along O's x and z [N], and the moment about y, nose down [N m].
         """
-        return np.array([0.0, -self.mass * GRAVITY, 0.0])
+        push = np.zeros((3, *y.shape[1:]))
+        push[1] = -self.mass * GRAVITY
+        return push
 
     def misreading(self) -> Misreading:
         """Return the lasting errors of the sensors."""
@@ -209,13 +215,13 @@ class Truth:
     def rates(self, t: float, y: Array, wheel: Contact) -> Array:
         """Return dy/dt under the given wheel forces."""
         push, voltage, locked = self.push(t, y, wheel), self.voltage(t, y), self.locked(t, y)
-        dy, s, c = np.zeros_like(y), sin(y[PITCH]), cos(y[PITCH])
+        dy, s, c = np.zeros(y.shape), np.sin(y[PITCH]), np.cos(y[PITCH])
         along, up = wheel.F + wheel.R, wheel.normal  # along O's axes
         f_x, f_z = c * along - s * up, s * along + c * up  # (19)
-        dy[[X, Z, PITCH]], dy[ANGLE] = y[[VX, VZ, Q]], y[OMEGA]
-        dy[VX] = (2 * along.sum() + push[0]) / self.mass  # (20) and (21), seen from O
-        dy[VZ] = (2 * up.sum() + push[1]) / self.mass
-        turning = 2 * (self.arm_z * f_x - self.arm_x * f_z).sum() + push[2]
+        dy[:3], dy[ANGLE] = y[3:6], y[OMEGA]
+        dy[VX] = (2 * (along[0] + along[1]) + push[0]) / self.mass  # (20) and (21), seen from O
+        dy[VZ] = (2 * (up[0] + up[1]) + push[1]) / self.mass
+        turning = 2 * (self.arm_z * (f_x[0] + f_x[1]) - self.arm_x @ f_z) + push[2]
         dy[Q] = turning / self.chassis.pitch_inertia  # (22)
         dy[OMEGA] = (self.torque(y) + self.load(y, wheel)) / self.rim_inertia  # (23)
         if locked is not FREE:

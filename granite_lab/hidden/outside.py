@@ -86,7 +86,7 @@ class CableDrag(Influence):
 
     def push(self, t: float, y: Array, wheel: Contact) -> Array:
         """Pull back."""
-        length = max(float(self.places(y).mean()), 0.0)
+        length = np.maximum(self.places(y).mean(axis=0), 0.0)
         return super().push(t, y, wheel) + self.drag(y, self.sizes[CableDrag.id]["weight"] * length)
 
 
@@ -110,8 +110,9 @@ class WindGust(Influence):
         """Blow."""
         sizes = self.sizes[WindGust.id]
         u = (t - sizes["instant"] * self.command.end) / (0.5 * sizes["duration"])
-        force = sizes["force"] * float(np.exp(-(u**2))) * self.fade(y)
-        return np.asarray(super().push(t, y, wheel) + np.array([-force, 0.0, 0.0]))
+        push = super().push(t, y, wheel)
+        push[0] -= sizes["force"] * np.exp(-(u**2)) * self.fade(y)
+        return push
 
 
 class StrapDrag(Influence):

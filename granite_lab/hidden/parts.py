@@ -10,7 +10,7 @@ import numpy as np
 
 from granite_lab.hidden.contact import Array
 
-Law = Callable[[float], float]
+Law = Callable[[float | Array], float | Array]
 Method = Literal["LSODA", "Radau"]
 """Of `scipy.integrate.solve_ivp`."""
 
@@ -20,7 +20,7 @@ Sizes = Mapping[str, float]
 
 def exponential_k92(a_theta: float) -> Law:
     """Return k_92(v_d) of (5)."""
-    return lambda v_d: float(np.exp(-a_theta * v_d))
+    return lambda v_d: np.asarray(np.exp(-a_theta * v_d))
 
 
 @dataclass(frozen=True, eq=False)

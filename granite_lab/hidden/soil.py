@@ -91,12 +91,13 @@ class MultiPass(Influence):
         """Stiffen the soil under the rear wheels once they have reached the rut."""
         g, patch = super().soil(t, y, at), 0.06
         begins = 0.5 * self.chassis.wheel_base - 0.5 * patch
-        inside = float(smoothstep((self.places(y)[1] - begins) / patch))
-        passed = float(np.abs(slip_ratio(at.v_o, at.v, self.near_rest))[0])
-        inside *= 0.6 + 0.4 * (1 - np.exp(-passed / 0.1)) / (1 - np.exp(-1))
+        inside = smoothstep((self.places(y)[1] - begins) / patch)
+        passed = np.abs(slip_ratio(at.v_o, at.v, self.near_rest))[0]
+        inside = inside * (0.6 + 0.4 * (1 - np.exp(-passed / 0.1)) / (1 - np.exp(-1)))
         sizes = self.sizes[MultiPass.id]
-        stiffer = 1 + np.array([0.0, sizes["pressure"] * inside])
-        shorter = 1 + np.array([0.0, sizes["shear"] * inside])
+        stiffer, shorter = (
+            1 + np.array([0.0 * inside, sizes[name] * inside]) for name in ("pressure", "shear")
+        )
         return replace(g, k_c=g.k_c * stiffer, k_phi=g.k_phi * stiffer, K=g.K / shorter)
 
 
@@ -144,8 +145,8 @@ class TreadRipple(Influence):
     def soil(self, t: float, y: Array, at: Stance) -> Ground:
         """Modulate the pressure."""
         g = super().soil(t, y, at)
-        u = self.robot.wheels.lugs * y[ANGLE] - self.lug_phase
-        wave = 1 + self.lug_amplitude * (np.cos(u) + 0.25 * np.cos(2 * u))
+        u = self.robot.wheels.lugs * y[ANGLE].T - self.lug_phase
+        wave = 1 + (self.lug_amplitude * (np.cos(u) + 0.25 * np.cos(2 * u))).T
         return replace(g, k_c=g.k_c * wave, k_phi=g.k_phi * wave)
 
 
@@ -171,15 +172,15 @@ class ContactAngleLag(Influence):
         y[self.stages] = 1.0
         return y
 
-    def k92(self, t: float, y: Array) -> float:
+    def k92(self, t: float, y: Array) -> Array:
         """Return the last stage."""
-        return float(y[self.stages][1])
+        return np.asarray(y[self.stages][1])
 
     def rates(self, t: float, y: Array, wheel: Contact) -> Array:
         """Add the rates of the stages."""
         dy, sizes = super().rates(t, y, wheel), self.sizes[ContactAngleLag.id]
-        speed = max(abs(self.velocity(y)), V_FLOOR)
-        half = max(0.5 * sizes["time"] * (0.4 / speed) ** sizes["exponent"], 1e-4)
+        speed = np.maximum(np.abs(self.velocity(y)), V_FLOOR)
+        half = np.maximum(0.5 * sizes["time"] * (0.4 / speed) ** sizes["exponent"], 1e-4)
         first, second = y[self.stages]
         dy[self.stages] = (super().k92(t, y) - first) / half, (first - second) / half
         return dy
@@ -202,15 +203,15 @@ class ContactAngleActualSpeed(Influence):
         super().setup()
         self.averaged = self.claim(1)
 
-    def k92(self, t: float, y: Array) -> float:
+    def k92(self, t: float, y: Array) -> float | Array:
         """Mix both."""
         weight = self.sizes[ContactAngleActualSpeed.id]["weight"]
-        return (1 - weight) * super().k92(t, y) + weight * self.law(float(y[self.averaged][0]))
+        return (1 - weight) * super().k92(t, y) + weight * self.law(y[self.averaged][0])
 
     def rates(self, t: float, y: Array, wheel: Contact) -> Array:
         """Let the average follow with the way."""
-        dy, speed = super().rates(t, y, wheel), abs(self.velocity(y))
-        dy[self.averaged] = (speed - y[self.averaged]) * max(speed, V_FLOOR) / 0.02
+        dy, speed = super().rates(t, y, wheel), np.abs(self.velocity(y))
+        dy[self.averaged] = (speed - y[self.averaged]) * np.maximum(speed, V_FLOOR) / 0.02
         return dy
 
 

@@ -67,7 +67,7 @@ class ExitBySinkage(Influence):
         Size("recovery", "-", "κ", 0.02, 0.15, 0, 1, kind="shape"),
     )
 
-    def k92(self, t: float, y: Array) -> float:
+    def k92(self, t: float, y: Array) -> float | Array:
         """Mix both laws."""
         sizes = self.sizes[ExitBySinkage.id]
         share = sizes["share"] * self.fade(y)

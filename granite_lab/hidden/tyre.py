@@ -47,7 +47,7 @@ class TyreWindup(Influence):
     def stance(self, t: float, y: Array) -> Stance:
         """Let the tread meet the ground, not the rim."""
         at = super().stance(t, y)
-        return replace(at, v_o=at.v_o + self.rolling * (y[self.tread_rate] - y[OMEGA]))
+        return replace(at, v_o=at.v_o + (self.rolling * (y[self.tread_rate] - y[OMEGA]).T).T)
 
     def load(self, y: Array, wheel: Contact) -> Array:
         """Load the rim with the springs."""
@@ -120,10 +120,10 @@ class WheelEccentricity(Influence):
     def run_out(self, y: Array) -> tuple[Array, Array]:
         """Return how much longer the radius at the lowest point is [m], and its derivative by the angle."""
         cos, sin = pairs(self.sizes[WheelEccentricity.id])
-        size, turned = np.hypot(cos, sin), y[ANGLE] - np.arctan2(sin, cos)
+        size, turned = np.hypot(cos, sin), y[ANGLE].T - np.arctan2(sin, cos)
         return (
-            np.asarray(-size * (np.cos(turned) + 0.25 * np.cos(2 * turned))),
-            np.asarray(size * (np.sin(turned) + 0.5 * np.sin(2 * turned))),
+            np.asarray(-size * (np.cos(turned) + 0.25 * np.cos(2 * turned))).T,
+            np.asarray(size * (np.sin(turned) + 0.5 * np.sin(2 * turned))).T,
         )
 
     def stance(self, t: float, y: Array) -> Stance:

@@ -30,7 +30,7 @@ class DriveReaction(Influence):
         """Add the moment, which lifts the nose when driving."""
         dy, ch = super().rates(t, y, wheel), self.chassis
         turning = self.torque(y) + 0.2 * ch.wheel_inertia * dy[OMEGA]
-        dy[Q] -= 2 * self.sizes[DriveReaction.id]["share"] * float(turning.sum()) / ch.pitch_inertia
+        dy[Q] -= 2 * self.sizes[DriveReaction.id]["share"] * turning.sum(axis=0) / ch.pitch_inertia
         return dy
 
 
@@ -89,11 +89,12 @@ class GroundSlope(Influence):
 
     def push(self, t: float, y: Array, wheel: Contact) -> Array:
         """Turn the weight; what holds it at rest acts at the axles."""
-        weight = self.mass * GRAVITY
-        back, held = weight * float(np.sin(self.rise)), 1 - self.fade(y)
-        down = weight * (1 - np.cos(self.rise))
-        turned = np.array([(held - 1) * back, down, held * back * self.arm_z])
-        return np.asarray(super().push(t, y, wheel) + turned)
+        push, weight, fade = super().push(t, y, wheel), self.mass * GRAVITY, self.fade(y)
+        back = weight * np.sin(self.rise)
+        push[0] -= fade * back
+        push[1] += weight * (1 - np.cos(self.rise))
+        push[2] += (1 - fade) * back * self.arm_z
+        return push
 
 
 class RollingDrag(Influence):
@@ -109,7 +110,7 @@ class RollingDrag(Influence):
 
     def push(self, t: float, y: Array, wheel: Contact) -> Array:
         """Add the resistance."""
-        sizes, u = self.sizes[RollingDrag.id], abs(self.velocity(y)) / 0.5
+        sizes, u = self.sizes[RollingDrag.id], np.abs(self.velocity(y)) / 0.5
         linear = 2 - sizes["exponent"]
         against = self.drag(y, sizes["force"] * (linear * u + (1 - linear) * u**2))
         return super().push(t, y, wheel) + against

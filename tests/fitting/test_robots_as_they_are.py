@@ -105,9 +105,10 @@ def test_the_paper_s_model_and_another_program_agree_on_a_towed_load() -> None:
 
     class Hauling(Truth):
         def push(self, t: float, y: Array, wheel: Contact) -> Array:
-            force = FORCE * self.fade(y)
-            moment = -force * (HEIGHT - self.chassis.com_z) * float(np.cos(y[PITCH]))
-            return super().push(t, y, wheel) + np.array([-force, 0.0, moment])
+            push, force = super().push(t, y, wheel), FORCE * self.fade(y)
+            push[0] -= force
+            push[2] -= force * (HEIGHT - self.chassis.com_z) * np.cos(y[PITCH])
+            return push
 
     truth = Hauling(Setup(ROBOT, SOIL, exponential_k92(A_THETA)), trapezoid(0.5, 1.2, 2.5))
     other = integrate(truth, np.asarray(np.arange(-0.2, truth.command.end, 0.0025)), rtol=1e-6, atol=1e-8)

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from granite_lab.hidden.catalogue import LAWS, LIBRARY, OUTSIDE, influence, model_of
+from granite_lab.hidden.chance import lot
 from granite_lab.hidden.command import trapezoid
 from granite_lab.hidden.contact import NearRest, contact, oida
+from granite_lab.hidden.controller import CONTROLLERS
 from granite_lab.hidden.model import ANGLE, OMEGA, VX, Setup, Truth
 from granite_lab.hidden.parts import exponential_k92
 from granite_lab.parameters import load_robot, load_soil
@@ -101,6 +103,25 @@ def test_the_robot_rests_until_it_is_told_to_move(names: tuple[str, ...]) -> Non
     truth = model(*names)
     rates = truth.derivative(-1.0, truth.rest())
     assert np.abs(rates[:12]).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("names", "controller"),
+    [*(((name,), "") for name in sorted(LIBRARY | OUTSIDE | LAWS)), *(((), c) for c in ("", *CONTROLLERS))],
+)
+def test_the_rates_of_many_states_at_once_are_those_of_each(names: tuple[str, ...], controller: str) -> None:
+    gains = CONTROLLERS[controller].drawn(lot(3), load_robot()) if controller else {}
+    setup = Setup(
+        load_robot(), load_soil(), exponential_k92(A_THETA), NearRest("parabola", 0.02, 0.002), (1.01, 0.997),
+        controller=controller, gains=gains,
+    )  # fmt: skip
+    truth = model_of(names, setup, trapezoid(V, A, DISTANCE), {name: sizes_of(name) for name in names})
+    y = truth.rest()[:, None] + 1e-3 * np.random.default_rng(1).standard_normal((truth.order, 5))
+    y[VX] += [0.0, 0.01, 0.3, -0.2, 0.6]
+    y[OMEGA] += y[VX] / truth.r
+    for t in (0.3, 3.4):
+        one_by_one = np.transpose([truth.derivative(t, one) for one in y.T])
+        np.testing.assert_allclose(truth.derivative(t, y), one_by_one, rtol=1e-9, atol=1e-9)
 
 
 def test_sand_that_sticks_costs_speed_and_current_in_the_steady_part() -> None:

@@ -5,13 +5,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 
 from granite_lab.hidden.command import trapezoid
-from granite_lab.hidden.contact import V_FLOOR, Array, smoothstep
+from granite_lab.hidden.contact import V_FLOOR, Array, Contact, smoothstep
 from granite_lab.hidden.model import ANGLE, CURRENT, OMEGA, PITCH, VX, VZ, Q, Setup, Truth, X
 from granite_lab.hidden.parts import Law, exponential_k92
 from granite_lab.hidden.simulator import DT, Body, body_from_states, solve
@@ -57,8 +58,11 @@ def integrate(truth: Truth, t: Array, *, rtol: float = 1e-7, atol: float = 1e-9)
     """Integrate from rest at the first instant and return the signals at `t` (N,), increasing."""
     state = solve(truth, t, rtol=rtol, atol=atol)
     samples = list(zip(t, state, strict=True))
-    wheels = [truth.contact(ti, yi) for ti, yi in samples]
-    rates = np.array([truth.rates(ti, yi, wheel) for (ti, yi), wheel in zip(samples, wheels, strict=True)])
+    k92 = np.array([truth.k92(ti, yi) for ti, yi in samples])
+    with patch.object(truth, "k92", return_value=k92):  # all samples at once: half of the time
+        wheels = vars(truth.contact(0.0, state.T))
+    each = zip(*(signal.T for signal in wheels.values()), strict=True)
+    rates = np.array([truth.rates(ti, yi, Contact(*x)) for (ti, yi), x in zip(samples, each, strict=True)])
     s, c, q, dq = np.sin(state[:, PITCH]), np.cos(state[:, PITCH]), state[:, Q], rates[:, Q]
     rx, rz = -truth.chassis.com_x, -truth.chassis.com_z  # from the centre of mass to R, in R
     v_wheel = np.empty((t.size, 2, 2))
@@ -67,16 +71,12 @@ def integrate(truth: Truth, t: Array, *, rtol: float = 1e-7, atol: float = 1e-9)
         v_wheel[:, i, 1] = state[:, VZ] - q * (c * arm + s * truth.arm_z)
     a_x = c * rates[:, VX] - s * rates[:, VZ] + dq * rz - q**2 * rx
     a_z = s * rates[:, VX] + c * rates[:, VZ] - dq * rx - q**2 * rz
-    forces = {
-        name: np.array([getattr(wheel, name) for wheel in wheels])
-        for name in ("slip", "sinkage", "W", "R", "F", "M", "normal")
-    }
     return Result(
         truth=truth,
         t=t,
         state=state,
         x=state[:, X] + c * rx + s * rz,
-        v=np.array([truth.velocity(yi) for yi in state]),
+        v=truth.velocity(state.T),
         pitch=state[:, PITCH],
         pitch_rate=q,
         pitch_acceleration=dq,
@@ -88,12 +88,12 @@ def integrate(truth: Truth, t: Array, *, rtol: float = 1e-7, atol: float = 1e-9)
         rolled=state[:, ANGLE] * truth.r,
         current=state[:, CURRENT],
         voltage=np.array([truth.voltage(ti, yi) for ti, yi in samples]),
-        torque=np.array([truth.torque(yi) for yi in state]),
-        k92=np.array([truth.k92(ti, yi) for ti, yi in samples]),
+        torque=truth.torque(state.T).T,
+        k92=k92,
         v_d=np.array([truth.command.velocity(ti) for ti in t]),
         s_d=np.array([truth.command.position(ti) for ti in t]),
-        read_rate=np.array([truth.reading(yi)[1] for yi in state]),
-        **forces,
+        read_rate=truth.reading(state.T)[1].T,
+        **{name: signal.T for name, signal in wheels.items()},
     )
 
 
