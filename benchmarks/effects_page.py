@@ -33,9 +33,8 @@ paper's. Symbols and equation numbers are those of the [paper](model.md#nomencla
 parameter is the expected one. *Per trial*: a cosine and a sine part have the same amplitude in all trials and
 another phase in each.
 
-`granite-lab effects show ID` also prints sources, bounds and shape parameters, and draws how the effect
-changes the sensor readings: orange with all other parameters fixed, blue after sand, start time and sensor
-errors are refitted. Where blue is zero, sand or a sensor error can imitate the effect.
+`granite-lab effects show ID` also prints sources, bounds and shape parameters. `granite-lab simulate` with
+`--effect ID.PARAMETER=NUMBER` shows how an effect changes the sensor readings.
 """
 
 HOOKS = """\

@@ -26,9 +26,9 @@ from pathlib import Path
 from typing import cast
 
 from granite_lab.chain import analyse, over_trials
+from granite_lab.comparison.compare import Comparison
 from granite_lab.options import Options
 from granite_lab.reporting import write_report
-from granite_lab.results import TrialResult
 from granite_lab.running import Cache, Execution
 from granite_lab.running.cache import trial_key
 from granite_lab.running.codec import encode
@@ -85,11 +85,10 @@ def megabytes(who: int) -> float:
     return resource.getrusage(who).ru_maxrss / 1024
 
 
-def renamed(result: TrialResult, name: str) -> TrialResult:
+def renamed(result: Comparison, name: str) -> Comparison:
     """Return a result as that of a trial of another name."""
-    c = result.comparison
-    comparison = replace(c, motion=replace(c.motion, trial=name), fit=replace(c.fit, trial=name))
-    return TrialResult(replace(result.trial, name=name), comparison)
+    trial, motion = replace(result.trial, name=name), replace(result.motion, trial=name)
+    return replace(result, trial=trial, motion=motion, fit=replace(result.fit, trial=name))
 
 
 def remember(logs: Sequence[Path], cache: Cache, jobs: int) -> None:
@@ -97,7 +96,7 @@ def remember(logs: Sequence[Path], cache: Cache, jobs: int) -> None:
     firsts = [log for log in logs if log.stem.endswith(FIRST)]
     over_trials(firsts, Options(), execution=Execution(jobs, cache=cache))
     for first in firsts:
-        result = cast(TrialResult, cache.get(trial_key(analyse.__qualname__, first, Options())))
+        result = cast(Comparison, cache.get(trial_key(analyse.__qualname__, first, Options())))
         for log in (log for log in logs if log.stem[: -len(FIRST)] == first.stem[: -len(FIRST)]):
             copy = encode(((), renamed(result, log.stem)))
             cache.put(trial_key(analyse.__qualname__, log, Options()), copy)

@@ -1,7 +1,6 @@
 from .api.hidden import hide, reveal
 from .api.logs import check, ingest, inspect, view
-from .api.model import list_effects, params, show_effect, simulate, wheel
-from .api.new_robot import robot
+from .api.model import list_effects, params, robot, show_effect, simulate, wheel
 from .api.plots import plot
 from .api.run_checks import Checked
 from .api.trials import compare, discover, fit_a_theta, fit_k92, plan_next, record, report, study

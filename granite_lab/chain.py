@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from granite_lab import __version__, estimation, fitting, logs
-from granite_lab.comparison.compare import compare
+from granite_lab.comparison.compare import Comparison, compare
 from granite_lab.discovery.finding import Finding
 from granite_lab.effects import library
 from granite_lab.effects.model_file import ModelFile, load_model
@@ -28,7 +28,7 @@ from granite_lab.parameters import Robot, Soil, load_robot, load_soil, load_vari
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.parameters.changes import changed
 from granite_lab.processes import Progress
-from granite_lab.results import StudyResult, TrialResult, command_of
+from granite_lab.results import StudyResult, command_of
 from granite_lab.running import Execution, each_trial, sifted
 from granite_lab.running.cache import code, digest_of, fingerprint
 from granite_lab.running.codec import content, decode, encode
@@ -105,7 +105,7 @@ def simulable(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
     return trial, robot, fitting.towed(motion, trial, robot)
 
 
-def analyse(path: Path, options: Options) -> TrialResult:
+def analyse(path: Path, options: Options) -> Comparison:
     """Take one trial through the whole chain.
 
     Raises:
@@ -120,7 +120,7 @@ def analyse(path: Path, options: Options) -> TrialResult:
         robot = changed(model.with_lugs(robot), "robot", trial.info.changes)
         effects = (*model.effects, *effects)
     fit = fitting.fit_k92(motion, trial, robot, soil, effects=effects)
-    return TrialResult(trial, compare(motion, trial, fit, robot, soil, effects=effects))
+    return compare(motion, trial, fit, robot, soil, effects=effects)
 
 
 def sloped(trial: Trial) -> tuple[Active, ...]:
@@ -182,9 +182,9 @@ def over_trials(
     paths = sorted(paths, key=lambda path: (name_of(path), str(path)))
     outcomes = each_trial(analyse, paths, options, execution=execution, done=done)
     results, failures = sifted(paths, outcomes, strict=strict)
-    trials, motions = [r.trial for r in results], [r.comparison.motion for r in results]
+    trials, motions = [r.trial for r in results], [r.motion for r in results]
     source = source_of("study", paths, trials, options, discover)
-    result = StudyResult(NAME, tuple(results), failures, law_of([r.comparison.fit for r in results]), source)
+    result = StudyResult(NAME, tuple(results), failures, law_of([r.fit for r in results]), source)
     if not discover:
         return result
     if no_slip_is_known(motions):

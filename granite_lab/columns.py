@@ -25,8 +25,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from granite_lab.csv_rows import cell_text
 from granite_lab.estimate import Estimate
+from granite_lab.files import cell_text
 from granite_lab.rounding import NONE, chance, percent, plus_minus, significant, with_unit
 
 Raw = float | int | bool | str | None

@@ -20,7 +20,7 @@ from granite_lab.errors import InputError, LabError
 from granite_lab.files import read_json
 from granite_lab.fitting.fit import AThetaFit
 from granite_lab.folders import distinct
-from granite_lab.logs.trial import Trial, trial_files
+from granite_lab.logs.trial import trial_files
 from granite_lab.origin import NOTHING, Failure, Origin, Source, Written
 from granite_lab.shown import Shown
 
@@ -35,28 +35,10 @@ SCHEMA = "granite-lab/report/2"
 RECORDINGS = "recordings"
 """Folder of recordings beside a report."""
 
-WHOLE = "study"
-"""Name of the recording of a whole study, beside those of its trials."""
 
-
-@dataclass(frozen=True, eq=False)
-class TrialResult(Shown):
-    """One trial through the whole chain."""
-
-    trial: Trial
-    comparison: Comparison
-
-    def __repr__(self) -> str:
-        return f"TrialResult({self.comparison!r})"
-
-    def to_frame(self) -> pd.DataFrame:
-        """Return the misfits, one row a channel and phase, as of its comparison."""
-        return self.comparison.to_frame()
-
-
-def warnings_of(result: TrialResult) -> tuple[str, ...]:
+def warnings_of(result: Comparison) -> tuple[str, ...]:
     """Return every doubt about a trial, of its log, its estimate and its fit, one line each."""
-    of = (result.trial.warnings, result.comparison.motion.warnings, result.comparison.fit.warnings)
+    of = (result.trial.warnings, result.motion.warnings, result.fit.warnings)
     return tuple(dict.fromkeys(line for lines in of for line in lines))
 
 
@@ -66,8 +48,8 @@ def shown_path(path: Path) -> str:
 
 
 def recordings_of(result: StudyResult) -> list[str]:
-    """Return the file names of a study's recordings: that of the whole study, then those of its trials."""
-    return [f"{name}.rrd" for name in distinct([WHOLE, *(r.trial.name for r in result.trials)])]
+    """Return the file names of the recordings of a study's trials."""
+    return [f"{name}.rrd" for name in distinct([r.trial.name for r in result.trials])]
 
 
 def command_of(name: str, logs: Sequence[Path], options: Sequence[tuple[str, str]] = ()) -> str:
@@ -96,7 +78,7 @@ class StudyResult(Shown):
     """
 
     name: str
-    trials: tuple[TrialResult, ...]
+    trials: tuple[Comparison, ...]
     failures: tuple[Failure, ...]
     a_theta: AThetaFit | None
     source: Source
@@ -127,7 +109,7 @@ class StudyResult(Shown):
 
         rows = []
         for result in self.trials:
-            motion, fit = result.comparison.motion, result.comparison.fit
+            motion, fit = result.motion, result.fit
             rows.append(
                 fit.to_frame().iloc[0].to_dict()
                 | {

@@ -49,7 +49,7 @@ def write(
     library(options.effects)  # the report takes words from the user's own effects, too
     found = result.finding
     if found is not None:
-        pairs = searched or [(r.trial, r.comparison.motion) for r in result.trials]
+        pairs = searched or [(r.trial, r.motion) for r in result.trials]
         trials, motions = [trial for trial, _ in pairs], [motion for _, motion in pairs]
         model = save_found(found, options, trials, motions, guard)
     name = model.name if model and result.trials else model
@@ -72,7 +72,7 @@ def record(
     jobs: int = 1,
     progress: Progress = lambda *_: None,
 ) -> list[Path]:
-    """Write a Rerun recording of each trial and one of the whole study.
+    """Write a Rerun recording of each trial.
 
     Args:
         result: the study.
@@ -89,17 +89,13 @@ def record(
         done = shared_out(_record, (result, paths), len(paths), "wrote recordings", jobs=jobs)
         for k, _ in enumerate(done, 1):
             progress("recordings", k, len(paths))
-    return [folder / name for name in (*names[1:], names[0])]
+    return [folder / name for name in names]
 
 
 def _record(given: tuple[StudyResult, Sequence[Path]], k: int) -> None:
-    """Write a recording: that of the study, which takes longest, or of trial number `k`."""
+    """Write the recording of trial number `k`."""
     result, paths = given
-    if k == 0:
-        reporting.recording.record_study(result, paths[0], finding=result.finding)
-    else:
-        one = result.trials[k - 1]
-        reporting.recording.record_trial(one.trial, one.comparison, paths[k], finding=result.finding)
+    reporting.recording.record_trial(result.trials[k], paths[k], finding=result.finding)
 
 
 def save_found(

@@ -15,11 +15,9 @@ import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from granite_lab import reporting
 from granite_lab.columns import Cell, Column, FilledTable, Table, number, words
 from granite_lab.reporting.names import plain, scale_of
 from granite_lab.results import load_report
@@ -28,9 +26,6 @@ from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure as Canvas
-
-    from granite_lab.reporting.canvas import Figure
 
 SEEN = (1.959964 + 0.841621) / 1.959964
 """Smallest difference seen with a probability of 80 %, over half the width of the 95 % interval."""
@@ -235,48 +230,3 @@ def compared_as_json(compared: Compared) -> dict[str, Any]:
     ]  # fmt: skip
     about = {"studies": compared.names, "virtual": compared.virtual, "rows": rows, "notes": compared.notes}
     return {"schema": "granite-lab/compare-studies/1"} | about
-
-
-def compared_figure(compared: Compared) -> Figure | None:
-    """Draw the differences over half of their intervals; None without any."""
-    rows = [r for r in compared.rows if r.verdict in (DIFFERS, ALIKE)]
-    if not rows:
-        return None
-    differ = [r.quantity for r in rows if r.verdict == DIFFERS]
-    title = f"{len(differ)} of {len(rows)} quantities differ" if differ else "No difference is seen"
-    a, b = compared.names
-    caption = (
-        f"{b} minus {a}, divided by half the width of its 95 % interval. Bars that do not include 0 are "
-        "significant."
-    )
-    return reporting.canvas.Figure(
-        "differences", title, caption, partial(_differences, rows), compared.virtual
-    )
-
-
-def _differences(rows: Sequence[Row]) -> Canvas:
-    canvas = reporting.canvas
-    figure, (axis,) = canvas.named_rows([r.quantity for r in rows], left=2.1)
-    for k, row in enumerate(rows):
-        d = row.difference
-        half = (d.high - d.low) / 2 or 1.0
-        color = canvas.SIMULATED if row.verdict == DIFFERS else canvas.MEASURED
-        bars = [[(d.value - d.low) / half], [(d.high - d.value) / half]]
-        axis.errorbar(d.value / half, k, xerr=bars, color=color, marker="o", markersize=3.5, capsize=2)
-    axis.axvline(0, color=canvas.INK, linewidth=0.8)
-    axis.set_xlabel("(B − A) over half its 95 % interval [–]")
-    return figure
-
-
-def write_compared(compared: Compared, folder: Path) -> Path:
-    """Write ``compared.md``, a table and a figure of two studies and return the page.
-
-    Raises:
-        LabError: a file cannot be written.
-    """
-    figure = compared_figure(compared)
-    drawn = [reporting.report.Gallery((figure,))] if figure is not None else []
-    reporting.write_parts(
-        [compared_table(compared), *drawn, list(compared.notes)], folder, page="compared.md"
-    )
-    return folder / "compared.md"

@@ -16,7 +16,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 
 STAGES = [
     {"errors", "estimate", "__init__", "__version__"},
-    {"csv_rows", "files", "folders", "processes", "rounding", "shown"},
+    {"files", "folders", "processes", "rounding", "shown"},
     {"columns", "stored"},
     {"parameters"},
     {"logs"},

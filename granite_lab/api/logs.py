@@ -32,7 +32,6 @@ from granite_lab.folders import replacing
 from granite_lab.logs.trial import Trial, TrialInfo, is_log, name_of, over, trial_files
 from granite_lab.origin import Origin
 from granite_lab.parameters import Robot
-from granite_lab.results import WHOLE
 from granite_lab.running import each_trial, sifted
 from granite_lab.shown import Shown
 
@@ -213,61 +212,45 @@ def inspect(logs: Logs, *, column_map: File = None, topics: Topics = None, robot
 def view(
     what: str | Path,
     *,
-    trial: str | None = None, web: bool = False, screenshot: File = None, at: float | None = None,
+    trial: str | None = None,
     robot: File = None, soil: File = None, column_map: File = None,
-    tell: Callable[[str], None] = print,
 ) -> None:  # fmt: skip
     """Open a recording in the Rerun viewer, which stays open.
 
     Args:
         what: a recording (.rrd), a report folder, or a log.
-        trial: with a report folder, the trial to open.
-        web: serve the viewer to a browser on this machine instead, until interrupted.
-        screenshot: save a picture of the viewer (.png) instead; no display is needed.
-        at: time of the `screenshot` since the start of the command [s]; by default the middle.
+        trial: with a report folder, the trial to open; all by default.
         robot, soil, column_map: as in `ingest`, for a log.
-        tell: called with the address, with `web`.
 
     Raises:
         InputError: there is no such recording, or the log cannot be used.
-        UsageError: `web` and `screenshot` together, `at` alone or outside of the recording.
         LabError: there is no display, viewer or graphics driver.
     """
     options = options_of(locals())
-    if web and screenshot is not None:
-        raise UsageError("--web and --screenshot: one of them at a time", "run the command twice")
-    if at is not None and screenshot is None:
-        raise UsageError("--at is the time of a picture", "add --screenshot FILE.png")
     path = Path(what)
     refuse_special(path)
     if is_folder(path) and not is_log(path):
-        path = _recording_in(path, trial)
-    elif path.suffix != ".rrd":
+        reporting.recording.open_viewer(_recordings_in(path, trial))
+        return
+    if path.suffix != ".rrd":
         result = analyse(path, choose(path, options, everything=True).options)
         place, name = Path("reports") / "view", f"{name_of(path)}.rrd"
         with replacing(place, name) as new:
-            reporting.recording.record_trial(result.trial, result.comparison, new / name)
+            reporting.recording.record_trial(result, new / name)
         path = place / name
-    if screenshot is not None:
-        reporting.recording.save_picture(path, Path(screenshot), at)
-    elif web:
-        reporting.recording.serve(path, tell)
-    else:
-        reporting.recording.open_viewer(path)
+    reporting.recording.open_viewer([path])
 
 
-def _recording_in(folder: Path, trial: str | None) -> Path:
-    """Return the recording of a trial in a report folder, or that of the whole study."""
+def _recordings_in(folder: Path, trial: str | None) -> list[Path]:
+    """Return the recordings in a report folder, or that of a trial."""
     recordings = {path.stem: path for path in sorted(folder.rglob("*.rrd"), reverse=True)}
     if not recordings:
         hint = "make one with 'granite-lab study TRIALS --out DIR'"
         raise InputError(f"{folder}: no recording in it", hint)
-    if trial is not None and trial.casefold() == WHOLE and f"{trial} (2)" in recordings:
-        trial = f"{trial} (2)"  # the log has the name of the whole study's recording
     if trial is not None and trial not in recordings:
         hint = f"there are: {', '.join(sorted(recordings))}"
         raise InputError(f"{folder}: no recording of trial '{trial}'", hint)
-    return recordings[trial] if trial else recordings.get(WHOLE, recordings[min(recordings)])
+    return [recordings[name] for name in ([trial] if trial else sorted(recordings))]
 
 
 def check(

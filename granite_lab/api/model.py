@@ -1,4 +1,4 @@
-"""`simulate`, `wheel`, `params`, `list_effects`, `show_effect`: the model and its numbers."""
+"""`simulate`, `wheel`, `params`, `robot`, `list_effects`, `show_effect`: the model and its numbers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from granite_lab.api.records import Records
 from granite_lab.effects import get, library
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import InputError, UsageError
-from granite_lab.files import is_folder
+from granite_lab.files import is_folder, write_text
 from granite_lab.fitting.tow import constant
 from granite_lab.logs import write_canonical
 from granite_lab.model import Accuracy, Run
@@ -37,8 +37,10 @@ from granite_lab.parameters import (
     parse_path,
     variant_of,
 )
+from granite_lab.parameters.analyses import Allowed, allowed_by
 from granite_lab.parameters.catalogue import Provenance, forget, in_force
-from granite_lab.parameters.changes import changed, checked
+from granite_lab.parameters.changes import OPTION, changed, checked
+from granite_lab.parameters.new_robot import text_of
 from granite_lab.parameters.quantity import build
 from granite_lab.shown import Shown, frame
 
@@ -232,20 +234,6 @@ class WheelRun(Shown):
             ]
         )  # fmt: skip
 
-    def arcs(self) -> pd.DataFrame:
-        """Return the stresses over the contact arc, one row a slip and place from back to front."""
-        import pandas as pd  # noqa: PLC0415
-
-        return pd.concat(
-            pd.DataFrame(
-                {
-                    "slip": p.slip, "angle_deg": p.angle * 180 / math.pi,
-                    "normal_stress_Pa": p.normal_stress, "shear_stress_Pa": p.shear_stress,
-                }
-            )
-            for p in self.points
-        ).reset_index(drop=True)  # fmt: skip
-
 
 def wheel(
     slip: float | Sequence[float] = 0.2,
@@ -326,6 +314,54 @@ def chosen_in(
         origin = f"--{key}" if given else str(folder / FILE) if beside else "unless a log names another"
         chosen[key] = {"value": str(given or beside or default), "origin": origin}
     return chosen
+
+
+@dataclass(frozen=True)
+class RobotFile(Shown):
+    """The file of a robot that was written, and what it allows."""
+
+    path: Path
+    analyses: tuple[Allowed, ...]
+
+    def __repr__(self) -> str:
+        allowed = ", ".join(one.analysis for one in self.analyses if one.allowed)
+        return f"RobotFile('{self.path}': {allowed})"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return one row for each analysis."""
+        import pandas as pd  # noqa: PLC0415, heavy
+
+        return pd.concat([one.to_frame() for one in self.analyses], ignore_index=True)
+
+
+def robot(new: str | Path, *, changes: Changes = None, like: File = None) -> RobotFile:
+    """Write the file of a robot: every number with its meaning, what is not known as a comment.
+
+    Args:
+        new: the file (.toml); its stem becomes the robot's name.
+        changes: numbers by their keys, as ``{"robot.wheels.radius_m": 0.1}``.
+        like: a robot of the catalogue or a .toml file, whose numbers stand in for those that are not given.
+
+    Returns:
+        the path, and which analyses the file allows.
+
+    Raises:
+        UsageError: there is such a file, its name does not end in .toml, or the wheel radius is not known.
+        InputError: a key is not known, or a number is out of its bounds.
+        LabError: the file cannot be written.
+    """
+    path = Path(new)
+    if path.suffix != ".toml":
+        raise UsageError(f"{path}: the file of a robot ends in .toml", f"write {path.with_suffix('.toml')}")
+    if path.exists():
+        raise UsageError(f"{path}: exists already", "choose another name; edit the file that is there")
+    given = dict(checked(changes or {}))
+    if foreign := [key for key in given if not key.startswith("robot.")]:
+        raise UsageError(f"{OPTION} {foreign[0]}: is no number of a robot", "a soil has a file of its own")
+    text = text_of(path.stem, given, load_robot(like) if like else None)
+    write_text(path, text)
+    forget()
+    return RobotFile(path, allowed_by(in_force(str(path), "dry_sand")))
 
 
 def list_effects(effects: File = None) -> Records[Effect]:

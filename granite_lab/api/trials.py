@@ -38,7 +38,7 @@ from granite_lab.inference.constants import LATENCY_LIMIT, TOLERANCE
 from granite_lab.options import Options
 from granite_lab.origin import NOWHERE, Origin, Written
 from granite_lab.processes import Progress
-from granite_lab.results import RECORDINGS, StudyResult, TrialResult, of_search
+from granite_lab.results import RECORDINGS, StudyResult, of_search
 from granite_lab.running import Execution, each_trial, sifted
 from granite_lab.running.cache import code, digest_of, fingerprint
 from granite_lab.running.codec import content, encode
@@ -55,12 +55,12 @@ Done = Callable[[Path], None]
 
 def _analysed(
     command: str, logs: Logs, options: Options, execution: Execution, strict: bool, done: Done
-) -> tuple[list[TrialResult], Origin]:
+) -> tuple[list[Comparison], Origin]:
     """Return the trials that went through the chain, and what is to be said of all."""
     chosen = choose(logs, options)
     outcomes = each_trial(analyse, chosen.files, chosen.options, execution=execution, done=done)
     results, failed = sifted(chosen.files, outcomes, strict=strict)
-    lines = [f"{r.trial.name}: {line}" for r in results for line in r.comparison.motion.warnings]
+    lines = [f"{r.trial.name}: {line}" for r in results for line in r.motion.warnings]
     source = source_of(command, chosen.files, [r.trial for r in results], chosen.options)
     return results, Origin(source, (*chosen.excluded, *failed), (*lines, *execution.doubts()))
 
@@ -103,7 +103,7 @@ def fit_k92(
     options = options_of(locals())
     execution = execution_of(jobs, scheduler, cache=cache)
     results, origin = _analysed("fit-k92", logs, options, execution, strict, done)
-    return Records([result.comparison.fit for result in results], (), origin)
+    return Records([result.fit for result in results], (), origin)
 
 
 def fit_a_theta(
@@ -148,7 +148,7 @@ def fit_a_theta(
         paths = [item for item in given if not isinstance(item, K92Fit)]
         execution = execution_of(jobs, scheduler, cache=cache)
         results, origin = _analysed("fit-atheta", paths, options, execution, strict, done)
-        fits = [result.comparison.fit for result in results]
+        fits = [result.fit for result in results]
     by_name = sorted(fits, key=lambda fit: fit.trial)  # sums do not depend on the order of the logs
     fit = fitting.fit_a_theta(by_name)
     left_out = (f"{one.trial} left out: {one.reason}" for one in origin.left_out)
@@ -187,11 +187,10 @@ def compare(
     options = options_of(locals())
     execution = execution_of(jobs, scheduler, cache=cache)
     results, origin = _analysed("compare", logs, options, execution, strict, done)
-    comparisons = [result.comparison for result in results]
     if out is not None:
-        files = tuple(reporting.write_comparison(comparisons, Path(out)))
+        files = tuple(reporting.write_comparison(results, Path(out)))
         origin = replace(origin, written=Written(files=files))
-    return Records(comparisons, [result.trial.name for result in results], origin)
+    return Records(results, [result.trial.name for result in results], origin)
 
 
 def study(
@@ -247,7 +246,7 @@ def study(
         if folder is not None:
             result = replace(result, name=folder.name)
             result = _write(result, chosen.options, folder, execution, recordings, progress)
-    import granite_lab.reporting.notebook  # noqa: F401, PLC0415, heavy: how a notebook shows the result
+    import granite_lab.reporting.render  # noqa: F401, PLC0415, heavy: how a notebook shows the result
 
     return replace(result, warnings=execution.doubts())
 
@@ -284,7 +283,7 @@ def _write(
 
 
 def record(result: StudyResult, folder: str | Path) -> tuple[Path, ...]:
-    """Write a Rerun recording of each trial of a study, and one of the whole; return their paths.
+    """Write a Rerun recording of each trial of a study; return their paths.
 
     Args:
         result: the study.

@@ -215,24 +215,12 @@ def ingest(
 def view(
     what: Annotated[Path, Argument(
         metavar="WHAT", help="A recording (.rrd), a report folder, or a log (CSV, ROS bag, MCAP).")],
-    trial: Annotated[str | None, Option(help="With a report folder, the trial to open.")] = None,
-    web: Annotated[bool, Option(
-        "--web", help="Serve the viewer to a browser on this machine instead, until interrupted.")] = False,
-    screenshot: Annotated[Path | None, Option(
-        help="Save a picture of the viewer (.png) instead; needs no display.")] = None,
-    at: Annotated[float | None, Option(
-        help="Time of the --screenshot since the start of the command [s]; by default the middle.")] = None,
+    trial: Annotated[str | None, Option(
+        help="With a report folder, the trial to open; all by default.")] = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None,
 ) -> None:  # fmt: skip
     """Open a recording in the Rerun viewer, which stays open.
 
     A log is analysed first.
     """
-    printer = Printer(as_json=False)
-    gl.view(
-        what, trial=trial, web=web, screenshot=screenshot, at=at,
-        robot=robot, soil=soil, column_map=column_map,
-        tell=lambda address: printer.line(f"{address}\nCtrl+C ends it."),
-    )  # fmt: skip
-    if screenshot is not None:
-        printer.line(screenshot)
+    gl.view(what, trial=trial, robot=robot, soil=soil, column_map=column_map)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import sys
 from collections.abc import Mapping
@@ -32,7 +31,7 @@ from granite_lab.commands.printer import Printer, warn, write_picture
 from granite_lab.effects import get
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import ending_of, write_table
-from granite_lab.parameters import load_paper, load_robot, load_soil, load_variants, names
+from granite_lab.parameters import load_paper, load_variants, names
 from granite_lab.parameters.analyses import ALLOWED, allowed_by
 from granite_lab.parameters.changes import checked
 from granite_lab.parameters.new_robot import questions
@@ -109,7 +108,6 @@ def wheel(
     changes: Changes = None,
     model: ModelFile = None, effects: EffectFile = None, active: Active = None,
     out: Annotated[Path | None, Option(help="File for the table, a row for each slip.")] = None,
-    arc: Annotated[Path | None, Option(help="File for the stresses over the contact arc.")] = None,
     plot: Annotated[Path | None, picture("Draw the sweep over slip, or the stresses at one slip")] = None,
     table_format: Format = None, as_json: Json = False,
 ) -> None:  # fmt: skip
@@ -121,15 +119,14 @@ def wheel(
     The table has a row for each slip.
     """
     (slips,) = read_all("--slip", [slip], slips_of, "write 0.2, or start:end:step, as 0:0.9:0.1")
-    endings = [ending_of(path, table_format) for path in (out, arc)]
+    ending = ending_of(out, table_format)
     run = gl.wheel(
         slips, load=load, sinkage=None if sinkage is None else sinkage / 1000, v=v,
         k92=k92, a_theta=a_theta, robot=robot, soil=soil, model=model, effects=effects,
         active=effects_of(active), changes=changes_of(changes),
     )  # fmt: skip
-    for path, frame, ending in zip((out, arc), (run.to_frame, run.arcs), endings, strict=True):
-        if path:
-            write_table(path, frame(), ending)
+    if out:
+        write_table(out, run.to_frame(), ending)
     if plot:
         title = f"{run.points[0].load:.1f} N on {run.soil.name}, k_92 {run.points[0].k92:.3g}"
         write_picture(plot, reporting.pictures.wheel_figure(run.points, title))
@@ -245,32 +242,12 @@ def list_effects(context: typer.Context, effects: EffectFile = None, as_json: Js
 def show_effect(
     effect_id: Annotated[str, Argument(metavar="ID", help="Its id.")],
     effects: EffectFile = None,
-    picture: Annotated[
-        Path | None,
-        picture(
-            "Draw how the effect changes the sensor readings over the four variants",
-            show_default="reports/effects/ID.png",
-        ),
-    ] = None,
-    no_picture: Annotated[bool, Option("--no-picture", help="Text only; simulates nothing.")] = False,
     as_json: Json = False,
 ) -> None:  # fmt: skip
-    """Describe one effect: equation, source and parameters.
-
-    A picture shows how sensor readings change.
-    """
-    if picture and no_picture:
-        raise UsageError("--picture and --no-picture exclude each other", "give one of the two")
+    """Describe one effect: equation, source and parameters."""
     effect, printer = gl.show_effect(effect_id, effects), Printer(as_json)
-    if not (as_json or no_picture):
-        picture = picture or Path("reports") / "effects" / f"{effect.id}.png"
-    sentence = _draw(effect, picture) if picture else ""
-    drawn = {"picture": picture, "picture_shows": sentence} if picture else {}
-    printer.json("effect/1", _described(effect) | drawn)
+    printer.json("effect/1", _described(effect))
     reporting.terminal.show_effect(effect, printer.shown)
-    if picture:
-        printer.line(f"picture: {picture}")
-        printer.say(sentence)
 
 
 @effects.command("check")
@@ -294,18 +271,6 @@ def check_effect(
         printer.say(f"{name}: {described.title}", "bold")
         printer.rows(CHECKS, checks[name])
     refuse_failed(checks, effect)
-
-
-def _draw(effect: Effect, path: Path) -> str:
-    """Write the picture of an effect's signature at a typical size, and return what to see in it."""
-    from granite_lab.effects.contract import typical
-    from granite_lab.planning.imprint import imprint
-
-    jobs = min(4, os.cpu_count() or 1)
-    drawn = imprint(typical(effect), load_robot(), load_soil(), load_variants(), jobs=jobs)
-    drawing = reporting.pictures.effect_drawing(drawn)
-    write_picture(path, drawing.draw())
-    return drawing.caption
 
 
 def _described(effect: Effect) -> dict[str, Any]:

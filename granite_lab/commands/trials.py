@@ -249,8 +249,7 @@ def _show_verification(printer: Printer, verified: Verification) -> None:
 def compare_studies(
     first: Annotated[Path, Argument(metavar="A", help="Folder written by study.")],
     second: Annotated[Path, Argument(metavar="B", help="Folder of the other study.")],
-    out: Annotated[Path | None, Option(
-        metavar="DIR", help="Write a page, a figure and a table into this folder.")] = None,
+    out: Table = None,
     as_json: Json = False,
 ) -> None:  # fmt: skip
     """Compare two studies by the numbers of their reports.
@@ -260,9 +259,10 @@ def compare_studies(
     from granite_lab import two_studies
 
     compared = gl.compare_studies(first, second)
-    page = two_studies.write_compared(compared, out) if out is not None else None
+    if out is not None:
+        write_text(out, two_studies.compared_table(compared).to_csv())
     printer = Printer(as_json)
-    printer.json("compare-studies/1", two_studies.compared_as_json(compared) | {"page": page})
+    printer.json("compare-studies/1", two_studies.compared_as_json(compared))
     printer.say(f"A: {compared.names[0]}; B: {compared.names[1]}")
     rows = tuple(replace(row, quantity=f"{row.quantity} [{tidy_unit(row.unit)}]") for row in compared.rows)
     table = two_studies.compared_table(replace(compared, rows=rows))
@@ -271,8 +271,6 @@ def compare_studies(
     printer.say("B − A: 95 % interval. --out and --json also state the smallest detectable difference.")
     for note in compared.notes:
         printer.say(note)
-    if page is not None:
-        printer.line(f"page: {page}")
 
 
 def discover(

@@ -83,6 +83,7 @@ class Comparison(Shown):
     """One trial, measured and simulated on the same time axis.
 
     Attributes:
+        trial: as estimation corrected it.
         run: the simulation with the fitted k_92.
         t: (N,) time since the start of the command [s].
         measured, measured_std, simulated: channel of `units` to (N,) values in its unit; NaN where nothing
@@ -90,6 +91,7 @@ class Comparison(Shown):
     """
 
     units: ClassVar[dict[str, str]] = UNITS
+    trial: Trial
     motion: Motion
     run: Run
     fit: K92Fit
@@ -161,7 +163,7 @@ def compare(
         values[name], stds[name] = value, sensor_std
         std = np.hypot(sensor_std, np.abs(np.gradient(simulated[name], t)) * late)
         misfits += misfits_of(name, value, std, simulated[name], np.array(motion.phase))
-    return Comparison(motion, run, fit, t, values, stds, simulated, tuple(misfits))
+    return Comparison(trial, motion, run, fit, t, values, stds, simulated, tuple(misfits))
 
 
 def misfits_of(

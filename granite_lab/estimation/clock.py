@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -63,8 +64,8 @@ where the trial is more likely with it by more than this logarithm. The odds are
 motion that tells nothing of the clock: a body that slides on when its wheels stand, stands while they turn,
 or sets off late on soft tyres."""
 
-OUTLYING = LATENCY * float(np.sqrt(2.0 * LOG_ODDS))
-"""A smaller offset [s] never reaches these odds."""
+OUTLYING = float(np.sqrt(2.0 * LOG_ODDS))
+"""An offset of fewer std never reaches these odds."""
 
 
 def ramps(rolling: Rolling) -> bool:
@@ -160,23 +161,38 @@ def find_offset(problem: Problem, *, apart: bool = False) -> Clock:
     shown = by_changes(problem, coarse) if np.isfinite(coarse.std) else None
     if shown is None:
         return Clock(coarse, coarse, coarse.value)
-    latency = float(np.hypot(LATENCY, problem.stamp_std))
+    latency = latency_of(problem)
     usual, unusual = Estimate(0.0, latency), Estimate(shown.value, latency)
     if apart:
         return Clock(shown, shown, shown.value)
     likely = shown.value * latency**2 / (latency**2 + shown.std**2)
-    if abs(shown.value) < LATEST * latency / LATENCY:
+    if abs(shown.value) < LATEST / LATENCY * latency:
         return Clock(usual, shown, likely)
     applied = settle(problem, unusual, robust=False)
     # a body on a spring follows by a quarter of its period at most, whose square the compliance is
     follows = 0.5 * np.pi * float(np.sqrt(applied.compliance)) + 2.0 * shown.std
     lags = 0.0 < shown.value < follows and applied.compliance > problem.compliance
-    if abs(shown.value) < OUTLYING * latency / LATENCY:
+    if abs(shown.value) < OUTLYING * latency:
         return Clock(usual, shown, 0.0 if lags else likely)
     ordinary = settle(problem, usual, robust=False).by_filter.innovations
     if applied.by_filter.innovations.log_likelihood - ordinary.log_likelihood < LOG_ODDS:
         return Clock(usual, shown, 0.0)
-    return Clock(usual, usual, 0.0) if lags else Clock(unusual, shown, shown.value)
+    if lags:
+        return Clock(usual, usual, 0.0)
+    # a loud IMU shows its onsets vaguely: what they show must exclude an ordinary latency by themselves
+    vague = abs(shown.value) < OUTLYING * float(np.hypot(latency, shown.std))
+    return Clock(usual, shown, 0.0) if vague else Clock(unusual, shown, shown.value)
+
+
+def latency_of(problem: Problem) -> float:
+    """Return the std of an ordinary offset of the clocks [s].
+
+    Where each row holds both sensors, its stamp is that of the row: a reading may be up to a period old.
+    """
+    latest = LATEST
+    if problem.rolling is not None and np.array_equal(problem.rolling.t, problem.imu.t):
+        latest = max(LATEST, problem.imu.period)
+    return math.hypot(latest / LATEST * LATENCY, problem.stamp_std)
 
 
 def agreed(by_onsets: Estimate, by_filter: Estimate, compliance: float) -> Estimate:

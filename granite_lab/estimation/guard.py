@@ -12,10 +12,10 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.health import sentence
 from granite_lab.estimation.motion import TELLING, Motion, slips_of
-from granite_lab.logs.counters import integral, mean_known
+from granite_lab.logs.counters import Mask, integral, mean_known, runs
 from granite_lab.logs.sensors.doubt import Doubt, Grade
-from granite_lab.logs.sensors.standstill import Interval
-from granite_lab.logs.trial import WheelStream
+from granite_lab.logs.sensors.standstill import MOVING, Interval
+from granite_lab.logs.trial import Array, WheelStream
 from granite_lab.parameters import GRAVITY, WHEELS, Soil
 
 CONTRADICTS = 3.0
@@ -24,6 +24,12 @@ CONTRADICTS = 3.0
 RADIUS = 0.04
 """Std of the effective wheel radius against the robot's file, as a share: deflection, wear and lugs of a tyre
 change the rolling radius by some per cent (Wong, Theory of Ground Vehicles, section 1.2)."""
+
+FOLLOWS = 0.25
+"""Time within which a body follows its wheels on sand [s]."""
+
+FEWEST, OUTLIERS = 10, 0.05
+"""At least so many means over `FOLLOWS` are judged; chance makes fewer than this share of them contradict."""
 
 UNFIT = 4.0
 """Innovations this many times as large as predicted (rms) show a noise model that does not fit the log."""
@@ -92,8 +98,10 @@ def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
     if motion.slip_ratio.std > TELLING:
         vague = f"the slip ratio is known to ± {100 * motion.slip_ratio.std:.0f} points only"
         yield Doubt(vague, grade="fair")
+    low = -SlipModel.per_acceleration * GRAVITY * max(_downhill(motion), 0.0)
+    if surge := _surging(motion, low, usual):
+        yield surge
     for slip, where in slips_of(motion):
-        low = -SlipModel.per_acceleration * GRAVITY * max(_downhill(motion), 0.0)
         beyond = max(low - slip.value, slip.value - 1.0)
         contradicted = beyond > CONTRADICTS * math.hypot(slip.std, RADIUS)
         if contradicted:
@@ -110,25 +118,69 @@ def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
             )  # fmt: skip
 
 
+def _surging(motion: Motion, low: float, usual: float) -> Doubt | None:
+    """Return the doubt about a body that is faster, or goes the other way, than its steady wheels allow.
+
+    The slip ratio over all may look usual while vibration that the IMU folds to slow frequencies, or a bias
+    that changes, swings the velocity. It is judged over `FOLLOWS`, from `low` to 1 within its std.
+    """
+    steady = np.array([phase == "steady" for phase in motion.phase])
+    wheels, body, std = (
+        _means(motion, x, steady) for x in (mean_known(motion.v_wheel), motion.v, motion.v_std)
+    )
+    rolls = np.abs(wheels) > MOVING  # not where they are unknown
+    if np.count_nonzero(rolls) < FEWEST:
+        return None
+    slip, unsure = 1.0 - body[rolls] / wheels[rolls], std[rolls] / np.abs(wheels[rolls])
+    beyond = np.maximum(low - slip, slip - 1.0)
+    contradicted = beyond > CONTRADICTS * np.hypot(unsure, RADIUS)
+    if np.count_nonzero(contradicted) <= OUTLIERS * contradicted.size:
+        return None
+    worst = float(slip[np.argmax(beyond)])
+    seen = f"the slip ratio reaches {100 * worst:.0f} % while the wheels turn steadily"
+    why = "which rolling wheels do not allow"
+    return Doubt(f"{seen}, {why}", grade="poor", std=0.5 * abs(worst - usual))
+
+
 def _odd_wheel(motion: Motion) -> Doubt | None:
     """Return the doubt about a wheel that rolls another way than three that agree, in the steady part.
 
-    They agree within the std of their radii, and it is beyond three of these. Three wheels alike show that
-    the robot does not turn. Which is right, the one or the three, no log tells.
+    They agree within the std of their radii, and it is beyond three of these: over all, or over `FOLLOWS`
+    now and then, by which it adds up to more than the std of the slip ratio. Three wheels alike show that the
+    robot does not turn. Which is right, the one or the three, no log tells.
     """
     inside = (motion.t >= motion.steady[0]) & (motion.t <= motion.steady[1])
-    ways = np.abs(np.nansum(motion.v_wheel[inside], axis=0)) if inside.any() else np.zeros(4)
-    usual = float(np.median(ways))
-    if usual == 0.0 or not np.isfinite(motion.v_wheel[inside]).all():
+    if not inside.any() or not np.isfinite(motion.v_wheel[inside]).all():
         return None
-    far = ways / usual - 1.0
-    *near, odd = np.argsort(np.abs(far))
-    if abs(far[odd]) < CONTRADICTS * RADIUS or np.ptp(far[near]) > RADIUS:
-        return None
-    way = "more" if far[odd] > 0 else "less"
     why = "its encoder counts wrongly, or it slips by itself"
-    seen = f"wheel {WHEELS[odd]} rolls {100 * abs(far[odd]):.0f} % {way} than the others, which agree: {why}"
-    return Doubt(seen, grade="fair", rolled=abs(far[odd]) / len(WHEELS))
+    whole = np.sum(motion.v_wheel[inside], axis=0, keepdims=True)
+    if (far := float(_odd_share(whole).sum())) != 0.0:
+        wheel, way = int(np.argmax(np.abs(_odd_share(whole)))), "more" if far > 0 else "less"
+        seen = f"wheel {WHEELS[wheel]} rolls {100 * abs(far):.0f} % {way} than the others, which agree"
+        return Doubt(f"{seen}: {why}", grade="fair", rolled=abs(far) / len(WHEELS))
+    far_of = np.abs(_odd_share(_means(motion, motion.v_wheel, inside)))
+    wheel, share = int(np.argmax(far_of)), float(np.max(far_of, initial=0.0))
+    if share <= len(WHEELS) * motion.slip_ratio.std:
+        return None
+    seen = f"wheel {WHEELS[wheel]} rolls {100 * share:.0f} % unlike the others, which agree, in some moments"
+    return Doubt(f"{seen}: {why}", grade="fair", rolled=share / len(WHEELS))
+
+
+def _odd_share(ways: Array) -> Array:
+    """(4,) ways by which each wheel is at odds with three that agree, over the usual way of all (M, 4)."""
+    usual = np.median(np.abs(ways), axis=1)
+    far = np.abs(ways) / np.maximum(usual, MOVING)[:, None] - 1.0
+    by_size = np.take_along_axis(far, np.argsort(np.abs(far), axis=1), axis=1)
+    agree = (np.ptp(by_size[:, :-1], axis=1) <= RADIUS) & (usual > MOVING)
+    odd = agree[:, None] & (np.abs(far) >= CONTRADICTS * RADIUS)
+    return np.asarray((odd * far * usual[:, None]).sum(axis=0) / max(float(usual.sum()), MOVING))
+
+
+def _means(motion: Motion, values: Array, where: Mask) -> Array:
+    """(M, ...) means of values (N, ...) over `FOLLOWS` each, in the stretches `where` (N,) is True."""
+    size = max(round(FOLLOWS / float(np.median(np.diff(motion.t)))), 1)
+    parts = [values[k : k + size].mean(axis=0) for a, b in runs(where) for k in range(a, b - size + 1, size)]
+    return np.array(parts).reshape(-1, *values.shape[1:])
 
 
 def _rolled(motion: Motion, share: float) -> Motion:

@@ -10,7 +10,7 @@ from scipy.special import gammaincc
 
 from granite_lab.estimation.error_model import BA, BG, Noise, V
 from granite_lab.estimation.motion import Health
-from granite_lab.estimation.smoother import Solution, usual
+from granite_lab.estimation.smoother import WANDERS, Solution, slow_excess, usual
 from granite_lab.logs.sensors.doubt import Grade
 from granite_lab.logs.sensors.faults import Faults
 from granite_lab.logs.sensors.standstill import Interval
@@ -45,6 +45,7 @@ class Statistics:
     white: float  # `correlation` of successive ones
     chance: float  # `ljung_box` of them
     wild: float  # share beyond four std
+    slow: float  # `slow_excess` of them
 
 
 def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Faults, noise: Noise) -> Health:
@@ -59,7 +60,9 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
             of_kind = came.updates.kind == kind
         ratio = (came.value / sigma)[of_kind]
         nis, wild = float(np.mean(ratio**2)), float(np.mean(np.abs(ratio) > 4.0))
-        kinds[kind] = Statistics(nis, ratio.size, correlation(ratio), ljung_box(ratio), wild)
+        kinds[kind] = Statistics(
+            nis, ratio.size, correlation(ratio), ljung_box(ratio), wild, slow_excess(ratio)
+        )
     std = np.sqrt(np.maximum(np.diagonal(smoothed.P, axis1=1, axis2=2), 0.0))
 
     def at_stamps(values: Array) -> Array:
@@ -122,8 +125,10 @@ def judge_health(
             )
         elif statistics.wild > 0.02:
             complaints.append(f"{WHAT[kind]} has {100 * statistics.wild:.0f} % outliers")
-        elif kind == "wheel" and statistics.white > 0.5 and statistics.nis > 1.0:
-            complaints.append(f"{WHAT[kind]} wander in a way that the slip model does not know")
+        elif kind == "wheel" and statistics.slow > WANDERS:
+            complaints.append(
+                f"{WHAT[kind]} wander in a way that the slip model does not know, and the std is widened"
+            )
     if shaken > SHAKEN:
         complaints.append(f"motion makes the pitch gyro {shaken:.0f} times as noisy as it is at rest")
     lost = sum(end - begin for begin, end in faults.gaps)

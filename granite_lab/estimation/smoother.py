@@ -31,6 +31,9 @@ SETTLED = 0.02
 PASSES = 4
 """Passes at most."""
 
+WANDERS = 3.0
+"""Slow innovations of the wheels whose mean square is this many times the predicted one are no chance."""
+
 NOISY = ("wheel", "specific_force", "zero_rate", "reference_v", "reference_x")
 """Measurements whose noise grows where they miss their prediction. A standstill or a tape is exact: there the
 prediction is to blame."""
@@ -360,8 +363,26 @@ def mismatch(came: Innovations) -> dict[str, float]:
 
 
 def widening(came: Innovations) -> float:
-    """Factor on all variances, by the kind of measurement that misses its prediction most."""
-    return max(mismatch(came).values(), default=1.0)
+    """Factor on all variances, by the kind of measurement that misses its prediction most.
+
+    Wheels that wander against the IMU count by their slow innovations.
+    """
+    wheel = came.fresh("wheel")
+    wander = slow_excess((came.value / np.sqrt(came.variance))[wheel])
+    return max([*mismatch(came).values(), wander if wander > WANDERS else 1.0])
+
+
+def slow_excess(ratio: Array) -> float:
+    """Mean square of slow innovations over the predicted one, by normalised ones (U,) in their order.
+
+    Where successive ones correlate by r, as autoregressive noise does, their density at low frequencies is
+    (1 + r) / (1 - r) times that of white noise, which is what adds up over many samples.
+    """
+    squares = float(np.sum(ratio**2))
+    if ratio.size < 8 or squares == 0.0:
+        return 0.0
+    r = min(float(np.sum(ratio[1:] * ratio[:-1])) / squares, 0.999)
+    return squares / ratio.size * (1.0 + r) / (1.0 - r)
 
 
 def usual(n: int) -> float:

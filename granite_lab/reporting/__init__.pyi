@@ -6,14 +6,13 @@ from . import (
     names,
     pictures,
     recording,
-    report,
     search_tables,
     speeds,
     table,
     tables,
     terminal,
 )
-from .write import write_comparison, write_finding, write_parts, write_report
+from .write import write_comparison, write_finding, write_report
 
 __all__ = [
     "answers",
@@ -23,7 +22,6 @@ __all__ = [
     "names",
     "pictures",
     "recording",
-    "report",
     "search_tables",
     "speeds",
     "table",
@@ -31,6 +29,5 @@ __all__ = [
     "terminal",
     "write_comparison",
     "write_finding",
-    "write_parts",
     "write_report",
 ]

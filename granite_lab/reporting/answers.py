@@ -15,13 +15,13 @@ from granite_lab.parameters import by_speed, load_paper
 from granite_lab.reporting.channels import AGREES, SMALL, ChannelAnswer, channels_of
 from granite_lab.reporting.names import (
     MUCH,
+    Step,
     capital,
     describe,
     in_plain_words,
     inside,
     listed,
     next_steps,
-    parted,
     plain,
     sensor,
     strained_in_words,
@@ -95,7 +95,7 @@ class Answers:
     lead: str
     virtual: str
     questions: tuple[Answer, ...]
-    steps: tuple[str, ...]
+    steps: tuple[Step, ...]
     speeds: tuple[Speed, ...] = ()
     a_theta: Number | None = None
     a_theta_agrees: bool | None = None
@@ -112,7 +112,7 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
     paper, finding = load_paper(), result.finding
     speeds = speeds_of(result, paper)
     a_theta, agrees = a_theta_of(result.a_theta)
-    channels = channels_of(gaps([r.comparison for r in result.trials]), finding)
+    channels = channels_of(gaps(result.trials), finding)
     questions, no_k92 = [], why_no_k92(result)
     if quiet := silent(result):
         speeds = tuple(replace(s, k92_note="not known") for s in speeds)
@@ -130,11 +130,13 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
     questions += [closes_answer(finding)] if finding else []
     questions.append(_trust(result, finding))
     user_effects = dict(result.source.options).get("effects", "")
-    steps: tuple[str, ...] = (REMEDY,) if quiet else ()
+    steps: tuple[Step, ...] = (Step(REMEDY),) if quiet else ()
     if finding is not None:
         steps = next_steps(finding, model, folder or result.name, user_effects)
+    if steps:
+        questions.append(Answer("next", "What to do next?", "", steps[0].text, command=steps[0].command))
     return Answers(
-        _lead(result, speeds), _virtual(result), (*questions, *_next(steps)), steps, speeds, a_theta, agrees,
+        _lead(result, speeds), _virtual(result), tuple(questions), steps, speeds, a_theta, agrees,
         channels, paper.a_theta, quiet,
     )  # fmt: skip
 
@@ -173,7 +175,7 @@ def _lead(result: StudyResult, speeds: Sequence[Speed]) -> str:
         return f"{_drove(len(driven), [robot], [soil], sorted(set(driven.values())))}."
     if not result.trials:
         return f"None of {len(result.failures)} trials could be used. The reasons are listed below."
-    runs = [r.comparison.run for r in result.trials]
+    runs = [r.run for r in result.trials]
     robots, soils = [r.robot.title for r in runs], [r.soil.title for r in runs]
     counts = {len(s.results) for s in speeds}
     each = f" ({counts.pop()} at each speed)" if len(counts) == 1 and len(speeds) > 1 else ""
@@ -192,7 +194,7 @@ def _virtual(result: StudyResult) -> str:
             "real sand."
         )
     count, n = (
-        sum(r.trial.info.virtual or r.comparison.motion.virtual for r in result.trials),
+        sum(r.trial.info.virtual or r.motion.virtual for r in result.trials),
         len(result.trials),
     )
     which = "All trials are" if count == n else f"{count} of {n} trials are"
@@ -445,7 +447,7 @@ def closes_answer(finding: Finding) -> Answer:
 def _trust(result: StudyResult, finding: Finding | None) -> Answer:
     """Say what speaks for the answers, and every doubt."""
     grounds, doubts = [], []
-    doubtful = [r.trial.name for r in result.trials if not r.comparison.motion.health.good]
+    doubtful = [r.trial.name for r in result.trials if not r.motion.health.good]
     n = len(result.trials)
     if doubtful:
         more = f" and {len(doubtful) - 3} more" if len(doubtful) > 3 else ""
@@ -489,10 +491,3 @@ def all_good(n: int) -> str:
     """Say that all of n motion estimates are good."""
     which = {1: "The motion estimate is", 2: "Both motion estimates are"}
     return f"{which.get(n, f'All {n} motion estimates are')} good."
-
-
-def _next(steps: Sequence[str]) -> tuple[Answer, ...]:
-    if not steps:
-        return ()
-    text, command = parted(steps[0])
-    return (Answer("next", "What to do next?", "", text, command=command),)

@@ -19,7 +19,7 @@ from markupsafe import Markup
 from granite_lab.comparison.compare import STANDSTILL, UNITS, Comparison, simulated_channels, standstill_mean
 from granite_lab.discovery.finding import Finding
 from granite_lab.errors import EstimateError
-from granite_lab.logs.trial import Array, Trial
+from granite_lab.logs.trial import Array
 from granite_lab.model.simulator import simulate
 from granite_lab.parameters import WHEELS, by_speed
 from granite_lab.processes import shared_out
@@ -27,7 +27,7 @@ from granite_lab.reporting.canvas import extremes
 from granite_lab.reporting.names import SENSORS, with_found
 from granite_lab.reporting.plot_motion import shown_channel
 from granite_lab.reporting.render import rendered
-from granite_lab.results import CHANNELS, StudyResult, TrialResult
+from granite_lab.results import CHANNELS, StudyResult
 from granite_lab.rounding import axis_unit, shown_as
 
 POINTS, FEWEST = 900, 150
@@ -95,27 +95,26 @@ def to_explore(result: StudyResult, name: str, jobs: int = 1) -> str:
     return rendered("explore.html", name=name, data=data, script=script, plotly=Markup(program))
 
 
-def _shown(trials: Sequence[TrialResult]) -> list[TrialResult]:
+def _shown(trials: Sequence[Comparison]) -> list[Comparison]:
     """Return the trials of the page, slow ones first: all, or of each speed equally many."""
-    speeds = by_speed(r.comparison.motion.variant.velocity for r in trials)
+    speeds = by_speed(r.motion.variant.velocity for r in trials)
     each = max(1, MOST // max(1, len(speeds))) if len(trials) > MOST else len(trials)
     return [trials[i] for positions in speeds.values() for i in positions[:each]]
 
 
-def _packed(given: tuple[StudyResult, Sequence[TrialResult], int], k: int) -> dict[str, Any]:
+def _packed(given: tuple[StudyResult, Sequence[Comparison], int], k: int) -> dict[str, Any]:
     """Return trial number `k` for JSON, its lines thinned."""
     result, shown, points = given
-    r = shown[k]
-    c = r.comparison
-    curves = [*_motion_curves(r.trial, c, result.finding), *_search_curves(c, result.finding)]
+    c = shown[k]
+    curves = [*_motion_curves(c, result.finding), *_search_curves(c, result.finding)]
     steady = [x if math.isfinite(x) else None for x in c.run.steady]
     return {
-        "name": r.trial.name, "speed": float(f"{c.motion.variant.velocity:.3g}"), "steady": steady,
+        "name": c.trial.name, "speed": float(f"{c.motion.variant.velocity:.3g}"), "steady": steady,
         "good": c.motion.health.good, "curves": {signal.id: _thin(signal, points) for signal in curves},
     }  # fmt: skip
 
 
-def _motion_curves(trial: Trial, c: Comparison, finding: Finding | None) -> Iterator[Curves]:
+def _motion_curves(c: Comparison, finding: Finding | None) -> Iterator[Curves]:
     """Yield the channels of a comparison."""
     later = _with_found(c, finding)
     for name in (n for n in UNITS if n in c.measured):
@@ -123,7 +122,7 @@ def _motion_curves(trial: Trial, c: Comparison, finding: Finding | None) -> Iter
         simulated = shown_channel(c, "simulated", name)[0]
         augmented = None if later is None else shown_channel(later, "simulated", name)[0]
         words = CHANNELS.get(name) or f"{WHEEL_NAMES[name.removeprefix('wheel_')]} wheel speed"
-        raw = _raw_wheel(trial, c, name)
+        raw = _raw_wheel(c, name)
         yield Curves(name, words, UNITS[name], name in READ, c.t, value, std, simulated, augmented, raw)
 
 
@@ -142,11 +141,11 @@ def _with_found(c: Comparison, finding: Finding | None) -> Comparison | None:
     return dataclasses.replace(c, run=run, simulated=simulated)
 
 
-def _raw_wheel(trial: Trial, c: Comparison, name: str) -> tuple[Array, Array] | None:
+def _raw_wheel(c: Comparison, name: str) -> tuple[Array, Array] | None:
     """Return the speed of a wheel by the differences of its encoder's angle [m/s]."""
-    if not name.startswith("wheel_") or trial.wheels is None:
+    if not name.startswith("wheel_") or c.trial.wheels is None:
         return None
-    k, wheels = WHEELS.index(name.removeprefix("wheel_")), trial.wheels
+    k, wheels = WHEELS.index(name.removeprefix("wheel_")), c.trial.wheels
     late = c.motion.clock_left.value if math.isfinite(c.motion.clock_left.value) else 0.0
     t = wheels.t + late - (c.motion.t[0] - c.t[0])
     radius = c.run.robot.wheels.radius

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.errors import InputError
 from granite_lab.estimate import Estimate
@@ -21,7 +22,7 @@ from granite_lab.origin import Source
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.canvas import FORMATS
 from granite_lab.reporting.report import Report
-from granite_lab.results import SCHEMA, StudyResult, TrialResult, gaps, shown_path, warnings_of
+from granite_lab.results import SCHEMA, StudyResult, gaps, shown_path, warnings_of
 from granite_lab.shown import jsonable, picked
 
 
@@ -43,7 +44,7 @@ def to_json(
         "virtual": result.virtual,
         "answers": answers_as_json(report.answers),
         "a_theta": a_theta_as_json(result.a_theta),
-        "misfits": list(gaps([r.comparison for r in result.trials]).values()),
+        "misfits": list(gaps(result.trials).values()),
         "discovery": finding_as_json(finding, model) if finding is not None else None,
         "trials": [_trial(r) for r in result.trials],
         "failures": result.failures,
@@ -134,16 +135,16 @@ def k92_as_json(fit: K92Fit) -> dict[str, Any]:
     }
 
 
-def _trial(r: TrialResult) -> dict[str, Any]:
-    motion = r.comparison.motion
+def _trial(r: Comparison) -> dict[str, Any]:
+    motion = r.motion
     about = picked(r.trial, "name", "layout") | {
         "virtual": r.trial.info.virtual or motion.virtual,
         "repetition": r.trial.info.repetition,
-        "effects": r.comparison.run.effects,
-        "misfits": r.comparison.misfits,
+        "effects": r.run.effects,
+        "misfits": r.misfits,
         "warnings": warnings_of(r),
     }
-    return about | motion_as_json(motion) | k92_as_json(r.comparison.fit)
+    return about | motion_as_json(motion) | k92_as_json(r.fit)
 
 
 def dumps(document: Mapping[str, Any]) -> str:

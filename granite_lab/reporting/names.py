@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 from urllib.parse import urlencode
 
 import numpy as np
@@ -203,14 +204,14 @@ def strained_in_words(finding: Finding) -> list[str]:
     return [f"at a bound, or over 2 std from file or usual range: {listed(numbers)}"] if numbers else []
 
 
-def _measure_soil(finding: Finding) -> list[str]:
+def _measure_soil(finding: Finding) -> list[Step]:
     """Ask for a measurement of the soil where the fit moves its numbers far."""
     far = [words for name, (_, words) in SAND.items() if name in finding.strained and name != "a_theta"]
     if not far:
         return []
     them = "it" if len(far) == 1 else "them"
     measure = f"Measure {listed(far)} of this soil and write {them} into its file, then search again"
-    return [f"{measure}: the fit moves {them} more than 2 std from there."]
+    return [Step(f"{measure}: the fit moves {them} more than 2 std from there.")]
 
 
 def capital(text: str) -> str:
@@ -286,8 +287,17 @@ def law_formulas(finding: Finding) -> tuple[str, ...]:
     return tuple(formulas)
 
 
-def next_steps(finding: Finding, model: Path | str | None, folder: str, effects: str = "") -> tuple[str, ...]:
-    """Say what to do with a finding, most useful first; a command ends its sentence.
+class Step(NamedTuple):
+    """What to do next, and the command that does it; empty where there is none."""
+
+    text: str
+    command: str = ""
+
+
+def next_steps(
+    finding: Finding, model: Path | str | None, folder: str, effects: str = ""
+) -> tuple[Step, ...]:
+    """Say what to do with a finding, most useful first.
 
     `effects` is the user's own effect file that the search was given; empty where there is none.
     """
@@ -295,48 +305,46 @@ def next_steps(finding: Finding, model: Path | str | None, folder: str, effects:
     plan = f"granite-lab plan-next {pasted(folder)}{given}"
     user_effect = "granite-lab discover TRIALS --effects my_effect.py"
     again = "Drive two trials or more at each of three speeds, then search again."
-    steps = [again] if finding.provisional else []
+    steps = [Step(again)] if finding.provisional else []
     if finding.verdict == "none":
-        return (
-            *steps,
-            f"Nothing needs to be added. Plan a trial that shows effects too small for these trials: {plan}",
-        )
+        nothing = "Nothing needs to be added. Plan a trial that shows effects too small for these trials."
+        return (*steps, Step(nothing, plan))
     if finding.verdict == "unknown":
-        look = (
+        look = Step(
             "Find what changes from trial to trial, for example uneven ground, wind or a warm motor. Then "
             "repeat the trials without it."
-            if finding.scatter
-            else "See where the model disagrees, and test a suspected cause as an effect of your own: "
-            + user_effect
         )
-        return (*steps, look, f"Plan the next trial: {plan}")
+        if not finding.scatter:
+            see = "See where the model disagrees, and test a suspected cause as an effect of your own."
+            look = Step(see, user_effect)
+        return (*steps, look, Step("Plan the next trial.", plan))
     steps += _measure_soil(finding)
     faults = [plain(e.id) for e in finding.effects if (effect := met(e.id)) and effect.fault]
     if faults:
         steps.append(
-            f"{capital(listed(faults))} is an error of the measurement, not of the model. Correct it on the "
-            "robot or in the logs by the number found, and search again."
+            Step(
+                f"{capital(listed(faults))} is an error of the measurement, not of the model. Correct it on "
+                "the robot or in the logs by the number found, and search again."
+            )
         )
     twins = {plain(e.id): listed([plain(t) for t in e.twins], "or") for e in finding.effects if e.twins}
     steps += [
-        f"Plan the trial that separates {named} from {others}: {plan}" for named, others in twins.items()
+        Step(f"Plan the trial that separates {named} from {others}.", plan) for named, others in twins.items()
     ]
     if finding.remainder > MUCH:
-        steps.append(f"Part of the gap remains. Test an effect of your own: {user_effect}")
+        steps.append(Step("Part of the gap remains. Test an effect of your own.", user_effect))
     if model and finding.simulates and len(faults) < len(finding.effects):
         speed = min(finding.simulates, key=lambda v: abs(v - TYPICAL))
+        saved = pasted(f"{folder}/{Path(model).name}")
         steps.append(
-            "Simulate with what was found. At other speeds and on other sand no trial has confirmed the "
-            f"result: granite-lab simulate --model {pasted(f'{folder}/{Path(model).name}')}{given} "
-            f"--variant {speed:g}"
+            Step(
+                "Simulate with what was found. At other speeds and on other sand no trial has confirmed the "
+                "result.",
+                f"granite-lab simulate --model {saved}{given} --variant {speed:g}",
+            )
         )
-    return (*steps, *([] if twins else [f"Plan the trial that lowers the largest std of an effect: {plan}"]))
-
-
-def parted(step: str) -> tuple[str, str]:
-    """Return the sentence of a step and its command, empty where there is none."""
-    text, _, command = step.partition(": granite-lab ")
-    return f"{text.rstrip('.')}.", f"granite-lab {command.rstrip('.')}" if command else ""
+    sharpen = Step("Plan the trial that lowers the largest std of an effect.", plan)
+    return (*steps, *([] if twins else [sharpen]))
 
 
 def from_here(path: Path) -> str:

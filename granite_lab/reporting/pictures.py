@@ -1,10 +1,8 @@
-"""Figures without a report: the channels of a log, the signature of an effect, and one wheel."""
+"""Figures without a report: the channels of a log, and one wheel."""
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
-from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -13,16 +11,12 @@ from matplotlib.figure import Figure as Canvas
 
 from granite_lab.errors import InputError, UsageError, printable
 from granite_lab.logs.trial import Array, Trial
-from granite_lab.model.command import steady_interval
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting import canvas
-from granite_lab.reporting.canvas import Figure
-from granite_lab.rounding import percent, significant, tidy_unit, with_unit
 
 if TYPE_CHECKING:
     from granite_lab.logs import Inspection
     from granite_lab.model.single_wheel import WheelPoint
-    from granite_lab.planning.imprint import Imprint, Seen
 
 WIDTH, HEIGHT = 6.4, 1.3
 """Of the figure and of a panel [in]."""
@@ -138,94 +132,6 @@ def _draw(axis: Axes, trace: Trace, origin: float) -> None:
     gaps = np.flatnonzero(steps > 10 * np.median(steps)) + 1 if len(steps) else np.zeros(0, dtype=np.intp)
     t, values = np.insert(t, gaps, np.nan), np.insert(values, gaps, np.nan)
     axis.plot(t, values, color=trace.colour, ls=trace.dashes, lw=0.9, label=trace.name)
-
-
-class Row(NamedTuple):
-    """A row of panels: channel, its name, unit and factor, and the smallest half height in that unit."""
-
-    channel: str
-    name: str
-    unit: str
-    factor: float
-    half: float
-
-
-ROWS = (
-    Row("accel_x", "IMU, along", "m/s²", 1.0, 0.02),
-    Row("accel_z", "IMU, up", "m/s²", 1.0, 0.02),
-    Row("pitch_rate", "pitch rate", "°/s", 180 / np.pi, 0.2),
-    Row("wheel", "wheel speed", "°/s", 180 / np.pi, 0.5),
-    Row("current_f", "front current", "A", 1.0, 0.05),
-    Row("current_r", "rear current", "A", 1.0, 0.05),
-)
-
-WIDE, PANEL = 9.2, 1.02
-"""Of the figure and height of a panel [in]."""
-
-
-def effect_drawing(imprint: Imprint) -> Figure:
-    """Draw one column a command and one row a channel, raw and after what else could explain it."""
-    effect = imprint.active.effect
-    title, name = f"Signature of {effect.id}: {effect.title}", f"effect_{effect.id}"
-    share = percent(imprint.share) if imprint.share else "Nothing"
-    caption = (
-        f"{share} of the change by the effect (orange) remains after sand, start time and offsets of the "
-        "sensors are fitted again (blue)."
-    )
-    return Figure(name, title, caption, partial(_effect, imprint))
-
-
-def _effect(imprint: Imprint) -> Canvas:
-    heading = textwrap.wrap(f"{imprint.active.effect.title}: {sizes(imprint)}", 84)
-    above = 0.62 + 0.18 * len(heading)
-    frame = canvas.Frame(left=0.85, head=above, gap=0.16, width=WIDE, label=0.34)
-    figure, axes = canvas.panels([PANEL] * len(ROWS), len(imprint.seen), frame)
-    inches, tall = figure.dpi_scale_trans, figure.get_size_inches()[1]
-    figure.text(
-        0.12, tall - 0.1, "\n".join(heading), transform=inches, va="top", fontsize=10.5, weight="bold"
-    )
-    grid = np.array(axes).reshape(len(ROWS), -1)
-    for row, own in zip(ROWS, grid, strict=True):
-        half = max([row.half, *(_signals(a, s, row) for a, s in zip(own, imprint.seen, strict=True))])
-        own[0].set(ylim=(-1.12 * half, 1.12 * half), ylabel=f"{row.name}\n[{row.unit}]")
-    for top, bottom, seen in zip(grid[0], grid[-1], imprint.seen, strict=True):
-        v = seen.observation.variant
-        top.set_title(f"{v.velocity:g} m/s, {v.acceleration:g} m/s², {v.distance:g} m", pad=4)
-        bottom.set(xlabel="time since start [s]", xlim=seen.observation.t[[0, -1]])
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="upper left", ncols=3, fontsize=8.5, bbox_transform=inches,
-        bbox_to_anchor=(0.06, tall - above + 0.52),
-    )  # fmt: skip
-    return figure
-
-
-def _signals(axis: Axes, seen: Seen, row: Row) -> float:
-    """Draw one panel and return the largest value in it."""
-    span = steady_interval(seen.observation.variant)
-    axis.axvspan(*span, color=canvas.SHADE, linewidth=0, zorder=0, label="constant speed")
-    axis.axhline(0, color=canvas.INK, linewidth=0.5, zorder=1)
-    largest = 0.0
-    for signals, colour, weight, label in (
-        (seen.raw, canvas.SIMULATED_LIGHT, 1.6, "changed by the effect, all else equal"),
-        (seen.left, canvas.MEASURED, 1.1, "left once sand and sensors are fitted anew"),
-    ):
-        values = signals[row.channel]
-        if row.channel == "wheel":  # an angle that is known at the later edge of each bin
-            values = np.diff(values, prepend=values[0]) / seen.observation.width
-        axis.plot(seen.observation.t, row.factor * values, color=colour, linewidth=weight, label=label)
-        largest = max(largest, row.factor * float(np.abs(values).max()))
-    return largest
-
-
-def sizes(imprint: Imprint) -> str:
-    """Return the parameters with units, those of one size together."""
-    active = imprint.active
-    named: dict[str, list[str]] = {}
-    for p, value in zip(active.effect.parameters, active.values, strict=True):
-        size = with_unit(significant(value, 2), tidy_unit(p.unit)).replace("\u00a0°", "°")
-        named.setdefault(size, []).append(p.name.replace("_", " "))
-    return ", ".join(f"{' = '.join(names)} = {size}" for size, names in named.items())
 
 
 def wheel_figure(points: Sequence[WheelPoint], title: str) -> Canvas:

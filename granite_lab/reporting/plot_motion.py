@@ -75,11 +75,11 @@ PANELS = (
 
 def motion_figure(speed: Speed) -> Figure:
     """Draw one speed, measured and simulated: its typical trial; the title judges all of them."""
-    c, n = speed.typical.comparison, len(speed.results)
+    c, n = speed.typical, len(speed.results)
     like = f", the middle one of {n} by slip" if n > 1 else ""
     like += f"; as {PAPER[speed.velocity]} of the paper" if speed.velocity in PAPER else ""
-    title = f"{speed.velocity:g} m/s: {_verdict([r.comparison for r in speed.results])}"
-    virtual = any(r.comparison.motion.virtual for r in speed.results)
+    title = f"{speed.velocity:g} m/s: {_verdict(speed.results)}"
+    virtual = any(r.motion.virtual for r in speed.results)
     name = f"motion_{speed_stem(speed.velocity)}"
     caption = f"Trial {c.motion.trial}{like}."
     return Figure(name, title, caption, partial(_history, c), virtual, lines_of(c.motion.trial))

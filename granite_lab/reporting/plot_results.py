@@ -137,7 +137,7 @@ def k92_over_slip(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figu
         if line is not None:
             fitted = line[0] + line[1] * x
             axis.plot(100 * x, fitted, color=canvas.FITTED, linewidth=UNDER, label="fitted line")
-        fits = [(r.comparison.fit, len(s.results)) for s in answers.speeds for r in s.results]
+        fits = [(r.fit, len(s.results)) for s in answers.speeds for r in s.results]
         _trials(axis, [(f.slip_measured, _usable(f), n) for f, n in fits], (100.0, 1.0))
         axis.plot(100 * x, paper.fig4_intercept + paper.fig4_slope * x, color=canvas.PAPER, linestyle=DASHED)
         _published(axis, [(100 * p.slip_measured, p.k92) for p in paper.table3])
@@ -164,7 +164,7 @@ def _panel(draw: Callable[[Axes], None], x: str, y: str) -> Canvas:
 
 def _over_speed(speeds: Sequence[Speed], value: Callable[[Comparison], Estimate]) -> list[Point]:
     return [
-        (Estimate(x, 0.0), value(r.comparison), len(s.results))
+        (Estimate(x, 0.0), value(r), len(s.results))
         for s in speeds
         for x, r in zip(abscissae(s), s.results, strict=True)
     ]

@@ -1,4 +1,4 @@
-"""Reports as HTML, Markdown and PDF, and tables as LaTeX, all from templates.
+"""Reports as HTML, Markdown and PDF, their first screen in a notebook, and tables as LaTeX, by templates.
 
 All text from a log is escaped.
 """
@@ -10,18 +10,17 @@ import re
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from granite_lab.reporting.answers import of_study
 from granite_lab.reporting.canvas import typeset
 from granite_lab.reporting.report import MODEL, Report
+from granite_lab.reporting.speeds import first_table
+from granite_lab.results import StudyResult
 from granite_lab.rounding import kept
-from granite_lab.shown import jsonable
-
-if TYPE_CHECKING:
-    from granite_lab.results import StudyResult
+from granite_lab.shown import as_html, jsonable
 
 _SYMBOL = re.compile(r"\b(k_92|k_c|k_φ|a_θ|λ_R|μ_s|b_0|b_1|J_t)\b")
 _MARKDOWN = {c: f"\\{c}" for c in "\\`*_[]|~#$"} | {"&": "&amp;", "<": "&lt;", ">": "&gt;"}
@@ -65,6 +64,18 @@ def to_pdf(result: StudyResult, report: Report, made: str, figures: Mapping[str,
     files = {f"figures/{name}.svg": svg.encode() for name, svg in figures.items()}
     source = (Path(__file__).parent / "templates" / "report.typ").read_bytes()
     return typeset(source, files, "pdf", report=json.dumps(jsonable(content)))
+
+
+TONES = {"good": "#00634a", "fair": "#8a4b00", "bad": "#a3211a"}
+"""Colour beside an answer, readable on a light ground; on a dark one the text has the notebook's colour."""
+
+
+@as_html.register
+def study_as_html(result: StudyResult) -> str:
+    """Return the first screen of a study's report as a part of a page, with its styles in it."""
+    decided = of_study(result)
+    first = first_table(decided.speeds, silent=decided.silent, virtual=bool(decided.virtual))
+    return rendered("notebook.html", answers=decided, first=first, tones=TONES)
 
 
 def rendered(template: str, **content: object) -> str:

@@ -22,11 +22,11 @@ from granite_lab.reporting.canvas import Figure
 from granite_lab.reporting.channels import CHANNEL_TABLE, MISFITS
 from granite_lab.reporting.names import (
     LINES,
+    Step,
     in_plain_words,
     latency_in_words,
     law_formulas,
     lines_of,
-    parted,
     pasted,
     shared,
 )
@@ -230,7 +230,7 @@ def _slip_alone(decided: Answers) -> Iterator[Maybe]:
 
 
 def _model(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
-    virtual, found = bool(decided.virtual), gaps([r.comparison for r in result.trials])
+    virtual, found = bool(decided.virtual), gaps(result.trials)
     drawn = [plot_motion.motion_figure(s) for s in decided.speeds]
     half = OPEN_SPEEDS // 2
     rest = drawn[half:-half] if len(drawn) > OPEN_SPEEDS else []
@@ -295,7 +295,7 @@ def _failures(result: StudyResult) -> list[str]:
 
 def _looks(result: StudyResult, folder: str, recordings: str) -> Looks:
     """Say how to look at each trial; with recordings, by a command."""
-    names = recordings_of(result)[1:]
+    names = recordings_of(result)
     place = f"{folder or result.name}/{recordings}"
     commands = [f"granite-lab view {pasted(f'{place}/{name}')}" if recordings else "" for name in names]
     trials = [r.trial.name for r in result.trials]
@@ -304,7 +304,7 @@ def _looks(result: StudyResult, folder: str, recordings: str) -> Looks:
 
 def _quality(result: StudyResult, decided: Answers, looks: Looks) -> Iterator[Maybe]:
     n = len(result.trials)
-    doubtful = [r for r in result.trials if not r.comparison.motion.health.good]
+    doubtful = [r for r in result.trials if not r.motion.health.good]
     text = decide.all_good(n)
     if doubtful:
         text = f"{n - len(doubtful)} of {n} motion estimates are good. Exceptions:"
@@ -312,7 +312,7 @@ def _quality(result: StudyResult, decided: Answers, looks: Looks) -> Iterator[Ma
         f"{text} An estimate is good if a standstill, or wheels that come to rest, fixes the velocity at "
         "both ends, and if the residuals agree with the noise."
     )
-    yield [f"{r.trial.name}: {r.comparison.motion.health.verdict}" for r in doubtful]
+    yield [f"{r.trial.name}: {r.motion.health.verdict}" for r in doubtful]
     yield "Trials that were left out:" if result.failures else None
     yield _failures(result)
     warnings = shared([(r.trial.name, warnings_of(r)) for r in result.trials])
@@ -322,18 +322,18 @@ def _quality(result: StudyResult, decided: Answers, looks: Looks) -> Iterator[Ma
     yield _fold("Look at each trial", looks)
     typical = [s.typical for s in decided.speeds]
     checked = [r for r in result.trials if r in typical or r in doubtful]
-    checks = [plot_motion.health_figure(r.comparison.motion, k) for k, r in enumerate(checked, 1)]
+    checks = [plot_motion.health_figure(r.motion, k) for k, r in enumerate(checked, 1)]
     yield _fold(
         "Checks of the estimates: the typical trial of each speed, and doubtful ones", _gallery(*checks)
     )
 
 
-def _provenance(source: Source, steps: Sequence[str]) -> Section:
+def _provenance(source: Source, steps: Sequence[Step]) -> Section:
     command = source.command
     if len(command) > LONGEST:
         command = f"{command[: LONGEST // 2]} … {command[-LONGEST // 2 :]} (shortened)"
     blocks = (
-        *(Code(p) if p.startswith("granite-lab ") else p for s in steps for p in parted(s)),
+        *(part for s in steps for part in (s.text, Code(s.command) if s.command else None)),
         f"Made by {made_by(source)}. This command repeats it:",
         Code(command),
         _fold("Parameters in force", tables.PARAMETERS.fill(source.parameters)),

@@ -6,11 +6,12 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 
+from granite_lab.comparison.compare import Comparison
 from granite_lab.estimation.motion import no_slip_is_known
 from granite_lab.fitting.fit import BOUNDS
 from granite_lab.reporting.names import inside, listed
 from granite_lab.reporting.speeds import Speed
-from granite_lab.results import StudyResult, TrialResult
+from granite_lab.results import StudyResult
 from granite_lab.rounding import significant
 
 REMEDY = (
@@ -21,19 +22,19 @@ REMEDY = (
 
 def silent(result: StudyResult) -> bool:
     """Whether no trial of a study has a slip ratio that is known to 5 points."""
-    return no_slip_is_known([r.comparison.motion for r in result.trials])
+    return no_slip_is_known([r.motion for r in result.trials])
 
 
 def why_no_k92(result: StudyResult) -> str:
     """Say why no trial of a study determines k_92; empty where a trial does, or where there is no trial."""
-    if not result.trials or any(r.comparison.fit.tells for r in result.trials):
+    if not result.trials or any(r.fit.tells for r in result.trials):
         return ""
-    reasons: dict[str, list[TrialResult]] = defaultdict(list)
+    reasons: dict[str, list[Comparison]] = defaultdict(list)
     for r in result.trials:
         reasons[_reason(r)].append(r)
     parts: list[str] = []
     for reason, trials in reasons.items():
-        stds = [100 * r.comparison.fit.slip_measured.std for r in trials]
+        stds = [100 * r.fit.slip_measured.std for r in trials]
         low, high = (significant(f(stds), 2) for f in (min, max))
         uncertainty = f"± {low}" if low == high else f"± {low} to {high}"
         which = "that of" if parts else "λ_R of"
@@ -43,9 +44,9 @@ def why_no_k92(result: StudyResult) -> str:
     return f"k_92 cannot be determined from these trials, because {'; '.join(parts)}."
 
 
-def _reason(r: TrialResult) -> str:
+def _reason(r: Comparison) -> str:
     """Return what is wrong with the λ_R of a trial, with a place for how well it is known."""
-    fit, motion = r.comparison.fit, r.comparison.motion
+    fit, motion = r.fit, r.motion
     if not math.isfinite(fit.slip_measured.value):
         return "does not exist: nothing in it is steady"
     if not fit.slip_known:
@@ -83,7 +84,7 @@ def assumptions(result: StudyResult) -> str:
         unnamed = [r for r in result.trials if getattr(r.trial.info, kind) is None]
         if kind in given or not unnamed:
             continue
-        titles = list(dict.fromkeys(getattr(r.comparison.run, kind).title for r in unnamed))
+        titles = list(dict.fromkeys(getattr(r.run, kind).title for r in unnamed))
         every = "" if len(unnamed) == len(result.trials) else f" of {len(unnamed)} trials"
         parts.append(f"the {kind}{every} is {listed([inside(title) for title in titles])}")
     if not parts:

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from granite_lab.columns import Cell, Column, FilledTable, Table, number
+from granite_lab.comparison.compare import Comparison
 from granite_lab.estimate import mean_over
 from granite_lab.estimation.motion import TELLING
 from granite_lab.fitting.fit import BOUNDS
 from granite_lab.parameters import Paper, Published, by_speed
-from granite_lab.results import StudyResult, TrialResult
+from granite_lab.results import StudyResult
 from granite_lab.rounding import NONE, Number, decided
 
 EVERYTHING = 100.0
@@ -37,7 +38,7 @@ class Speed:
     """
 
     velocity: float
-    results: tuple[TrialResult, ...]
+    results: tuple[Comparison, ...]
     trials: int
     slip: Number
     k92: Number
@@ -57,9 +58,9 @@ class Speed:
         return math.isfinite(self.slip.value) and not self.slip.high - self.slip.low > EVERYTHING
 
     @property
-    def typical(self) -> TrialResult:
+    def typical(self) -> Comparison:
         """The trial whose λ_R is in the middle; the one that is drawn."""
-        slips = np.array([r.comparison.motion.slip_ratio.value for r in self.results])
+        slips = np.array([r.motion.slip_ratio.value for r in self.results])
         ranked = np.argsort(slips)  # NaN last
         return self.results[int(ranked[max(int(np.isfinite(slips).sum()) - 1, 0) // 2])]
 
@@ -110,9 +111,9 @@ def speeds_of(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
     rows = []
     for velocity, positions in by_speed(velocities_of(result)).items():
         trials = [result.trials[i] for i in positions]
-        fits = [t.comparison.fit for t in trials]
+        fits = [t.fit for t in trials]
         inner = [f for f in fits if f.tells]
-        *slip, count = mean_over((t.comparison.motion.slip_ratio for t in trials), TELLING)
+        *slip, count = mean_over((t.motion.slip_ratio for t in trials), TELLING)
         k92 = mean_over(f.k92 for f in inner)
         # The interval is by the likelihood where the covariance is not enough.
         ends = k92_interval(inner, (k92.low, k92.high))
@@ -138,4 +139,4 @@ def published_at(velocity: float, paper: Paper) -> Published | None:
 
 def velocities_of(result: StudyResult) -> list[float]:
     """Return the desired velocity of each trial [m/s]."""
-    return [trial.comparison.motion.variant.velocity for trial in result.trials]
+    return [trial.motion.variant.velocity for trial in result.trials]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from granite_lab.columns import Cell, Column, FilledTable, Table, good, number, share, words
+from granite_lab.comparison.compare import Comparison
 from granite_lab.estimate import Estimate, Part, mean_over, weights_of
 from granite_lab.estimation.motion import TELLING
 from granite_lab.fitting import fit as records
@@ -24,7 +25,7 @@ from granite_lab.fitting.fit import (
 )
 from granite_lab.logs.trial import InputFile
 from granite_lab.reporting.speeds import Speed
-from granite_lab.results import StudyResult, TrialResult, shown_path, warnings_of
+from granite_lab.results import StudyResult, shown_path, warnings_of
 from granite_lab.rounding import NONE, interval, places, significant, tidy_unit
 
 
@@ -66,30 +67,30 @@ def trial_table(result: StudyResult) -> FilledTable:
     """Return one row per trial."""
     mixed = result.virtual and not all(r.trial.info.virtual for r in result.trials)
 
-    def speed(r: TrialResult) -> Cell:
-        motion = r.comparison.motion
+    def speed(r: Comparison) -> Cell:
+        motion = r.motion
         v, source = motion.variant.velocity, motion.variant_source
         return Cell(f"{v:.3g}" + ("" if source == "given" else f" ({source})"), (v, source))
 
-    return Table[TrialResult](
+    return Table[Comparison](
         "trials",
         "Trials",
         Column("trial", lambda r: r.trial.name),
         Column("data", lambda r: "virtual" if r.trial.info.virtual else "measured", shown=mixed),
         Column("speed", speed, "speed_mps speed_is", unit="m/s"),
-        Column("distance", lambda r: r.comparison.motion.distance, "distance_m distance_std_m", unit="m"),
+        Column("distance", lambda r: r.motion.distance, "distance_m distance_std_m", unit="m"),
         Column(
-            "λ_R", lambda r: r.comparison.motion.slip_ratio,
+            "λ_R", lambda r: r.motion.slip_ratio,
             "slip_ratio slip_ratio_std", unit="%", scale=100,
         ),
-        K92_STEADY.of(lambda r: r.comparison.fit),
-        K92_TRAJECTORY.of(lambda r: r.comparison.fit),
-        K92_APART.of(lambda r: r.comparison.fit),
+        K92_STEADY.of(lambda r: r.fit),
+        K92_TRAJECTORY.of(lambda r: r.fit),
+        K92_APART.of(lambda r: r.fit),
         Column(
-            "wheel stamps late", lambda r: r.comparison.motion.stamps_late,
+            "wheel stamps late", lambda r: r.motion.stamps_late,
             "wheel_stamps_late_s wheel_stamps_late_std_s", unit="ms", scale=1000,
         ),
-        Column("estimate", lambda r: good(r.comparison.motion.health.good)),
+        Column("estimate", lambda r: good(r.motion.health.good)),
         Column("warnings", lambda r: len(warnings_of(r)), "warnings"),
         note="Value ± standard deviation of a single trial. Apart: difference of the two k_92 over its std. "
         "Wheel stamps late: how much later the time stamps of encoders and currents are than those of the "
@@ -120,9 +121,9 @@ def budget_tables(result: StudyResult, speeds: Sequence[Speed]) -> list[FilledTa
     """
     budgets: dict[str, list[records.Budget | None]] = {quantity: [] for quantity in BUDGETS}
     for speed in speeds:
-        motions = [r.comparison.motion for r in speed.results]
+        motions = [r.motion for r in speed.results]
         with_slip = [m for m in motions if math.isfinite(m.slip_ratio.value)]
-        inner = [r.comparison.fit for r in speed.results if r.comparison.fit.tells]
+        inner = [r.fit for r in speed.results if r.fit.tells]
         slips, k92 = [m.slip_ratio for m in with_slip], [f.k92 for f in inner]
         parts = {"slip": [m.slip_parts for m in with_slip], "k92": [f.parts for f in inner]}
         for quantity, estimates, vague in (("slip", slips, TELLING), ("k92", k92, math.inf)):
@@ -130,9 +131,7 @@ def budget_tables(result: StudyResult, speeds: Sequence[Speed]) -> list[FilledTa
             stated = Estimate(mean.value, mean.std)
             budgets[quantity].append(records.of_mean(speed.velocity, stated, parts[quantity], weights))
     if result.a_theta is not None:
-        budgets["a_theta"].append(
-            records.of_a_theta(result.a_theta, [r.comparison.fit for r in result.trials])
-        )
+        budgets["a_theta"].append(records.of_a_theta(result.a_theta, [r.fit for r in result.trials]))
         wide = [records.Budget(math.nan, v.a_theta, v.parts) for v in records.views_of(result.a_theta)[1:]]
         budgets["a_theta_uncertain"] += wide
     there = {quantity: [b for b in stated if b is not None] for quantity, stated in budgets.items()}

@@ -24,7 +24,7 @@ from granite_lab.reporting.latex import to_latex
 from granite_lab.reporting.names import LINES, from_here
 from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.render import to_html, to_markdown, to_pdf
-from granite_lab.reporting.report import Block, Gallery, made_by, study_report
+from granite_lab.reporting.report import made_by, study_report
 from granite_lab.results import RECORDINGS, StudyResult, gaps, recordings_of
 
 
@@ -97,27 +97,9 @@ def write_comparison(comparisons: Sequence[Comparison], folder: Path) -> list[Pa
     }
     figures = tuple(comparison_figure(c, k + 1, like[k]) for k, c in enumerate(comparisons))
     judged = CHANNEL_TABLE.fill(channels_of(differences), virtual=virtual)
-    return write_parts(
-        [Gallery(figures), judged, MISFITS.fill(differences.values(), virtual=virtual)], folder
-    )
-
-
-def write_parts(blocks: Sequence[Block], folder: Path, page: str = "") -> list[Path]:
-    """Write the figures and tables among some blocks, and a page of all of them; return the paths.
-
-    Args:
-        blocks: what is shown, in its order.
-        folder: to write into.
-        page: template of the page, which is Markdown, and its name; none by default.
-
-    Raises:
-        LabError: a file cannot be written.
-    """
-    with replacing(folder, page or "comparison") as new:
-        _write_figures([f for b in blocks if isinstance(b, Gallery) for f in b.figures], new)
-        _write_tables([b for b in blocks if isinstance(b, FilledTable)], new)
-        if page:
-            _write(new / page, to_markdown(page, blocks=blocks))
+    with replacing(folder, "comparison") as new:
+        _write_figures(figures, new)
+        _write_tables([judged, MISFITS.fill(differences.values(), virtual=virtual)], new)
         return sorted(folder / p.relative_to(new) for p in new.rglob("*") if p.is_file())
 
 

@@ -20,8 +20,7 @@ from granite_lab.errors import EstimateError, InputError, UsageError
 from granite_lab.fitting.fit import K92Fit
 from granite_lab.reporting import write_report
 from granite_lab.reporting.answers import of_study
-from granite_lab.reporting.notebook import study_as_html
-from granite_lab.reporting.render import marked
+from granite_lab.reporting.render import marked, study_as_html
 from tests.corpus.cli import ROOT, SAMPLES, lab, refused, succeeded, told
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding
@@ -204,10 +203,10 @@ def test_a_study_writes_only_where_it_is_told_and_keeps_failures(
     assert [failure.trial for failure in result.failures] == ["broken"]
     frame = result.to_frame()
     assert list(frame["trial"]) == ["virtual_v0.3_r1"]
-    assert frame["k92"].iloc[0] == result.trials[0].comparison.fit.k92.value
+    assert frame["k92"].iloc[0] == result.trials[0].fit.k92.value
     assert gl.report(result, tmp_path / "out").is_file()
     recordings = gl.record(result, tmp_path / "rec")
-    assert [path.name for path in recordings] == ["virtual_v0.3_r1.rrd", "study.rrd"]
+    assert [path.name for path in recordings] == ["virtual_v0.3_r1.rrd"]
     with pytest.raises((InputError, EstimateError)):
         gl.study([broken], discover=False)
 

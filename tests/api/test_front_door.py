@@ -37,7 +37,7 @@ NO_COMMAND = {
 """Functions without a command of their own, and what does it on the command line."""
 
 TERMINAL_ONLY = {
-    "as_json", "quiet", "verbose", "table_format", "plot", "arc", "picture", "no_picture", "write_map",
+    "as_json", "quiet", "verbose", "table_format", "plot", "write_map",
 }  # fmt: skip
 """Options of the terminal: what is printed, and pictures and tables of what a function returns."""
 

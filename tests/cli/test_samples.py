@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from granite_lab.chain import analyse
+from granite_lab.comparison.compare import Comparison
 from granite_lab.effects import get
 from granite_lab.effects.model_file import FittedEffect, ModelFile, save_model
 from granite_lab.estimate import Estimate
@@ -15,7 +16,6 @@ from granite_lab.hidden.sealed import open_answer
 from granite_lab.options import Options
 from granite_lab.parameters import load_robot, load_soil
 from granite_lab.parameters.quantity import parse_toml
-from granite_lab.results import TrialResult
 from granite_lab.running import Cache, Execution, each_trial
 from tests.corpus.cli import SAMPLES
 
@@ -30,7 +30,7 @@ def truth_of(log: Path) -> tuple[pd.DataFrame, dict[str, float]]:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> list[TrialResult]:
+def whole(tmp_path_factory: pytest.TempPathFactory) -> list[Comparison]:
     """All samples by the model with the effects that they hide, of the size that the sealed answer tells.
 
     What another process of pytest has done is remembered.
@@ -42,29 +42,27 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> list[TrialResult]:
     path = tmp_path_factory.mktemp("model") / "model.toml"
     save_model(ModelFile("granite", "dry_sand", "exponential", Estimate(4.919), effects, {}), path)
     found = each_trial(analyse, LOGS, Options(model=path), execution=Execution(1, cache=Cache()))
-    return [result for result in found if isinstance(result, TrialResult)]
+    return [result for result in found if isinstance(result, Comparison)]
 
 
-def by_the_paper(result: TrialResult, *, trajectory: bool) -> K92Fit:
+def by_the_paper(result: Comparison, *, trajectory: bool) -> K92Fit:
     """Fit a trial, whose motion no model changes, by the model that lacks the effects."""
-    motion, robot, soil = result.comparison.motion, load_robot(), load_soil()
+    motion, robot, soil = result.motion, load_robot(), load_soil()
     return fit_k92(motion, result.trial, robot, soil, trajectory=trajectory)
 
 
 def test_the_samples_are_table_2_three_times_and_say_that_they_are_virtual(
-    whole: list[TrialResult],
+    whole: list[Comparison],
 ) -> None:
-    assert [r.comparison.fit.variant.velocity for r in whole] == [
-        v for v in (0.2, 0.3, 0.5, 0.7) for _ in "123"
-    ]
-    assert all(r.trial.info.virtual and r.comparison.motion.virtual for r in whole)
+    assert [r.fit.variant.velocity for r in whole] == [v for v in (0.2, 0.3, 0.5, 0.7) for _ in "123"]
+    assert all(r.trial.info.virtual and r.motion.virtual for r in whole)
 
 
-def test_velocity_distance_and_slip_are_true_within_their_uncertainty(whole: list[TrialResult]) -> None:
+def test_velocity_distance_and_slip_are_true_within_their_uncertainty(whole: list[Comparison]) -> None:
     squares = []
     for log, result in zip(LOGS, whole, strict=True):
         truth, true = truth_of(log)
-        motion = result.comparison.motion
+        motion = result.motion
         error = motion.v - np.interp(motion.t, truth["t_s"], truth["v_mps"])
         assert np.sqrt(np.mean(error**2)) < 0.006  # [m/s]
         assert abs(motion.x[-1] - truth["x_m"].iloc[-1]) < 3 * motion.distance.std
@@ -75,11 +73,11 @@ def test_velocity_distance_and_slip_are_true_within_their_uncertainty(whole: lis
     assert 0.4 < np.mean(squares) < 1.9
 
 
-def test_k92_lies_in_its_interval_as_often_as_that_says(whole: list[TrialResult]) -> None:
+def test_k92_lies_in_its_interval_as_often_as_that_says(whole: list[Comparison]) -> None:
     z = []
     for log, result in zip(LOGS, whole, strict=True):
         _, true = truth_of(log)
-        fit = result.comparison.fit
+        fit = result.fit
         assert fit.status == "ok"
         k92 = np.exp(-true["k92_value"] * fit.variant.velocity)
         z += [(estimate.value - k92) / estimate.std for estimate in (fit.k92, fit.k92_trajectory)]
@@ -89,14 +87,14 @@ def test_k92_lies_in_its_interval_as_often_as_that_says(whole: list[TrialResult]
     assert np.abs(np.mean(z)) < 0.8
 
 
-def test_a_model_that_lacks_the_effects_misses_k92_by_more(whole: list[TrialResult]) -> None:
-    with_them, without = whole[0].comparison.fit, by_the_paper(whole[0], trajectory=True)
+def test_a_model_that_lacks_the_effects_misses_k92_by_more(whole: list[Comparison]) -> None:
+    with_them, without = whole[0].fit, by_the_paper(whole[0], trajectory=True)
     _, true = truth_of(LOGS[0])
     k92 = np.exp(-true["k92_value"] * without.variant.velocity)
     assert abs(with_them.k92_trajectory.value - k92) < 0.5 * abs(without.k92_trajectory.value - k92)
 
 
-def test_a_theta_lies_in_its_interval(whole: list[TrialResult]) -> None:
+def test_a_theta_lies_in_its_interval(whole: list[Comparison]) -> None:
     drawn = [truth_of(log)[1]["k92_value"] for log in LOGS]
     fit = fit_a_theta([by_the_paper(result, trajectory=False) for result in whole])  # it goes by the slip
     assert fit.ci95[0] <= np.mean(drawn) <= fit.ci95[1]

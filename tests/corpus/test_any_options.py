@@ -31,7 +31,7 @@ NUMBERS = st.one_of(
     st.floats(1e-3, 10).map(lambda x: f"{x:.3g}"),
     st.integers(-5, 50).map(str),
 )
-HARMLESS = {"--out", "--log", "--write-map", "--arc", "--plot"}
+HARMLESS = {"--out", "--log", "--write-map", "--plot"}
 """Options that name what is written: they stay in the test's folder."""
 
 

@@ -5,12 +5,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import Motion, judge
 from granite_lab.estimation.health import correlation, ljung_box
-from granite_lab.estimation.smoother import usual
+from granite_lab.estimation.smoother import slow_excess, usual
 from granite_lab.logs.trial import Series, Trial
 from granite_lab.parameters import load_robot
 from tests.truth.motion import estimate
@@ -132,6 +133,19 @@ def test_correlation_and_ljung_box_tell_white_from_coloured() -> None:
     assert correlation(coloured) == pytest.approx(0.3 / 1.09, abs=0.07)
     assert ljung_box(coloured) < 1e-6
     assert np.isnan(ljung_box(white[:20]))
+
+
+def test_slow_innovations_are_judged_by_what_adds_up() -> None:
+    """The variance of means over many samples is that of white noise, times (1 + r) / (1 - r)."""
+    rng = np.random.default_rng(2)
+    white = rng.standard_normal(4000)
+    assert slow_excess(white) == pytest.approx(1.0, abs=0.15)
+    wander = 0.5 * np.sqrt(1.0 - 0.9**2) * lfilter([1.0], [1.0, -0.9], white)
+    assert np.mean(wander**2) < 0.5
+    means = wander.reshape(-1, 100).mean(axis=1)
+    assert slow_excess(wander) == pytest.approx(0.25 * 19.0, rel=0.25)
+    assert slow_excess(wander) == pytest.approx(100 * np.var(means), rel=0.6)
+    assert slow_excess(white[:4]) == 0.0
 
 
 def test_usual_nis_is_the_quantile_of_many_draws() -> None:

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -10,8 +12,9 @@ from benchmarks.slipping_robots import run
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import Motion, correct
-from granite_lab.estimation.clock import bridged_rests
+from granite_lab.estimation.clock import bridged_rests, latency_of
 from granite_lab.estimation.error_model import SIZE, Updates
+from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.smoother import Innovations, mismatch
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import load_robot
@@ -36,6 +39,14 @@ def draw(seed: int, offset: float, velocity: float, grade: str) -> TruthTrial:
 @pytest.fixture(scope="module")
 def found() -> list[Estimate]:
     return [estimate(draw(*spec).trial, load_robot("granite", spec[3])).clock_offset for spec in TRIALS]
+
+
+def test_readings_of_one_row_may_be_a_period_apart() -> None:
+    t = np.arange(0.0, 5.0, 0.05)
+    rows = SimpleNamespace(imu=SimpleNamespace(t=t, period=0.05), rolling=SimpleNamespace(t=t), stamp_std=0.0)
+    assert latency_of(cast(Problem, rows)) == pytest.approx(0.05 / np.sqrt(3.0))
+    own = SimpleNamespace(imu=rows.imu, rolling=SimpleNamespace(t=t + 0.01), stamp_std=0.0)
+    assert latency_of(cast(Problem, own)) == pytest.approx(0.01 / np.sqrt(3.0))
 
 
 def test_injected_offsets_are_recovered_to_five_milliseconds_and_to_their_std(found: list[Estimate]) -> None:

@@ -117,6 +117,40 @@ def test_what_was_put_right_keeps_the_grade_from_good() -> None:
     assert "8.0 deg" in seen.health.verdict
 
 
+def surge(size: float) -> Motion:
+    """The sample with a body that swings about its velocity at 1 Hz, by a share of it, on steady wheels."""
+    motion = good()
+    on = np.array([phase == "steady" for phase in motion.phase])
+    swing = size * motion.v * np.sin(2.0 * np.pi * (motion.t - motion.t[0]))
+    return replace(motion, v=motion.v + np.where(on, swing, 0.0))
+
+
+def test_a_body_that_swings_ahead_of_its_steady_wheels_is_poor() -> None:
+    """As by a tone that a slow IMU folds to 1 Hz: the slip ratio over all looks usual."""
+    seen = guard(surge(0.5), SAND)
+    assert seen.health.grade == "poor"
+    assert "while the wheels turn steadily" in seen.health.verdict
+    assert seen.slip_ratio.std > 0.2
+    assert guard(surge(0.1), SAND).health.grade == "good"
+
+
+def test_a_wheel_that_loses_its_way_in_moments_is_in_the_slip_of_the_robot() -> None:
+    """Its encoder slips for half a second; over all it is 8 % short, within three std of a tyre."""
+    motion = good()
+    a, b = motion.steady
+    share = np.ones((motion.t.size, 4))
+    begin = a + 0.3 * (b - a)
+    share[(motion.t >= begin) & (motion.t < begin + 0.5), 1] = 0.5
+    inside = (motion.t >= a) & (motion.t <= b)
+    lost = 1.0 - float(np.mean(share[inside, 1]))
+    slip = Estimate(1.0 - (1.0 - motion.slip_ratio.value) / (1.0 - lost / 4.0), motion.slip_ratio.std)
+    seen = guard(replace(motion, v_wheel=motion.v_wheel * share, slip_ratio=slip), SAND)
+    assert seen.health.grade == "fair"
+    assert "wheel fr rolls" in seen.health.verdict
+    assert "in some moments" in seen.health.verdict
+    assert abs(seen.slip_ratio.value - motion.slip_ratio.value) < 2.0 * seen.slip_ratio.std
+
+
 def logged_as_rates(folder: Path, *, missing: bool) -> tuple[Motion, float]:
     """A sample whose encoders give rates: 0.3 s of it are missing, or its clock is set forward by them."""
     source = field.of_sample(field.SAMPLES[6])

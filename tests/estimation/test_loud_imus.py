@@ -96,6 +96,15 @@ def test_white_noise_in_motion_widens_the_std_as_far_as_it_drifts(tmp_path: Path
         agree(errors)
 
 
+@pytest.mark.parametrize("seed", [2, 4])
+def test_a_loud_imu_feigns_no_offset_of_the_clocks(tmp_path: Path, seed: int) -> None:
+    """Its onsets show -174 ± 114 and -203 ± 85 ms, which was applied as ± 6 ms: up to 21 points of slip."""
+    motion = found(firm_ground(seed, 100.0), tmp_path, 0.165, 0.0)
+    assert motion.clock_applied == 0.0
+    assert abs(motion.clock_offset.value) < 2.0 * motion.clock_offset.std
+    assert abs(motion.slip_ratio.value - SLIP) < 2.0 * motion.slip_ratio.std
+
+
 def test_vibration_that_an_unfiltered_sensor_folds_is_in_the_std(tmp_path: Path) -> None:
     """25 of 200 samples a second: the frame rings near 25 Hz, which folds to frequencies of the motion."""
     robot, errors = load_robot("granite"), []

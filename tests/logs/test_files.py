@@ -7,9 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from granite_lab.csv_rows import BLOCK, DIGITS
 from granite_lab.errors import LabError
-from granite_lab.files import write_bytes, write_table, write_text, writing
+from granite_lab.files import BLOCK, DIGITS, write_bytes, write_table, write_text, writing
 
 
 @pytest.mark.parametrize("trouble", [RuntimeError, KeyboardInterrupt])

@@ -215,6 +215,25 @@ def test_a_wheel_off_the_ground_is_named_and_left_out(tmp_path: Path) -> None:
     assert any(ANGLES[0] in line and "off the ground" in line for line in trial.warnings)
 
 
+def test_a_wheel_whose_encoder_slips_on_its_shaft_is_named_and_left_out_there(tmp_path: Path) -> None:
+    """It turns a third as fast as the others for half a second, which they do not."""
+    seen = GOOD["t_s"][GOOD[ANGLES[2]].notna()].to_numpy()
+    begin = float(np.median(seen))
+
+    def change(table: pd.DataFrame) -> None:
+        rows = table[ANGLES[2]].notna()
+        angle, t = table.loc[rows, ANGLES[2]].to_numpy(), table.loc[rows, "t_s"].to_numpy()
+        lost = np.interp(t, [begin, begin + 0.5], np.interp([begin, begin + 0.5], t, angle))
+        table.loc[rows, ANGLES[2]] = angle - 2 / 3 * (lost - lost[0])
+
+    trial = changed(tmp_path, change)
+    blank = trial.wheels.t[np.isnan(trial.wheels.angle[:, 2])]
+    assert begin - 0.15 < blank[0] < begin + 0.15
+    assert begin + 0.35 < blank[-1] < begin + 0.65
+    assert np.isfinite(trial.wheels.angle[:, [0, 1, 3]]).all()
+    assert any(ANGLES[2] in line and "slipped on the shaft" in line for line in trial.warnings)
+
+
 @pytest.mark.parametrize("filler", [0.0, -999.0, 99999.0])
 def test_a_number_in_place_of_no_value_is_named(filler: float, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=f"all axes read {filler:g} again and again") as caught:

@@ -2,16 +2,16 @@ from pathlib import Path
 
 import pytest
 
+from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import Finding
 from granite_lab.reporting.recording import record_trial
-from granite_lab.results import TrialResult
 from tests.recording.read_back import ReadBack
 from tests.reporting.made_up import made_up_trial
 from tests.reporting.made_up_finding import made_up_finding
 
 
 @pytest.fixture(scope="session")
-def trial() -> TrialResult:
+def trial() -> Comparison:
     return made_up_trial(0.3, repetition=2)
 
 
@@ -21,9 +21,9 @@ def finding() -> Finding:
 
 
 @pytest.fixture(scope="session")
-def path(trial: TrialResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def path(trial: Comparison, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recording")
-    return record_trial(trial.trial, trial.comparison, folder / "trial.rrd")
+    return record_trial(trial, folder / "trial.rrd")
 
 
 @pytest.fixture(scope="session")
@@ -32,7 +32,7 @@ def back(path: Path) -> ReadBack:
 
 
 @pytest.fixture(scope="session")
-def searched(trial: TrialResult, finding: Finding, tmp_path_factory: pytest.TempPathFactory) -> ReadBack:
+def searched(trial: Comparison, finding: Finding, tmp_path_factory: pytest.TempPathFactory) -> ReadBack:
     """The same trial with what a search found."""
     folder = tmp_path_factory.mktemp("discovered")
-    return ReadBack(record_trial(trial.trial, trial.comparison, folder / "trial.rrd", finding=finding))
+    return ReadBack(record_trial(trial, folder / "trial.rrd", finding=finding))

@@ -9,17 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import Finding
 from granite_lab.errors import LabError
 from granite_lab.logs.trial import Series
 from granite_lab.parameters import WHEELS
-from granite_lab.reporting.recording import record_study, record_trial
+from granite_lab.reporting.recording import record_trial
 from granite_lab.reporting.recording import write as write_module
 from granite_lab.reporting.recording.lines import MOST_ROWS, Line
 from granite_lab.reporting.recording.scene import FORCE_SCALE
-from granite_lab.results import TrialResult
+from granite_lab.reporting.recording.stream import drawable
 from tests.recording.read_back import ReadBack, verify
-from tests.reporting.made_up import ORIGIN, made_up_study, made_up_trial
+from tests.reporting.made_up import ORIGIN, made_up_trial
 from tests.reporting.made_up_finding import BUMP, CHANNELS, START, made_up_finding
 
 NANOSECOND = 0.6e-9
@@ -27,7 +28,7 @@ DEGREE = 180 / np.pi
 
 
 def test_reruns_verifier_accepts_one_timeline_over_the_log(
-    trial: TrialResult, path: Path, back: ReadBack
+    trial: Comparison, path: Path, back: ReadBack
 ) -> None:
     assert "1 file verified" in verify(path)
     assert [index.name for index in back.schema.index_columns()] == ["time"]
@@ -38,8 +39,8 @@ def test_reruns_verifier_accepts_one_timeline_over_the_log(
     assert (t.min(), t.max()) == pytest.approx((logged.min(), logged.max()), abs=1e-9)
 
 
-def test_lines_and_bands_are_those_of_estimate_and_run(trial: TrialResult, back: ReadBack) -> None:
-    motion, run, c = trial.comparison.motion, trial.comparison.run, trial.comparison
+def test_lines_and_bands_are_those_of_estimate_and_run(trial: Comparison, back: ReadBack) -> None:
+    motion, run, c = trial.motion, trial.run, trial
     pairs = {k: np.column_stack([c.simulated[f"{k}_f"], c.simulated[f"{k}_r"]]) for k in ("torque", "slip")}
     torque = pairs["torque"] - np.column_stack([c.measured["torque_f"], c.measured["torque_r"]])
     for entity, clock, expected in (
@@ -69,9 +70,9 @@ def test_lines_and_bands_are_those_of_estimate_and_run(trial: TrialResult, back:
         np.testing.assert_allclose(np.sqrt(variance), std[::2])
 
 
-def test_slip_has_gaps_at_rest_and_nothing_else_has(trial: TrialResult, back: ReadBack) -> None:
+def test_slip_has_gaps_at_rest_and_nothing_else_has(trial: Comparison, back: ReadBack) -> None:
     t, slip = back.t("/slip_of_each_wheel/measured"), back.scalars("/slip_of_each_wheel/measured")
-    assert np.isfinite(slip[(t > 0.2) & (t < trial.comparison.run.steady[1])]).all()
+    assert np.isfinite(slip[(t > 0.2) & (t < trial.run.steady[1])]).all()
     assert np.isnan(slip[t < 0]).all()
     for entity in back.batches:
         if "slip" in entity or "Measurements:values" not in back.batches[entity][0].schema.names:
@@ -96,8 +97,8 @@ def test_measured_lines_are_drawn_over_simulated_ones(back: ReadBack) -> None:
         assert min(w for entity in ghosts for w in back.fixed(entity, "Measurements:widths")) > thickest
 
 
-def test_innovations_are_dots_in_units_of_their_std(trial: TrialResult, back: ReadBack) -> None:
-    health = trial.comparison.motion.health
+def test_innovations_are_dots_in_units_of_their_std(trial: Comparison, back: ReadBack) -> None:
+    health = trial.motion.health
     own = np.array(health.kind) == "zero_velocity"
     expected = (health.innovation / health.innovation_std)[own]
     every = round(0.04 * (own.sum() - 1) / np.ptp(health.t[own])) or 1
@@ -117,8 +118,8 @@ def test_every_line_names_its_unit(back: ReadBack) -> None:
     assert units["/pitch_rate/measured"] == ["°/s"]
 
 
-def test_the_measured_robot_and_its_wheels_are_as_estimated(trial: TrialResult, back: ReadBack) -> None:
-    c = trial.comparison
+def test_the_measured_robot_and_its_wheels_are_as_estimated(trial: Comparison, back: ReadBack) -> None:
+    c = trial
     t = back.t("/scene/measured")
     x, y, z = back.values("/scene/measured", "Transform3D:translation")[:, 0].T
     start = np.interp(0.0, c.t, c.motion.x)
@@ -136,8 +137,8 @@ def test_the_measured_robot_and_its_wheels_are_as_estimated(trial: TrialResult, 
     assert angle[-1] - angle[0] == pytest.approx(travelled / 0.0965, abs=5e-3)
 
 
-def test_the_ghost_is_where_the_simulation_says(trial: TrialResult, back: ReadBack) -> None:
-    run = trial.comparison.run
+def test_the_ghost_is_where_the_simulation_says(trial: Comparison, back: ReadBack) -> None:
+    run = trial.run
     t = back.t("/scene/simulated")
     inside = (t > run.t[0]) & (t < run.t[-1])
     x = back.values("/scene/simulated", "Transform3D:translation")[:, 0, 0]
@@ -148,8 +149,8 @@ def test_the_ghost_is_where_the_simulation_says(trial: TrialResult, back: ReadBa
     assert "Cylinders3D:radii" not in back.static["/scene/simulated/fr/tyre"][0].schema.names
 
 
-def test_ground_forces_are_the_simulations_at_the_near_wheels(trial: TrialResult, back: ReadBack) -> None:
-    run = trial.comparison.run
+def test_ground_forces_are_the_simulations_at_the_near_wheels(trial: Comparison, back: ReadBack) -> None:
+    run = trial.run
     entity = "/scene/force_ground_reaction"
     t = back.t(entity)
     k = int(np.argmin(np.abs(t - 3.0)))
@@ -190,12 +191,12 @@ def test_the_sand_is_cut_away_behind_the_near_wheels(back: ReadBack) -> None:
     assert low[2] < -0.03
 
 
-def test_there_is_sand_under_a_robot_that_drives_backward_or_far(trial: TrialResult, tmp_path: Path) -> None:
-    c = trial.comparison
+def test_there_is_sand_under_a_robot_that_drives_backward_or_far(trial: Comparison, tmp_path: Path) -> None:
+    c = trial
     for factor in (-1.0, 300.0):
         x = factor * c.motion.x
         moved = dataclasses.replace(c, motion=dataclasses.replace(c.motion, x=x))
-        back = ReadBack(record_trial(trial.trial, moved, tmp_path / "a.rrd"))
+        back = ReadBack(record_trial(moved, tmp_path / "a.rrd"))
         low, high = _sand(back)
         robot = back.values("/scene/measured", "Transform3D:translation")[:, 0, 0]
         assert low[0] < robot.min() - 0.425 / 2
@@ -212,15 +213,15 @@ def test_nothing_in_the_scene_is_not_a_number(back: ReadBack) -> None:
             assert not {"NaN", "Infinity", "-Infinity"} & set(re.findall(r"-?[A-Z]\w+", values)), name
 
 
-def test_phases_are_the_motions(trial: TrialResult, back: ReadBack) -> None:
+def test_phases_are_the_motions(trial: Comparison, back: ReadBack) -> None:
     states = back.texts("/phase", "StateChange:state")
     assert states == ["rest", "accelerate", "steady", "brake", "rest"]
-    motion = trial.comparison.motion
+    motion = trial.motion
     changes = [0, *(i for i in range(1, len(motion.t)) if motion.phase[i] != motion.phase[i - 1])]
     np.testing.assert_allclose(back.t("/phase"), motion.t[changes] - ORIGIN, atol=NANOSECOND)
 
 
-def test_the_log_tells_what_the_filter_did(trial: TrialResult, back: ReadBack) -> None:
+def test_the_log_tells_what_the_filter_did(trial: Comparison, back: ReadBack) -> None:
     t, lines = back.t("/events"), back.texts("/events", "TextLog:text")
     levels = dict(zip(lines, back.texts("/events", "TextLog:level"), strict=True))
     assert (np.diff(t) >= 0).all()
@@ -228,22 +229,20 @@ def test_the_log_tells_what_the_filter_did(trial: TrialResult, back: ReadBack) -
     assert "virtual trial" in text
     assert text.count("zero-velocity updates") == text.count("zero-rate updates") == 2
     assert [levels[line] for line in lines if "duplicate stamps" in line] == ["WARN"]
-    health = trial.comparison.motion.health
+    health = trial.motion.health
     first = sum(
         k == "zero_velocity" and t <= health.rests[0][1] for k, t in zip(health.kind, health.t, strict=True)
     )
     assert f"zero-velocity updates: {first}, until -0.0" in text
 
 
-def test_updates_far_outside_their_std_are_named(trial: TrialResult, tmp_path: Path) -> None:
-    health = trial.comparison.motion.health
+def test_updates_far_outside_their_std_are_named(trial: Comparison, tmp_path: Path) -> None:
+    health = trial.motion.health
     innovation = health.innovation.copy()
     innovation[10] = 7.0 * health.innovation_std[10]
-    motion = dataclasses.replace(
-        trial.comparison.motion, health=dataclasses.replace(health, innovation=innovation)
-    )
-    comparison = dataclasses.replace(trial.comparison, motion=motion)
-    back = ReadBack(record_trial(trial.trial, comparison, tmp_path / "a.rrd"))
+    motion = dataclasses.replace(trial.motion, health=dataclasses.replace(health, innovation=innovation))
+    comparison = dataclasses.replace(trial, motion=motion)
+    back = ReadBack(record_trial(comparison, tmp_path / "a.rrd"))
     bad = [line for line in back.texts("/events", "TextLog:text") if "times its std off" in line]
     assert len(bad) == 1
     assert "7.0 times" in bad[0]
@@ -252,7 +251,7 @@ def test_updates_far_outside_their_std_are_named(trial: TrialResult, tmp_path: P
 @pytest.mark.parametrize("virtual", [True, False])
 def test_the_key_stands_beside_the_robot_and_says_what_is_virtual(tmp_path: Path, virtual: bool) -> None:
     result = made_up_trial(0.7, virtual=virtual)
-    back = ReadBack(record_trial(result.trial, result.comparison, tmp_path / "a.rrd"))
+    back = ReadBack(record_trial(result, tmp_path / "a.rrd"))
     (text,) = back.fixed("/key", "TextDocument:text")
     assert text.startswith("**Virtual data**") == virtual
     for word in ("orange outline", "magenta arrow", "22 mm for 10 N", "0 s"):
@@ -274,14 +273,15 @@ def test_it_opens_paused_on_its_timeline_with_a_layout(path: Path) -> None:
     assert views > 15
 
 
-def test_a_trial_without_imu_and_with_one_encoder_can_be_recorded(trial: TrialResult, tmp_path: Path) -> None:
-    c = trial.comparison
+def test_a_trial_without_imu_and_with_one_encoder_can_be_recorded(trial: Comparison, tmp_path: Path) -> None:
+    c = trial
     v_wheel = c.motion.v_wheel.copy()
     v_wheel[:, 1:] = np.nan
     motion = dataclasses.replace(c.motion, v_wheel=v_wheel, pitch=np.full_like(c.t, np.nan))
     bare = dataclasses.replace(trial.trial, imu=None, currents=None, command=None)
     measured = c.measured | dict.fromkeys(("pitch", "torque_f", "torque_r"), np.full_like(c.t, np.nan))
-    path = record_trial(bare, dataclasses.replace(c, motion=motion, measured=measured), tmp_path / "a.rrd")
+    one = dataclasses.replace(c, trial=bare, motion=motion, measured=measured)
+    path = record_trial(one, tmp_path / "a.rrd")
     back = ReadBack(path)
     np.testing.assert_array_equal(back.scalars("/velocity/wheels"), v_wheel[::2, 0])
     assert "/pitch/measured" not in back.entities()
@@ -294,75 +294,40 @@ def test_a_trial_without_imu_and_with_one_encoder_can_be_recorded(trial: TrialRe
 HOSTILE = ("../../etc", "a/b\\c", "grüße ∂x", " ", "__properties", "tab\tand\nnewline", "[x]|`*`", "a" * 300)
 
 
-def test_hostile_names_stay_names(tmp_path: Path) -> None:
-    trials = tuple(made_up_trial(0.7, name=name) for name in (*HOSTILE, "../../etc"))
-    study = dataclasses.replace(made_up_study(speeds=(0.7,), repetitions=1), trials=trials)
-    path = record_study(study, tmp_path / "study.rrd")
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_name_stays_a_name(name: str, tmp_path: Path) -> None:
+    one = made_up_trial(0.7, name=name)
+    path = record_trial(one, tmp_path / "a.rrd")
     assert "1 file verified" in verify(path)
-    back, line = ReadBack(path), "/velocity/measured"
-    roots = {e.removesuffix(line) for e in back.entities() if e.endswith(line)}
-    assert len(roots) == len(trials)
-    assert roots >= {r"/..\/..\/etc", r"/a\/b\\c", r"/trial\ __properties", r"/..\/..\/etc\ \(2\)"}
-    for root in roots:  # a name is one part of the path, whatever it holds
-        assert root.replace("\\\\", "").replace("\\/", "").count("/") == 1, root
-        np.testing.assert_array_equal(back.scalars(f"{root}{line}"), trials[0].comparison.motion.v[::2])
+    back = ReadBack(path)
+    assert back.fixed("/__properties", "RecordingInfo:name") == [drawable(name)]
+    np.testing.assert_array_equal(back.scalars("/velocity/measured"), one.motion.v[::2])
 
 
-def test_a_study_lays_its_trials_over_each_other_on_one_clock(tmp_path: Path, finding: Finding) -> None:
-    study = made_up_study(speeds=(0.2, 0.7), repetitions=2)
-    path = record_study(study, tmp_path / "study.rrd", finding=finding)
-    assert "1 file verified" in verify(path)
-    back, colours = ReadBack(path), set()
-    for k, result in enumerate(study.trials):
-        motion, line = result.comparison.motion, f"/{result.trial.name}/velocity/measured"
-        np.testing.assert_array_equal(back.scalars(line), motion.v[::2])
-        np.testing.assert_allclose(back.t(line), motion.t[::2] - ORIGIN, atol=NANOSECOND)
-        slip = f"/all_trials/{k // 2}/slip/measured/{result.trial.name}"
-        steady = (back.t(slip) > 1) & (back.t(slip) < 3)
-        assert back.scalars(slip)[steady].mean() == pytest.approx(100 * motion.slip_ratio.value, abs=1)
-        assert back.fixed(slip, "Measurements:names") == [result.trial.name]
-        for entity in ("fitted_rear_motor_current/from_model", "simulation_differs/pitch_rate"):
-            assert f"/{result.trial.name}/{entity}" in back.entities()
-        colours.add((k // 2, back.fixed(slip, "Measurements:colors")[0]))
-    assert len(colours) == 4  # each trial has a colour of its own beside the others of its speed
-
-
-def test_speeds_that_print_alike_share_a_row_and_others_have_their_own(tmp_path: Path) -> None:
-    result = made_up_study(speeds=(0.3, 0.5, 0.7), repetitions=1)
-    trials = []
-    for r, velocity in zip(result.trials, (0.49831, 0.49834, 0.5021), strict=True):
-        motion = r.comparison.motion
-        motion = dataclasses.replace(motion, variant=dataclasses.replace(motion.variant, velocity=velocity))
-        trials.append(dataclasses.replace(r, comparison=dataclasses.replace(r.comparison, motion=motion)))
-    back = ReadBack(record_study(dataclasses.replace(result, trials=tuple(trials)), tmp_path / "study.rrd"))
-    own = {e for e in back.entities() if e.startswith("/all_trials/") and "/slip/measured/" in e}
-    assert sorted(e.split("/")[2] for e in own) == ["0", "0", "1"]
-
-
-def test_a_line_without_samples_is_left_out(trial: TrialResult, tmp_path: Path) -> None:
+def test_a_line_without_samples_is_left_out(trial: Comparison, tmp_path: Path) -> None:
     """A reference may end before the part of the log that is used begins."""
     nothing = np.zeros(0)
     currents = dataclasses.replace(trial.trial.currents, t=nothing, current=np.zeros((0, 4)))
     bare = dataclasses.replace(trial.trial, reference_v=Series(nothing, nothing), currents=currents)
-    back = ReadBack(record_trial(bare, trial.comparison, tmp_path / "trial.rrd"))
+    back = ReadBack(record_trial(dataclasses.replace(trial, trial=bare), tmp_path / "trial.rrd"))
     assert "/velocity/measured" in back.entities()
     assert not {"/velocity/reference", "/motor_current/measured"} & back.entities()
 
 
 def test_a_recording_that_fails_leaves_the_old_file_and_nothing_else(
-    trial: TrialResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    trial: Comparison, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "a.rrd"
     path.write_bytes(b"old")
     with pytest.raises(LabError, match=re.escape(str(path / "b.rrd"))):
-        record_trial(trial.trial, trial.comparison, path / "b.rrd")
+        record_trial(trial, path / "b.rrd")
 
     def fail(*_: object) -> None:
         raise RuntimeError("half way")
 
     monkeypatch.setattr(write_module, "write_scene", fail)
     with pytest.raises(RuntimeError, match="half way"):
-        record_trial(trial.trial, trial.comparison, path)
+        record_trial(trial, path)
     assert path.read_bytes() == b"old"
     assert [p.name for p in tmp_path.iterdir()] == ["a.rrd"]
 
@@ -379,11 +344,11 @@ LATE = START - 102.0
 """The search starts the command so much later than the comparison [s]."""
 
 
-def test_disagreements_are_bars_on_the_trials_own_clock(trial: TrialResult, searched: ReadBack) -> None:
+def test_disagreements_are_bars_on_the_trials_own_clock(trial: Comparison, searched: ReadBack) -> None:
     lane = "/simulation_differs/pitch_rate"
     assert searched.texts(lane, "StateChange:state") == ["none", "35", "none"]
     np.testing.assert_allclose(
-        searched.t(lane), [trial.comparison.t[0], BUMP[0] + LATE, BUMP[1] + LATE], atol=NANOSECOND
+        searched.t(lane), [trial.t[0], BUMP[0] + LATE, BUMP[1] + LATE], atol=NANOSECOND
     )
     colours = searched.fixed(lane, "StateConfiguration:colors")
     assert colours[0] != colours[1]
@@ -392,7 +357,7 @@ def test_disagreements_are_bars_on_the_trials_own_clock(trial: TrialResult, sear
 
 
 def test_bars_that_overlap_become_one_and_stay_in_the_log(
-    trial: TrialResult, finding: Finding, tmp_path: Path
+    trial: Comparison, finding: Finding, tmp_path: Path
 ) -> None:
     one = next(d for d in finding.where if d.variant == 0.3)
     where = [
@@ -400,16 +365,16 @@ def test_bars_that_overlap_become_one_and_stay_in_the_log(
         for start, end, share in ((2.0, 4.0, 0.2), (3.0, 5.0, 0.4), (50.0, 60.0, 0.6))
     ]
     found = dataclasses.replace(finding, where=tuple(where))
-    path = record_trial(trial.trial, trial.comparison, tmp_path / "a.rrd", finding=found)
+    path = record_trial(trial, tmp_path / "a.rrd", finding=found)
     back, lane = ReadBack(path), "/simulation_differs/pitch_rate"
     assert back.texts(lane, "StateChange:state") == ["none", "40", "none"]
-    np.testing.assert_allclose(back.t(lane), [trial.comparison.t[0], 2.0, 5.0], atol=NANOSECOND)
+    np.testing.assert_allclose(back.t(lane), [trial.t[0], 2.0, 5.0], atol=NANOSECOND)
     values, visible = (back.fixed(lane, f"StateConfiguration:{k}") for k in ("values", "visible"))
     assert dict(zip(values, visible, strict=True)) == {"none": False, "40": True}
 
 
 def test_simulations_before_and_after_stand_beside_what_was_measured(
-    trial: TrialResult, finding: Finding, searched: ReadBack
+    trial: Comparison, finding: Finding, searched: ReadBack
 ) -> None:
     own = {r.channel: r for r in finding.residuals if r.trial == trial.trial.name}
     assert set(own) == set(CHANNELS)
@@ -444,8 +409,8 @@ def test_log_lines_name_what_is_missing_and_where(searched: ReadBack) -> None:
     assert levels[where] == "INFO"  # the model differs; the trial is as good as any
 
 
-def test_nothing_found_and_not_searched_are_said(trial: TrialResult, tmp_path: Path) -> None:
-    path = record_trial(trial.trial, trial.comparison, tmp_path / "a.rrd", finding=made_up_finding("none"))
+def test_nothing_found_and_not_searched_are_said(trial: Comparison, tmp_path: Path) -> None:
+    path = record_trial(trial, tmp_path / "a.rrd", finding=made_up_finding("none"))
     back = ReadBack(path)
     assert not [e for e in back.entities() if "simulation_differs" in e]
     assert "Nothing that these trials show" in "\n".join(back.texts("/events", "TextLog:text"))
@@ -454,7 +419,7 @@ def test_nothing_found_and_not_searched_are_said(trial: TrialResult, tmp_path: P
     # a trial that was left out of the search
     left_out = ((trial.trial.name, "no model fits it"),)
     others = dataclasses.replace(made_up_finding(names="another_{speed}_{repetition}"), dropped=left_out)
-    back = ReadBack(record_trial(trial.trial, trial.comparison, tmp_path / "b.rrd", finding=others))
+    back = ReadBack(record_trial(trial, tmp_path / "b.rrd", finding=others))
     assert not [e for e in back.entities() if "fitted_" in e or "simulation_differs" in e]
     said = "\n".join(back.texts("/events", "TextLog:text"))
     assert "left out of the search: no model fits it" in said
@@ -463,6 +428,6 @@ def test_nothing_found_and_not_searched_are_said(trial: TrialResult, tmp_path: P
 def test_it_still_takes_less_than_a_second_and_two_megabytes(finding: Finding, tmp_path: Path) -> None:
     result = made_up_trial(0.3)  # the longest of Table 2
     begin = time.process_time()
-    path = record_trial(result.trial, result.comparison, tmp_path / "a.rrd", finding=finding)
+    path = record_trial(result, tmp_path / "a.rrd", finding=finding)
     assert time.process_time() - begin <= 1.0
     assert path.stat().st_size <= 2_000_000

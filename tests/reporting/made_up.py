@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from granite_lab.comparison.compare import compare
+from granite_lab.comparison.compare import Comparison, compare
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Health
 from granite_lab.fitting import fit_a_theta
@@ -18,7 +18,7 @@ from granite_lab.logs.trial import InputFile
 from granite_lab.model.run import Run
 from granite_lab.model.simulator import simulate
 from granite_lab.parameters import Variant, load_robot, load_soil, variant_of
-from granite_lab.results import Failure, Source, StudyResult, TrialResult
+from granite_lab.results import Failure, Source, StudyResult
 from tests.fitting import made_up as virtual_trials
 from tests.truth.faults import shifted_time
 
@@ -34,7 +34,7 @@ def made_up_run(variant: Variant) -> Run:
 
 def made_up_trial(
     velocity: float = 0.3, repetition: int = 1, name: str | None = None, *, virtual: bool = True
-) -> TrialResult:
+) -> Comparison:
     """Return a trial of a variant of Table 2 with everything that a report and a recording show."""
     variant = variant_of(velocity)
     name = name or f"{'virtual' if virtual else 'trial'}_{velocity:g}_{repetition}"
@@ -64,7 +64,7 @@ def made_up_trial(
         currents=dataclasses.replace(trial.currents, current=current),
         inputs=(InputFile(Path(f"data/samples/{name}.csv"), f"{zlib.crc32(name.encode()):064x}"),),
     )  # fmt: skip
-    return TrialResult(trial, compare(motion, trial, fit, load_robot(), load_soil(), run=run))
+    return compare(motion, trial, fit, load_robot(), load_soil(), run=run)
 
 
 def made_up_health(t: np.ndarray, stop: float, seed: int) -> Health:
@@ -98,22 +98,21 @@ def made_up_study(
             ("soil.friction_angle", "30", "deg", "catalogue/soils/dry_sand.toml"),
         ),
     )
-    a_theta = fit_a_theta([r.comparison.fit for r in results]) if len(results) > 1 else None
+    a_theta = fit_a_theta([r.fit for r in results]) if len(results) > 1 else None
     return StudyResult("made-up", results, (), a_theta, source)
 
 
 def rename(result: StudyResult, name: str) -> StudyResult:
     """Give the first trial another name everywhere, and put it into warnings and failures too."""
     replace, first = dataclasses.replace, result.trials[0]
-    c = first.comparison
-    motion = replace(c.motion, trial=name, warnings=(f"line 3: {name}",))
-    comparison = replace(c, motion=motion, fit=replace(c.fit, trial=name, notes=(name,)))
+    motion = replace(first.motion, trial=name, warnings=(f"line 3: {name}",))
     trial = replace(first.trial, name=name, doubts=(Doubt(name),), inputs=(InputFile(Path(name), "00"),))
+    renamed = replace(first, trial=trial, motion=motion, fit=replace(first.fit, trial=name, notes=(name,)))
     a_theta = result.a_theta
     if a_theta is not None:
         a_theta = replace(a_theta, points=((name, *a_theta.points[0][1:]), *a_theta.points[1:]))
     return replace(
-        result, name=name, trials=(TrialResult(trial, comparison), *result.trials[1:]),
+        result, name=name, trials=(renamed, *result.trials[1:]),
         failures=(Failure(name, name, name),), a_theta=a_theta,
         source=replace(result.source, command=name, parameters=((name, name, name, name),)),
     )  # fmt: skip

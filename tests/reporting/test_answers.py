@@ -101,8 +101,8 @@ def of_slips(*percent: float) -> Answers:
     study = made_up_study(speeds=(0.7,), repetitions=len(percent))
     trials = []
     for r, slip in zip(study.trials, percent, strict=True):
-        motion = replace(r.comparison.motion, slip_ratio=Estimate(slip / 100, 0.001))
-        trials.append(replace(r, comparison=replace(r.comparison, motion=motion)))
+        motion = replace(r.motion, slip_ratio=Estimate(slip / 100, 0.001))
+        trials.append(replace(r, motion=motion))
     return of_study(replace(study, trials=tuple(trials)))
 
 
@@ -189,8 +189,8 @@ def test_repetitions_are_grouped_and_the_middle_one_is_drawn(study: StudyResult)
     assert [(s.velocity, len(s.results)) for s in speeds] == [(0.3, 2), (0.7, 2)]
     assert speeds[1].paper_k92 == 0.026
     three = speeds_of(made_up_study(speeds=(0.2,), repetitions=3), load_paper())[0]
-    slips = sorted(r.comparison.motion.slip_ratio.value for r in three.results)
-    assert three.typical.comparison.motion.slip_ratio.value == slips[1]
+    slips = sorted(r.motion.slip_ratio.value for r in three.results)
+    assert three.typical.motion.slip_ratio.value == slips[1]
 
 
 def gap(normalised: float, rms: float = 0.05, phase: str = "all") -> Gap:
@@ -223,8 +223,8 @@ def test_the_worst_phase_is_the_furthest_beyond_its_noise_and_slip_differs_by_po
 
 
 def test_the_speeds_of_four_wheels_are_pooled_by_their_squares(study: StudyResult) -> None:
-    pooled = gaps([r.comparison for r in study.trials])
-    own = [m for r in study.trials for m in r.comparison.misfits if m.phase == "all"]
+    pooled = gaps(study.trials)
+    own = [m for r in study.trials for m in r.misfits if m.phase == "all"]
     wheels = [m for m in own if m.channel.startswith("wheel_")]
     mean = np.average([m.rms**2 for m in wheels], weights=[m.samples for m in wheels])
     assert pooled["wheels", "all"].rms == pytest.approx(math.sqrt(mean))
@@ -330,7 +330,7 @@ TWINS = ("slip_sinkage", "contact_angle_actual_speed")
 
 def calls(result: StudyResult) -> dict[str, tuple[str, tuple[object, ...]]]:
     """Return functions and what they print, by a name for each."""
-    comparisons = [r.comparison for r in result.trials]
+    comparisons = result.trials
     found = {
         f"finding {v}": ("show_study", (replace(result, trials=(), finding=made_up_finding(v, twins=TWINS)),))
         for v in ("named", "unknown", "none")

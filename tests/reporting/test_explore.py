@@ -44,7 +44,7 @@ def test_lines_of_every_channel_are_on_the_page(twelve: StudyResult, twelve_fold
     page, data = twelve_folder / "explore.html", data_of(twelve_folder)
     assert page.stat().st_size < 15e6
     assert [t["name"] for t in data["trials"]] == [r.trial.name for r in twelve.trials]
-    c = twelve.trials[0].comparison
+    c = twelve.trials[0]
     own = data["trials"][0]["curves"]
     assert c.measured.keys() <= own.keys()
     assert {f"search_{r.channel}" for r in twelve.finding.residuals} <= own.keys()

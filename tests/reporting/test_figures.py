@@ -35,7 +35,7 @@ UNIT = re.compile(r"\[[^\]]+\]")
 @pytest.fixture(scope="module")
 def of_study() -> list[Figure]:
     result = made_up_study(speeds=(0.2, 0.7), repetitions=2)
-    return [*study_report(result).figures, comparison_figure(result.trials[0].comparison, 1)]
+    return [*study_report(result).figures, comparison_figure(result.trials[0], 1)]
 
 
 @pytest.fixture(scope="module")
@@ -133,10 +133,10 @@ def test_speeds_that_round_alike_have_figures_of_their_own() -> None:
         result, finding = made_up_study(speeds=(0.3, 0.5), repetitions=2), made_up_finding(speeds=(0.3, 0.5))
         trials = []
         for r in result.trials:
-            motion = r.comparison.motion
+            motion = r.motion
             variant = dataclasses.replace(motion.variant, velocity=driven[motion.variant.velocity])
             motion = dataclasses.replace(motion, variant=variant)
-            trials.append(dataclasses.replace(r, comparison=dataclasses.replace(r.comparison, motion=motion)))
+            trials.append(dataclasses.replace(r, motion=motion))
         residuals, where = (
             tuple(dataclasses.replace(x, variant=driven[x.variant]) for x in rows)
             for rows in (finding.residuals, finding.where)
@@ -153,7 +153,7 @@ def test_speeds_that_round_alike_have_figures_of_their_own() -> None:
 @pytest.mark.parametrize("later", [400.0, -400.0])
 def test_a_trial_whose_log_holds_nothing_of_the_command_has_a_figure_too(later: float) -> None:
     """The start of a command may be misjudged by minutes: no sample is in the window that is drawn."""
-    c = made_up_study(speeds=(0.3,), repetitions=1).trials[0].comparison
+    c = made_up_study(speeds=(0.3,), repetitions=1).trials[0]
     drawn = comparison_figure(dataclasses.replace(c, t=c.t + later), 1).draw()
     low, high = drawn.axes[0].get_xlim()
     assert low == -0.5

@@ -78,8 +78,8 @@ def differing(finding: Finding) -> set[str]:
 
 def test_no_quantity_agrees_in_which_the_search_sees_a_difference(twelve: StudyResult) -> None:
     finding = made_up_finding("named")
-    judged = {c.channel: c for c in channels_of(gaps([r.comparison for r in twelve.trials]), finding)}
-    alone = {c.channel: c for c in channels_of(gaps([r.comparison for r in twelve.trials]))}
+    judged = {c.channel: c for c in channels_of(gaps(twelve.trials), finding)}
+    alone = {c.channel: c for c in channels_of(gaps(twelve.trials))}
     for channel, sensors in SENSORS_OF.items():
         if differing(finding).intersection(sensors):
             assert judged[channel].verdict != "agrees"
@@ -108,7 +108,7 @@ def test_candidates_and_terms_are_counted_and_named_alike(twelve: StudyResult, t
 
 
 def test_repetitions_of_a_command_have_one_verdict(twelve: StudyResult) -> None:
-    like = [r.comparison for r in twelve.trials if r.comparison.motion.variant.velocity == 0.5]
+    like = [r for r in twelve.trials if r.motion.variant.velocity == 0.5]
     titles = [comparison_figure(c, k, like).title.partition(": ")[2] for k, c in enumerate(like)]
     assert len(like) == 3
     assert len(set(titles)) == 1
@@ -116,8 +116,8 @@ def test_repetitions_of_a_command_have_one_verdict(twelve: StudyResult) -> None:
 
 def with_fit(result: StudyResult, **changes: object) -> StudyResult:
     first = result.trials[0]
-    fit = dataclasses.replace(first.comparison.fit, **changes)
-    changed = dataclasses.replace(first, comparison=dataclasses.replace(first.comparison, fit=fit))
+    fit = dataclasses.replace(first.fit, **changes)
+    changed = dataclasses.replace(first, fit=fit)
     return dataclasses.replace(result, trials=(changed, *result.trials[1:]))
 
 
@@ -136,10 +136,10 @@ def test_a_fit_that_did_not_converge_has_no_std_and_a_warning(study: StudyResult
 
 
 def test_two_k92_that_exclude_each_other_are_told(study: StudyResult) -> None:
-    fit = study.trials[0].comparison.fit
+    fit = study.trials[0].fit
     assert fit.apart < 3
     apart = with_fit(study, k92_trajectory=Estimate(fit.k92.value + 0.1, fit.k92.std))
-    assert apart.trials[0].comparison.fit.apart == pytest.approx(0.1 / math.hypot(*[fit.k92.std] * 2))
+    assert apart.trials[0].fit.apart == pytest.approx(0.1 / math.hypot(*[fit.k92.std] * 2))
     assert any("does not explain both" in line for line in warnings_of(apart.trials[0]))
 
 

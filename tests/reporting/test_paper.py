@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from pypdf import PdfReader
 
+from granite_lab.comparison.compare import Comparison
 from granite_lab.errors import InputError
 from granite_lab.estimate import Part
 from granite_lab.fitting import fit_a_theta
@@ -24,7 +25,7 @@ from granite_lab.reporting.json_report import changed_files
 from granite_lab.reporting.report import study_report
 from granite_lab.reporting.speeds import speeds_of
 from granite_lab.reporting.tables import COMBINED, budget_tables
-from granite_lab.results import StudyResult, TrialResult
+from granite_lab.results import StudyResult
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study, rename
 
@@ -63,7 +64,7 @@ def test_figures_in_pdf_embed_their_fonts_and_keep_their_text(twelve_folder: Pat
     assert kinds == {"/CIDFontType2"}  # TrueType, which journals take
 
 
-def with_parts(result: TrialResult) -> TrialResult:
+def with_parts(c: Comparison) -> Comparison:
     """Give the std of a trial two components that make it up."""
 
     def parts(std: float) -> tuple[Part, ...]:
@@ -72,17 +73,16 @@ def with_parts(result: TrialResult) -> TrialResult:
             Part("encoder counts and stamps", "B", "rectangular", "m", 1e-4, 0.8 * std),
         )
 
-    c = result.comparison
     motion = replace(c.motion, slip_parts=parts(c.motion.slip_ratio.std))
     fit = replace(c.fit, parts=parts(c.fit.k92.std))
-    return TrialResult(result.trial, replace(c, motion=motion, fit=fit))
+    return replace(c, motion=motion, fit=fit)
 
 
 @pytest.fixture(scope="module")
 def budgeted() -> StudyResult:
     made = made_up_study()
     trials = tuple(map(with_parts, made.trials))
-    return replace(made, trials=trials, a_theta=fit_a_theta([r.comparison.fit for r in trials]))
+    return replace(made, trials=trials, a_theta=fit_a_theta([r.fit for r in trials]))
 
 
 def test_the_contributions_add_up_to_the_stated_std_and_the_shares_to_one(budgeted: StudyResult) -> None:

@@ -174,7 +174,7 @@ def test_json_follows_its_schema(folder: Path, study: StudyResult) -> None:
     report = strict((folder / "report.json").read_text(encoding="utf-8"))
     assert report["schema"] == "granite-lab/report/2"
     assert [row["speed_mps"] for row in report["answers"]["speeds"]] == [0.3, 0.7]
-    slips = [t.comparison.motion.slip_ratio.value for t in study.trials[:2]]
+    slips = [t.motion.slip_ratio.value for t in study.trials[:2]]
     own = report["answers"]["speeds"][0]["slip"]
     assert own["unit"] == "%"
     assert own["value"] == pytest.approx(100 * np.mean(slips), abs=0.5 * own["std"])
@@ -235,8 +235,8 @@ def test_no_text_of_a_table_of_numbers_is_a_formula(tmp_path: Path) -> None:
 def test_what_could_not_be_had_is_a_dash_and_null(tmp_path: Path) -> None:
     """A log without IMU, currents or a usable fit still ends in a report."""
     study = made_up_study(speeds=(0.5,), repetitions=1)
-    r = study.trials[0]
-    c, nothing = r.comparison, np.full(len(r.comparison.t), math.nan)
+    c = study.trials[0]
+    nothing = np.full(len(c.t), math.nan)
 
     def lost(record: Any, *names: str, **others: Any) -> Any:
         unknown = Estimate(math.nan)
@@ -250,8 +250,7 @@ def test_what_could_not_be_had_is_a_dash_and_null(tmp_path: Path) -> None:
     status = dict.fromkeys(("status", "status_trajectory"), "not_evaluated")
     fit = lost(c.fit, "k92", "k92_trajectory", "slip_measured", slip_simulated=math.nan, **status)
     measured = {name: values if name.startswith("wheel") else nothing for name, values in c.measured.items()}
-    comparison = dataclasses.replace(c, motion=motion, fit=fit, measured=measured, misfits=())
-    trials = (dataclasses.replace(r, comparison=comparison),)
+    trials = (dataclasses.replace(c, motion=motion, fit=fit, measured=measured, misfits=()),)
     folder = tmp_path / "poor"
     write_report(dataclasses.replace(study, trials=trials, a_theta=None), folder)
     report = json.loads((folder / "report.json").read_text(encoding="utf-8"))

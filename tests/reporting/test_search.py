@@ -342,18 +342,18 @@ def test_names_to_type_do_not_stand_in_sentences(note: str, said: str, findings:
     ],
 )  # fmt: skip
 def test_advice_fits_the_verdict_and_its_commands_can_be_pasted(finding: Finding, said: str) -> None:
-    steps = " ".join(names.next_steps(finding, "model.toml", "reports/my sand"))
+    steps = " ".join(map(" ".join, names.next_steps(finding, "model.toml", "reports/my sand")))
     assert said in steps
     assert ("simulate" in steps) is (finding.verdict == "named" and finding.effects[0].id == "multi_pass")
 
 
 def test_commands_name_the_effect_file_and_a_speed_that_can_be_simulated() -> None:
     finding = dataclasses.replace(made_up_finding(), simulates=(0.2, 0.3))
-    steps = " ".join(names.next_steps(finding, "model.toml", "found", "my effects.py"))
+    steps = " ".join(map(" ".join, names.next_steps(finding, "model.toml", "found", "my effects.py")))
     assert "plan-next found --effects 'my effects.py'" in steps
     assert "simulate --model found/model.toml --effects 'my effects.py' --variant 0.3" in steps
     without = names.next_steps(dataclasses.replace(finding, simulates=()), "model.toml", "found")
-    assert "simulate" not in " ".join(without)
+    assert "simulate" not in " ".join(map(" ".join, without))
 
 
 def test_the_ceiling_is_said_with_its_place_and_stands_in_the_table_and_the_document() -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from granite_lab.comparison.compare import Comparison
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, mean_over, weights_of
 from granite_lab.fitting import fit_a_theta
@@ -14,19 +15,16 @@ from granite_lab.fitting.fit import K92_STEADY, K92_TRAJECTORY
 from granite_lab.reporting import write_report
 from granite_lab.reporting.answers import of_study
 from granite_lab.reporting.json_report import k92_as_json
-from granite_lab.results import StudyResult, TrialResult
+from granite_lab.results import StudyResult
 from tests.reporting.made_up import made_up_study
 
 
-def known_to(result: TrialResult, std: float, **fit: Any) -> TrialResult:
+def known_to(c: Comparison, std: float, **fit: Any) -> Comparison:
     """Return the trial with a λ_R that is known to `std`."""
-    c = result.comparison
     slip = Estimate(c.motion.slip_ratio.value, std)
     whole = Estimate(c.motion.distance.value, std * abs(c.motion.distance_wheels.value))
     motion = replace(c.motion, slip_ratio=slip, distance=whole)
-    return replace(
-        result, comparison=replace(c, motion=motion, fit=replace(c.fit, slip_measured=slip, **fit))
-    )
+    return replace(c, motion=motion, fit=replace(c.fit, slip_measured=slip, **fit))
 
 
 def vague(std: float = 0.13, **fit: Any) -> StudyResult:
@@ -71,7 +69,7 @@ def test_a_study_in_which_every_k92_is_at_a_bound_says_what_the_model_reaches() 
     assert "lies above the 2.1 to 31 % that the model reaches on this soil" in text
     assert "the model reaches a slip of 2.1 to 31 %" in answers.questions[0].text
     assert {s.k92_note for s in answers.speeds} == {"at its limit"}
-    fit = study.trials[0].comparison.fit
+    fit = study.trials[0].fit
     assert K92_STEADY.cell(fit).text == "at lower limit"
     assert math.isnan(K92_STEADY.cell(fit).raw[0])
     assert math.isnan(k92_as_json(fit)["k92"]["value"])
@@ -87,13 +85,13 @@ def test_a_study_in_which_every_k92_is_at_a_bound_says_what_the_model_reaches() 
     ],
 )
 def test_a_k92_by_the_trajectory_that_tells_nothing_is_no_number(k92: Estimate, text: str) -> None:
-    fit = replace(made_up_study().trials[0].comparison.fit, k92_trajectory=k92, status_trajectory="ok")
+    fit = replace(made_up_study().trials[0].fit, k92_trajectory=k92, status_trajectory="ok")
     assert K92_TRAJECTORY.cell(fit).text == text
 
 
 def test_no_a_theta_without_a_known_slip() -> None:
     with pytest.raises(EstimateError, match="known to 5 points"):
-        fit_a_theta([r.comparison.fit for r in vague().trials])
+        fit_a_theta([r.fit for r in vague().trials])
 
 
 def test_what_is_hardly_known_enters_a_mean_by_its_weight_only() -> None:

@@ -130,8 +130,8 @@ def held(record: Any, folder: Path | None = None) -> Any:
 def test_a_record_in_a_file_is_as_before() -> None:
     result = made_up_study(speeds=(0.5,), repetitions=1).trials[0]
     kept = held(result)
-    changed = dataclasses.replace(kept.comparison.motion, v=2 * kept.comparison.motion.v)
-    assert changed.v.tobytes() == (2 * result.comparison.motion.v).tobytes()
+    changed = dataclasses.replace(kept.motion, v=2 * kept.motion.v)
+    assert changed.v.tobytes() == (2 * result.motion.v).tobytes()
     assert kept.trial.info == result.trial.info
     for again in (kept, pickle.loads(pickle.dumps(kept)), copy.deepcopy(kept)):
         assert content(again) == content(result)

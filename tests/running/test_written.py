@@ -54,7 +54,7 @@ def study(found: Finding) -> StudyResult:
 
 
 def parts(study: StudyResult) -> list[tuple[Trial, Motion]]:
-    return [(r.trial, r.comparison.motion) for r in study.trials]
+    return [(r.trial, r.motion) for r in study.trials]
 
 
 def alone(study: StudyResult) -> StudyResult:

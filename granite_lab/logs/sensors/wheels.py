@@ -16,7 +16,8 @@ from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, Wheel
 from granite_lab.parameters import WHEELS, Robot, Variant, load_variants
 
 _TOO_FAST = 30.0  # no ground robot whose motors are not known drives faster [m/s]
-# A free wheel turns this many times as fast as the others, which agree to this share, for so long [s].
+# A free wheel turns this many times as fast as the others, which agree to this share, for so long [s]; one
+# whose encoder slips on its shaft seems to turn so many times as slowly.
 _FREE, _ALIKE, _FREE_FOR = 1.3, 0.05, 0.3
 _OPPOSED = -0.5  # a current that correlates with the other motors' by less has the opposite sign
 
@@ -176,27 +177,32 @@ def refuse_counts_and_speed(wheels: WheelStream, log: Log) -> None:
 
 
 def without_free_wheels(wheels: WheelStream, log: Log) -> WheelStream:
-    """Leave a wheel out where it turns much faster than the other three, which agree."""
+    """Leave a wheel out where it turns much faster or more slowly than the other three, which agree."""
     dt = float(np.median(np.diff(wheels.t)))
     n = max(round(0.1 / dt), 1)
     if wheels.rate is not None or not np.isfinite(wheels.angle).all() or len(wheels.t) < 4 * n:
         return wheels
     span = wheels.t[n:] - wheels.t[:-n]
     speed = np.abs(wheels.angle[n:] - wheels.angle[:-n]) / span[:, None]
-    angle, fastest = wheels.angle.copy(), speed.argmax(axis=1)
+    angle = wheels.angle.copy()
     low, middle, high, top = np.sort(speed, axis=1).T
-    free = (top > _FREE * middle) & (high - low < _ALIKE * middle)
-    free &= middle > 0.1 * float(np.quantile(middle, 0.95))
-    for i, channel in enumerate(ENCODERS):
-        mine = free & (fastest == i)
-        long = [(a, b) for a, b in runs(mine) if (b - a) * dt >= _FREE_FOR]
-        for a, b in long:
-            angle[a : b + n, i] = np.nan
-        if long:
-            ratio = float(np.median(top[mine] / middle[mine]))
-            since = f"from t = {wheels.t[long[0][0]]:.2f} s on"
-            fast = f"the wheel turns {ratio:.2g} times as fast as the others {since}"
-            log.doubt(f"{fast}, as if off the ground", log.column(channel), "left out there")
+    rolls = middle > 0.1 * float(np.quantile(middle, 0.95))
+    free = (top > _FREE * middle) & (high - low < _ALIKE * middle) & rolls
+    slips = (low > 0.0) & (_FREE * low < high) & (top - middle < _ALIKE * high) & rolls
+    for at, odd, usual, as_if in (
+        (free, speed.argmax(axis=1), middle, "off the ground"),
+        (slips, speed.argmin(axis=1), high, "its encoder slipped on the shaft"),
+    ):
+        for i, channel in enumerate(ENCODERS):
+            mine = at & (odd == i)
+            long = [(a, b) for a, b in runs(mine) if (b - a) * dt >= _FREE_FOR]
+            for a, b in long:
+                angle[a : b + n, i] = np.nan
+            if long:
+                ratio = float(np.median(speed[mine, i] / usual[mine]))
+                since = f"from t = {wheels.t[long[0][0]]:.2f} s on"
+                seen = f"the wheel turns {ratio:.2g} times as fast as the others {since}"
+                log.doubt(f"{seen}, as if {as_if}", log.column(channel), "left out there")
     return dataclasses.replace(wheels, angle=angle)
 
 

@@ -19,7 +19,7 @@ import rerun as rr
 from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import Finding, Residual
 from granite_lab.logs.counters import mean_known
-from granite_lab.logs.trial import Array, Trial
+from granite_lab.logs.trial import Array
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting.answers import missing_answer
 from granite_lab.reporting.names import latency_in_words, sensor
@@ -34,7 +34,6 @@ SKY, BLUE, ORANGE, VERMILION = (86, 180, 233), (40, 120, 215), (230, 159, 0), (2
 GREEN, PURPLE, GREY = (0, 158, 115), (204, 121, 167), (150, 150, 150)
 MEASURED, SIMULATED = SKY, ORANGE
 OF_WHEELS = (SKY, GREEN, BLUE, PURPLE)
-OF_TRIALS = (SKY, PURPLE, GREEN, BLUE, GREY)
 THIN, WIDE = 1.5, 4.0
 """Widths of measured and of simulated lines, in points of the screen."""
 
@@ -104,7 +103,7 @@ def _simulated(
     return Line(f"{plot}/from_model", names, unit, t, value, colours, widths, step=FINE)
 
 
-def lines_of(trial: Trial, comparison: Comparison, finding: Finding | None = None) -> list[Line]:
+def lines_of(comparison: Comparison, finding: Finding | None = None) -> list[Line]:
     """Return every line of a trial as shown, with simulations of a finding; none without a finite sample."""
     motion, start = comparison.motion, comparison.start
     run, t = comparison.run, motion.t - start
@@ -115,10 +114,10 @@ def lines_of(trial: Trial, comparison: Comparison, finding: Finding | None = Non
         Line("slip_of_each_wheel/measured", WHEELS, "-", t, motion.slip, OF_WHEELS, (THIN,) * 4, step=MEDIUM),
         *_channels(comparison), *_innovations(comparison),
     ]  # fmt: skip
-    if (reference := trial.reference_v) is not None:
+    if (reference := comparison.trial.reference_v) is not None:
         t = reference.t - start
         lines.append(Line("velocity/reference", ("reference",), "m/s", t, reference.value, (PURPLE,)))
-    if (drawn := trial.currents) is not None:
+    if (drawn := comparison.trial.currents) is not None:
         t, value = drawn.t - start, drawn.current
         lines.append(
             Line("motor_current/measured", WHEELS, "A", t, value, OF_WHEELS, (1.0,) * 4, step=MEDIUM)
@@ -202,22 +201,6 @@ def _found(finding: Finding, comparison: Comparison) -> Iterator[Line]:
         else:
             yield Line(f"{plot}/measured", ("measured",), r.unit, t, r.measured, (MEASURED,))
         yield _simulated(plot, names, r.unit, t, both, later[:many])
-
-
-def overlaid(row: str, name: str, comparison: Comparison, colour: Rgb) -> list[Line]:
-    """Return velocity and mean slip of one trial, as shown, in plots of a row that many trials share."""
-    motion, run = comparison.motion, comparison.run
-    t, last = motion.t - comparison.start, rr.escape_entity_path_part(name)
-    slip = (run["slip_f"] + run["slip_r"]) / 2
-    lines = []
-    for plot, unit, simulated, measured in (
-        (f"{row}/velocity", "m/s", run["v_mps"], motion.v),
-        (f"{row}/slip", "-", slip, mean_known(motion.slip, 1)),
-    ):
-        wide = _simulated(plot, ("simulated",), unit, run.t, simulated, (SIMULATED,))
-        lines.append(replace(wide, entity=f"{wide.entity}/{last}"))
-        lines.append(Line(f"{plot}/measured/{last}", (name,), unit, t, measured, (colour,), step=FINE))
-    return [line.shown() for line in lines]
 
 
 def write_lines(writer: Writer, lines: Iterable[Line]) -> None:

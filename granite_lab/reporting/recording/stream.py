@@ -1,4 +1,4 @@
-"""An open recording: entities below one root, times since command start, an all-or-nothing file."""
+"""An open recording: times since command start, an all-or-nothing file."""
 
 from __future__ import annotations
 
@@ -31,27 +31,19 @@ def drawable(text: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Writer:
-    """Where one trial goes: an open recording, and "" or the escaped entity path of its root."""
+    """An open recording."""
 
     stream: Any
-    root: str = ""
 
     def static(self, entity: str, *archetypes: Any) -> None:
         """Log what holds for all times."""
-        self.stream.log(f"{self.root}/{entity}", *archetypes, static=True)
+        self.stream.log(f"/{entity}", *archetypes, static=True)
 
     def rows(self, entity: str, t: Array, columns: Any) -> None:
         """Send the N rows of ``Archetype.columns`` at (N,) times since command start [s]."""
         stamps = np.round(np.asarray(t, float) * 1e9).astype("timedelta64[ns]")
         index = rr.TimeColumn(TIMELINE, duration=stamps)
-        self.stream.send_columns(f"{self.root}/{entity}", indexes=[index], columns=columns)
-
-
-def root_of(trial: str) -> str:
-    """Return the entity path of a trial in a recording of several, whatever its name holds."""
-    # Rerun keeps names that begin with two underscores to itself.
-    name = f"trial {trial}" if not trial.strip() or trial.startswith("__") else trial
-    return str(rr.new_entity_path([name]))
+        self.stream.send_columns(f"/{entity}", indexes=[index], columns=columns)
 
 
 @contextmanager
