@@ -5,13 +5,14 @@ import os
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from tests.soak import SOAK
 
-# a deadline would judge what else the machine does
-settings.register_profile("new draws", deadline=None)
-settings.register_profile("same draws in each run", deadline=None, derandomize=True)
+# neither a deadline nor slow draws: they judge what else the machine does
+timeless = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("new draws", timeless)
+settings.register_profile("same draws in each run", timeless, derandomize=True)
 # new draws are for `make soak`: a change is judged by what it changes
 settings.load_profile("new draws" if SOAK else "same draws in each run")
 
