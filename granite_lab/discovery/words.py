@@ -122,9 +122,10 @@ def notes(
     if judgement.scatter:
         found.append(differing(judgement))
     if not (fit := judgement.model.fit).converged:
+        promised = np.sqrt(fit.promised)
         found.append(
-            f"{UNCONVERGED}: by its derivatives a likelier point lies "
-            f"{np.sqrt(fit.promised):.1f} std away, but no step reached it. The shear stress has kinks."
+            f"{UNCONVERGED}: no step reached the {promised:.1f} std that its derivatives promise. The shear "
+            "stress (10) has kinks, on both sides of which they differ."
         )
     for n in judgement.named:
         if n.closes.value < LEAST_SHARE:
