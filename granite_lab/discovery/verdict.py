@@ -29,6 +29,7 @@ from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FORMULAS
 from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
+from granite_lab.model.effect import EffectParameter
 
 LARGEST_SET = 3
 """Most effects that cannot be told apart in an answer that still is one: no more rivals of a screen are
@@ -51,6 +52,7 @@ class Named:
         probability: that it or one of its twins is in the model, see `discovery.resampling`.
         closes, speeds: share of the gap on trials and on speeds left out.
         strained: its numbers that ended at a bound, or two standard deviations outside what is expected.
+        at_bound: a strength ended at a bound: its likeliest size is none that it can have.
         changes: channel to how far it moves the prediction, as a share of the channel's rms in motion.
         made: channel to which share it makes of what the set changes there.
         needed: channel to what the rest of the set leaves there without it, beyond errors of its formulas; a
@@ -63,6 +65,7 @@ class Named:
     closes: Estimate
     speeds: Estimate = OPEN
     strained: tuple[str, ...] = ()
+    at_bound: bool = False
     changes: Mapping[str, float] = field(default_factory=dict)
     made: Mapping[str, float] = field(default_factory=dict)
     needed: Mapping[str, float] = field(default_factory=dict)
@@ -191,9 +194,9 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     * Effects of the likeliest set are named that trials left out show, and that close at least `RELEVANT` of
       the gap or show in a channel, see `Named.matters`, by more than the tolerance. Alone, or with at most
       two others that cannot be told from them, they must have a probability of `CREDIBLE`.
-      Where the likeliest set leaves more than noise and the tolerance in a channel, each must close more than
-      the set leaves: what is missing could otherwise be all that speaks for it. Where more is missing, see
-      `Named.is_sure_beside`.
+      One with a strength at a bound is not named, and what it closes counts as left. Where the likeliest set
+      leaves more than noise and the tolerance in a channel, each must close more than the set leaves: what is
+      missing could otherwise be all that speaks for it. Where more is missing, see `Named.is_sure_beside`.
     * ``named`` where these are all that matters, and together leave less than `LEFT` of the gap, as an rms;
       or not more by two standard errors, if errors of their formulas within `FORMULA_ERROR` and the tolerance
       explain what they leave.
@@ -220,14 +223,16 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     parts = together(
         lambda k: _named(problem, search, best.effects[k], whole, competition, held_out), len(best.effects)
     )
-    scales, remainder = best.fit.scales, 1 - whole.closed.value
+    # what only a strength at its bound explains has another cause
+    remainder = 1 - whole.closed.value + sum(n.closes.value for n in parts if n.at_bound and n.is_shown())
+    scales = best.fit.scales
     relevant = [n for n in parts if n.matters(remainder, tolerance, scales)]
     beyond = remainder - 2 * whole.closed.std > LEFT**2  # not so where the standard error is not known
     explained = good(problem, best.fit, tolerance)
     enough = remainder < LEFT**2 or (explained and not beyond)
     least = 0.0 if explained else remainder
     stand_out = [n for n in relevant if not differ or n.stands_out(differ, tolerance)]
-    usual = [n for n in stand_out if n.is_sure()]
+    usual = [n for n in stand_out if n.is_sure() and not n.at_bound]
     named = [n for n in usual if (enough and n.closes.value > least) or n.is_sure_beside(remainder, scales)]
     every = enough and len(named) == len(relevant)
     verdict: Verdict = "unknown" if not named else "named" if every else "partly named"
@@ -364,7 +369,8 @@ def _named(
     every = moved(problem, alone.fit, best.fit)
     return Named(
         id_, tuple(twins), min(probability, 1.0), closes, speeds, strained_numbers(problem, best.fit, id_),
-        changes, made(changes, every, tolerance),
+        any(_is_bound(p, value) for p, value in _strengths(problem, best.fit, id_)), changes,
+        made(changes, every, tolerance),
         needed(problem, without.fit, best.fit.scales, id_, changes, tolerance),
     )  # fmt: skip
 
@@ -375,11 +381,21 @@ def strained_numbers(problem: Problem, fit: Fit, id_: str) -> tuple[str, ...]:
     A strength at its neutral value is no strain: the effect is then not there. Nor is a shape at its bound,
     of which trials with little of the effect say nothing.
     """
-    found = []
+    return tuple(
+        p.name
+        for p, value in _strengths(problem, fit, id_)
+        if _is_bound(p, value) or abs(value - p.neutral) > 2 * width_of(p)
+    )
+
+
+def _strengths(problem: Problem, fit: Fit, id_: str) -> list[tuple[EffectParameter, float]]:
+    """Return the strengths of an effect that all trials share, with their values."""
     common = problem.parameters(fit.point.effects, per_trial=False)
-    for (e, p), value in zip(common, fit.point.common, strict=True):
-        margin = AT_BOUND * (p.high - p.low)
-        bound = any(abs(value - b) < margin for b in (p.low, p.high) if abs(b - p.neutral) > margin)
-        if e == id_ and not p.shape and (bound or abs(value - p.neutral) > 2 * width_of(p)):
-            found.append(p.name)
-    return tuple(found)
+    pairs = zip(common, fit.point.common.tolist(), strict=True)
+    return [(p, value) for (e, p), value in pairs if e == id_ and not p.shape]
+
+
+def _is_bound(p: EffectParameter, value: float) -> bool:
+    """Tell whether a strength is at a bound other than its neutral value."""
+    margin = AT_BOUND * (p.high - p.low)
+    return any(abs(value - b) < margin for b in (p.low, p.high) if abs(b - p.neutral) > margin)

@@ -448,6 +448,19 @@ def test_a_larger_set_must_be_likelier_than_what_the_fit_of_a_smaller_one_has_mi
     assert gains(small, replace(best, log_posterior=best.log_posterior + WORTH + 10)) is more
 
 
+def test_an_effect_whose_size_ends_at_a_bound_is_described_and_what_it_closes_counts_as_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    answer = ask(push=0.3)
+    assert answer.named == {"push"}
+    monkeypatch.setattr(verdict, "AT_BOUND", 0.495)  # 0.3 N counts as the bound of 20 N
+    found = judge(answer.problem, answer.search, TOLERANCE)
+    assert (found.verdict, found.named) == ("unknown", ())
+    (only,) = found.described
+    assert only.at_bound
+    assert only.probability < 0.6 * answer.judgement.named[0].probability
+
+
 def test_an_effect_is_named_beside_another_cause() -> None:
     answer = ask(push=0.5, hidden=0.2)
     assert answer.judgement.verdict == "partly named"
