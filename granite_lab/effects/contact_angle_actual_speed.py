@@ -6,7 +6,7 @@ from typing import Any
 
 import casadi as ca
 
-from granite_lab.model.command import V_FLOOR
+from granite_lab.model.command import V_FLOOR, magnitude
 from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
 from granite_lab.model.symbols import ModelParameters
 
@@ -44,6 +44,6 @@ class ContactAngleActualSpeed(Effect):
     def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
         """Let the average follow with the travel; below V_FLOOR as with that speed."""
         v = axles[0].state.velocity
-        actual = ca.sqrt(v**2 + ROUND**2) - ROUND
+        actual = magnitude(v, ROUND)
         travelling = ca.sqrt(v**2 + V_FLOOR**2)
         return {"speed": (actual - own.x["speed"]) * travelling / own.p["length"]}

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import casadi as ca
 
-from granite_lab.model.command import contact_angle_ratio
+from granite_lab.model.command import contact_angle_ratio, magnitude
 from granite_lab.model.contact import ContactAngles, WheelState
 from granite_lab.model.effect import Effect, EffectParameter, Own
 
@@ -50,8 +50,8 @@ class ExitBySinkage(Effect):
 
     def contact_angles(self, angles: ContactAngles, state: WheelState, own: Own) -> ContactAngles:
         """Move from the paper's rear angle to that of the sinkage."""
-        speed = ca.sqrt(state.velocity**2 + ROUND**2) - ROUND
-        κ0, rest = contact_angle_ratio(REFERENCE, own.model) ** 2, ca.exp(-speed / own.p["onset"])
+        rest = ca.exp(-magnitude(state.velocity, ROUND) / own.p["onset"])
+        κ0 = contact_angle_ratio(REFERENCE, own.model) ** 2
         root = ca.sqrt(κ0 + (1 - κ0) * rest)
         rear = 2 * ca.asin(root * ca.sin(angles.front / 2))  # arccos(1 − κ z/r), exact also for small angles
         return replace(angles, rear=angles.rear + own.p["share"] * (rear - angles.rear))

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import casadi as ca
-
+from granite_lab.model.command import magnitude
 from granite_lab.model.contact import WheelState
 from granite_lab.model.effect import Effect, EffectParameter, Own
 from granite_lab.parameters import Soil
@@ -36,5 +35,4 @@ class SlipSinkage(Effect):
 
     def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
         """Raise the exponent, which lowers the pressure at depths below 1 m."""
-        magnitude = ca.sqrt(state.slip**2 + ROUND**2) - ROUND
-        return replace(soil, exponent=soil.exponent + own.p["growth"] * magnitude)
+        return replace(soil, exponent=soil.exponent + own.p["growth"] * magnitude(state.slip, ROUND))

@@ -153,9 +153,9 @@ def _odd_wheel(motion: Motion) -> Doubt | None:
     if not inside.any() or not np.isfinite(motion.v_wheel[inside]).all():
         return None
     why = "its encoder counts wrongly, or it slips by itself"
-    whole = np.sum(motion.v_wheel[inside], axis=0, keepdims=True)
-    if (far := float(_odd_share(whole).sum())) != 0.0:
-        wheel, way = int(np.argmax(np.abs(_odd_share(whole)))), "more" if far > 0 else "less"
+    whole = _odd_share(np.sum(motion.v_wheel[inside], axis=0, keepdims=True))
+    if (far := float(whole.sum())) != 0.0:
+        wheel, way = int(np.argmax(np.abs(whole))), "more" if far > 0 else "less"
         seen = f"wheel {WHEELS[wheel]} rolls {100 * abs(far):.0f} % {way} than the others, which agree"
         return Doubt(f"{seen}: {why}", grade="fair", rolled=abs(far) / len(WHEELS))
     far_of = np.abs(_odd_share(_means(motion, motion.v_wheel, inside)))

@@ -34,6 +34,11 @@ def smoothstep(s: Any) -> Any:
     return s * s * (3 - 2 * s)
 
 
+def magnitude(x: Any, rounding: float) -> Any:
+    """Return |x| without its corner at 0: sqrt(x^2 + rounding^2) - rounding."""
+    return ca.sqrt(x**2 + rounding**2) - rounding
+
+
 def peak_velocity(variant: Variant) -> float:
     """Return the largest desired velocity [m/s]; below v_Ru where the distance is too short for it."""
     if isinstance(variant, Course):
