@@ -169,19 +169,43 @@ def _variance(covariance: Array, weights: Array) -> Array:
 def _band_of_inverse(factor: Array) -> Array:
     """Return (B, m, k + 1) the inverse's elements at i, i + j, of (B, k + 1, m) banded Cholesky factors.
 
-    They follow from the last to the first one (Takahashi, Fagan & Chin 1973).
+    They follow from the last to the first one (Takahashi, Fagan & Chin 1973): an unknown is a sum of the k
+    next ones and an own part. About sqrt(m) stretches are passed at once, twice: first each as if what
+    follows it were known, then by what does follow it.
     """
     count, size, m = factor.shape
-    rows = np.zeros((m, count, size))  # of the upper factor
+    length = int(np.ceil(np.sqrt(m)))
+    stretches = -(-m // length)
+    rows = np.zeros((stretches * length, count, size))  # of the upper factor
     for j in range(size):
         rows[: m - j, :, j] = factor[:, -1 - j, j:].T
+    rows[m:, :, 0] = np.inf  # unknowns beyond the end have neither part
     own = 1 / rows[:, :, 0]
     ahead = -rows[:, :, 1:] * own[:, :, None]
-    inverse = np.zeros((m, count, size))
-    block = np.zeros((count, size - 1, size - 1))  # of the next unknowns
-    for i in range(m - 1, -1, -1):
-        inverse[i, :, 1:] = beside = (block @ ahead[i][:, :, None])[:, :, 0]
-        inverse[i, :, 0] = own[i] ** 2 + np.vecdot(ahead[i], beside)
-        block[:, 1:, 1:] = block[:, :-1, :-1].copy()
-        block[:, 0] = block[:, :, 0] = inverse[i, :, :-1]
-    return inverse.transpose(1, 0, 2)
+    ahead, own = (a.reshape(stretches, length, *a.shape[1:]).swapaxes(0, 1) for a in (ahead, own))
+
+    inside = np.zeros((stretches, count, size - 1, size - 1))  # of the next unknowns
+    weights = inside + np.eye(size - 1)  # of what follows a stretch
+    for i in range(length - 1, -1, -1):
+        _step_back(inside, ahead[i], own[i])
+        first = ahead[i][..., None, :] @ weights
+        weights[..., 1:, :] = weights[..., :-1, :].copy()
+        weights[..., :1, :] = first
+    block = np.zeros_like(inside)
+    for n in range(stretches - 1, 0, -1):
+        block[n - 1] = weights[n] @ block[n] @ weights[n].swapaxes(1, 2) + inside[n]
+    inverse = np.stack([_step_back(block, ahead[i], own[i]) for i in range(length - 1, -1, -1)])
+    return inverse[::-1].transpose(2, 1, 0, 3).reshape(count, -1, size)[:, :m]
+
+
+def _step_back(block: Array, ahead: Array, own: Array) -> Array:
+    """Return the (..., k + 1) covariances of an unknown with itself and the k next ones.
+
+    Their (..., k, k) covariance `block` becomes that of the unknown and the k - 1 next ones, in place.
+    """
+    beside = (block @ ahead[..., None])[..., 0]
+    itself = own**2 + np.vecdot(ahead, beside)
+    found = np.concatenate([itself[..., None], beside], axis=-1)
+    block[..., 1:, 1:] = block[..., :-1, :-1].copy()
+    block[..., 0] = block[..., 0, :] = found[..., :-1]
+    return found
