@@ -140,13 +140,13 @@ def _added(density: Array, tail: Array, mean: Array, number: Array) -> float:
         return 0.0
     white = np.concatenate([[0.0], ADDED])
     height = HEIGHTS[:, None] * tail / np.max(tail)
-    log_posterior = np.empty(white.size)
+    misfit = np.empty((white.size, height.shape[0]))
     for i, added in enumerate(white):
         level = 1.0 + added + height
         low = np.sum(np.log(level) + density / level, axis=1)
         least = np.maximum(mean, 1.0 + added)  # as loud as its mean, but not quieter than the white noise
-        high = np.sum(number * (np.log(least) + mean / least))
-        log_posterior[i] = logsumexp(-INDEPENDENT * (low + high))
+        misfit[i] = low + np.sum(number * (np.log(least) + mean / least))
+    log_posterior = logsumexp(-INDEPENDENT * misfit, axis=1)
     log_posterior += np.log(np.append(NONE, np.full(ADDED.size, (1.0 - NONE) / ADDED.size)))
     return float(softmax(log_posterior) @ white)
 
