@@ -1,5 +1,5 @@
 """What all tests share: no test sees what the user's own runs remember, nor leaves anything there; pictures
-are coarse."""
+are coarse, and the machine seems to have one core."""
 
 import os
 from collections.abc import Iterator
@@ -37,6 +37,17 @@ def full_resolution() -> Iterator[int]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(canvas, "DPI", 20)
         yield full
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_core() -> Iterator[None]:
+    """Trials are worked on in this process unless a test says how many do: a worker imports all again.
+
+    Worker processes are shown by tests that ask for `jobs`, or that begin commands as processes.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "cpu_count", lambda: 1)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ import pytest
 
 from granite_lab.errors import LabError
 from granite_lab.running.output import claimed
-from tests.corpus.cli import lab, refused
+from tests.corpus.cli import lab, refused, succeeded
 from tests.effects.example import EXAMPLE
 from tests.running.processes import (
     STUDY,
@@ -214,14 +214,15 @@ def test_verify_finds_the_same_again_and_says_what_was_changed(tmp_path: Path, s
     shutil.copytree(tmp_path / "logs", moved)
     with (moved / f"{TWO[0]}.csv").open("a", encoding="utf-8") as log:
         log.write("\n")
-    output, errors = study(tmp_path, "moved", "--verify", "report", "--json", code=1)
-    found = json.loads(output)
+    done = lab("study", "moved", "--verify", "report", "--json", "--jobs", 1, cwd=tmp_path)
+    assert done.code == 1
+    found = json.loads(done.out)
     assert found["same"] is False
     told = "\n".join(found["differences"])
     assert "a_theta.value: " in told
     assert f"files.tables/{table.name}: " in told
     assert f"inputs.{TWO[0]}.csv: " in told
-    assert "differs in" in errors
+    assert "differs in" in done.err
 
 
 def test_verify_runs_no_file_that_a_report_names(tmp_path: Path, studied: Undisturbed) -> None:
@@ -247,11 +248,12 @@ def test_verify_runs_no_file_that_a_report_names(tmp_path: Path, studied: Undist
 
 def test_verify_takes_the_effects_that_it_is_given(tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(EXAMPLE, encoding="utf-8")
-    undisturbed(tmp_path, *STUDY[:6], "--no-recordings", "--no-discover", "--effects", "own.py", logs=TWO[1:])
+    trials(tmp_path, *TWO[1:])
+    succeeded(*STUDY[:4], "--no-recordings", "--no-discover", "--effects", "own.py", cwd=tmp_path)
     (tmp_path / "read").mkdir()
     shutil.move(tmp_path / "own.py", tmp_path / "read" / "own.py")
-    output, _ = study(tmp_path, "--verify", "report", "--effects", "read/own.py")
-    assert output.strip() == "report/report.json: identical, recomputed from 1 log"
+    done = succeeded("study", "--verify", "report", "--effects", "read/own.py", cwd=tmp_path)
+    assert done.out.strip() == "report/report.json: identical, recomputed from 1 log"
 
 
 def test_verify_refuses_what_is_no_report(tmp_path: Path) -> None:
