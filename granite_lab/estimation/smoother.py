@@ -245,9 +245,12 @@ def backward(nodes: Nodes, by_filter: Filtered) -> Smoothed:
     gains = np.zeros_like(P)
     for end in range(n, 1, -BLOCK):
         part = slice(max(end - BLOCK - 1, 0), end)
-        x[part], _, gain, _ = kalman.rts_smoother(x[part], P[part], nodes.F[part], nodes.Q[part], _inverse)
+        F, Q = nodes.F[part], nodes.Q[part]
+        # filterpy asks for the inverses one by one, from the last on; all at once they are found sooner
+        inverses = iter(_inverses(F[1:] @ P[part][:-1] @ F[1:].transpose(0, 2, 1) + Q[1:])[::-1])
+        x[part], _, gain, _ = kalman.rts_smoother(x[part], P[part], F, Q, lambda _: next(inverses))  # noqa: B023
         gains[part][:-1] = gain[:-1]
-        _smooth(P[part], gain[:-1], nodes.F[part][1:], nodes.Q[part][1:])
+        _smooth(P[part], gain[:-1], F[1:], Q[1:])
     P = 0.5 * (P + P.transpose(0, 2, 1))
     return Smoothed(x, P, by_filter.innovations, gains, common=np.zeros_like(x))
 
@@ -264,11 +267,11 @@ def _smooth(P: Array, gains: Array, F: Array, Q: Array) -> None:
         P[k] += gains[k] @ P[k + 1] @ gains[k].T
 
 
-def _inverse(covariance: Array) -> Array:
-    """(14, 14) inverse of a covariance whose variances differ by many powers of ten."""
-    scale = 1.0 / np.sqrt(np.diagonal(covariance))
-    weight = scale[:, None] * scale
-    return np.asarray(np.linalg.inv(covariance * weight) * weight)
+def _inverses(covariances: Array) -> Array:
+    """(K, 14, 14) inverses of covariances whose variances differ by many powers of ten."""
+    scale = 1.0 / np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    weight = scale[:, :, None] * scale[:, None, :]
+    return np.asarray(np.linalg.inv(covariances * weight) * weight)
 
 
 def with_steady_slip(nodes: Nodes, smoothed: Smoothed) -> Smoothed:
