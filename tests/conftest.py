@@ -1,6 +1,7 @@
 """What all tests share: no test sees what the user's own runs remember, nor leaves anything there; pictures
 are coarse, and the machine seems to have one core."""
 
+import gc
 import os
 from collections.abc import Iterator
 
@@ -15,6 +16,12 @@ settings.register_profile("new draws", timeless)
 settings.register_profile("same draws in each run", timeless, derandomize=True)
 # new draws are for `make soak`: a change is judged by what it changes
 settings.load_profile("new draws" if SOAK else "same draws in each run")
+
+
+def pytest_collection_finish() -> None:
+    """Let no collection of garbage look through what is there to the end: modules, and all the tests."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)
