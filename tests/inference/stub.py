@@ -6,7 +6,7 @@ trace of its own, so that everything the inference says can be computed by dense
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -82,6 +82,22 @@ def trace(number: int, variant: Variant) -> Array:
     return np.stack(rows)
 
 
+@cache
+def plain(variant: Variant) -> Array:
+    """Return the (8, M) signals in the sand of the file, without effects."""
+    t = instants(variant, ACCURACY)
+    v = moving(t, variant)
+    s = cumulative_trapezoid(v * variant.velocity, t, initial=0.0)
+    out = np.zeros((len(SIGNALS), t.size))
+    out[0] = np.gradient(v, t) * 0.5
+    out[1] = 9.81 + 0.2 * v
+    out[2] = 0.05 * v * np.sin(8 * t)
+    out[3:5] = 0.95 * s / ROBOT.wheels.radius
+    out[5:7] = (1.2 + 0.3 * np.sin(3 * t)) * v
+    out[7] = v * variant.velocity
+    return out
+
+
 @dataclass(frozen=True)
 class Respond:
     """The closed form; there is no solution where a logarithm of the sand exceeds `bound`."""
@@ -95,16 +111,7 @@ class Respond:
         if max(np.abs(task.sand)) > self.bound:
             return None
         variant = world.variants[task.variant]
-        t = instants(variant, ACCURACY)
-        v = moving(t, variant)
-        s = cumulative_trapezoid(v * variant.velocity, t, initial=0.0)
-        out = np.zeros((len(SIGNALS), t.size))
-        out[0] = np.gradient(v, t) * 0.5
-        out[1] = 9.81 + 0.2 * v
-        out[2] = 0.05 * v * np.sin(8 * t)
-        out[3:5] = 0.95 * s / ROBOT.wheels.radius
-        out[5:7] = (1.2 + 0.3 * np.sin(3 * t)) * v
-        out[7] = v * variant.velocity
+        out = plain(variant).copy()
         for k, value in enumerate(task.sand):
             out += value * trace(k, variant)
         for id_, values in task.setting:

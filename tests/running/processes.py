@@ -13,9 +13,10 @@ from tests.corpus.cli import SAMPLES
 from tests.soak import SOAK
 
 # A shell that starts the tests in the background has them, and all that they start, ignore Ctrl-C.
+# Pictures are as coarse as in tests that start no process.
 MAIN = (
     "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
-    "from granite_lab.cli import main; main()"
+    "from granite_lab.cli import main; from granite_lab.reporting import canvas; canvas.DPI = 20; main()"
 )
 TWO = ("virtual_v0.5_r1", "virtual_v0.7_r2")
 STUDY = (

@@ -115,7 +115,7 @@ def test_the_same_report_although_a_worker_dies_and_a_log_is_broken(cluster: Clu
     good = (tmp_path / trials(tmp_path, *NAMES)[0]).read_text(encoding="utf-8")
     broken = tmp_path / "logs" / "broken.csv"
     broken.write_text(good.replace("t_s,", "when,", 1), encoding="utf-8")
-    here = ("study", "logs", "--out", "here/r", "--no-recordings", "--no-cache", "--jobs", 1, SEARCH)
+    here = ("study", "logs", "--out", "here/r", "--no-recordings", "--no-cache", SEARCH)
     succeeded(*here, cwd=tmp_path)
 
     cache = tmp_path / "cache"

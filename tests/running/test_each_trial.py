@@ -110,16 +110,20 @@ def test_results_that_others_could_have_written_are_made_again(logs: list[Path],
     assert "can be written by others" in line
 
 
-def test_trials_run_side_by_side_beside_a_thread_of_the_terminal(logs: list[Path]) -> None:
+def test_trials_run_side_by_side_beside_a_thread_of_the_terminal(
+    logs: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A process of several threads cannot fork safely: another kind of pool does the work."""
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)  # as many processes where no number is asked
     shown = threading.Event()
     thread = threading.Thread(target=shown.wait)
     thread.start()
     try:
-        found = each_trial(measure, logs, Options(), execution=Execution(2))
+        found = each_trial(measure, logs, Options(), execution=Execution())
     finally:
         shown.set()
         thread.join()
+    assert worked == []  # by this process
     assert found == each_trial(measure, logs, Options(), execution=Execution(1))
 
 
