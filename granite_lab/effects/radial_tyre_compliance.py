@@ -5,16 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from granite_lab.model.contact import WheelState
+import casadi as ca
+
+from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
 from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
 from granite_lab.model.symbols import ModelParameters
-
-SETTLING = 5e-3
-"""Time in which the deflection follows the load [s], the damping of the tyre over its stiffness."""
+from granite_lab.parameters import Soil
 
 
 class RadialTyreCompliance(Effect):
-    """A tyre in series with the soil: the axle goes down by δ = κ W more than the tread.
+    """A tyre in series with the soil: the axle goes down by δ = κ L more than the tread.
+
+    Spring and damper of the tyre carry what the soil does, W + c_t dz_0/dt of (17), with the depth z_0 of the
+    tread: L + τ dL/dt = W + c_t d(z_axle − κ L)/dt.
 
     The tread lies between two limits. A stiff ring stays round and keeps its length: the soil meets the
     paper's wheel. A row of radial springs gives by the local pressure. Where that is proportional to depth,
@@ -25,8 +28,8 @@ class RadialTyreCompliance(Effect):
     id = "radial_tyre_compliance"
     title = "tyre that deflects under its load"
     equation = (
-        "z(ϑ) = z_ring(ϑ) − f δ (z_ring(ϑ)/z_ring(0))^n, ring at the axle + (1 − f) δ, δ = W / k_r, rolling "
-        "radius r − f δ/3"
+        "z(ϑ) = z_ring(ϑ) − f δ (z_ring(ϑ)/z_ring(0))^n, ring at the axle + (1 − f) δ, δ = L / k_r, rolling "
+        "radius r − f δ/3, L + τ dL/dt = W + c_t dz_0/dt = (17)"
     )
     source = (
         "Ring: Pacejka, Tire and Vehicle Dynamics, 2012, chapter 9; Rhyne and Cron, Tire Science and "
@@ -43,6 +46,8 @@ class RadialTyreCompliance(Effect):
                         0.0, 1e-4, 0.0, 4e-6, 5e-5),
         EffectParameter("flattening", "", "f, 0: the tread stays round, 1: it gives as radial springs",
                         0.0, 1.0, 0.5, 0.0, 1.0, shape=True),
+        EffectParameter("retardation", "s", "τ, damping of the tyre over its stiffness",
+                        1e-3, 0.05, 5e-3, 2e-3, 2e-2, shape=True),
     )  # fmt: skip
     states = ("load_f", "load_r")
 
@@ -57,9 +62,26 @@ class RadialTyreCompliance(Effect):
             deflection=state.deflection + flat,
         )
 
+    def wheel_forces(
+        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own
+    ) -> WheelForces:
+        """Let (17) damp the tread, which goes down by the axle's rate less that of the deflection."""
+        damping = own.model.chassis.contact_damping
+        rate = state.sinkage_rate - own.p["compliance"] * self._load_rate(forces, state, own)
+        touching = ca.if_else(state.sinkage > 0, 1, 0)
+        return replace(forces, normal=touching * ca.fmax(0, forces.vertical + damping * rate))
+
     def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
-        """Let the deflecting load follow the vertical load of the soil."""
+        """Let the load that deflects the tyre follow that of the soil."""
         return {
-            f"load_{name}": (axle.forces.vertical - own.x[f"load_{name}"]) / SETTLING
+            f"load_{name}": self._load_rate(axle.forces, axle.state, own)
             for name, axle in zip("fr", axles, strict=True)
         }
+
+    @staticmethod
+    def _load_rate(forces: WheelForces, state: WheelState, own: Own) -> Any:
+        """Return dL/dt [N/s]."""
+        damping = own.model.chassis.contact_damping
+        damped = forces.vertical + ca.if_else(state.sinkage > 0, damping, 0) * state.sinkage_rate
+        own_time = own.p["compliance"] * damping + own.p["retardation"]
+        return (damped - own.x["load_f" if state.front else "load_r"]) / own_time

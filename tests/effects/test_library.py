@@ -7,6 +7,7 @@ from typing import cast
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid, solve_ivp
+from scipy.signal import lfilter
 
 from granite_lab.effects import get
 from granite_lab.effects.gear_backlash import GIVE, ROUND, SEATING
@@ -201,6 +202,22 @@ def test_a_softer_tyre_lowers_the_axles_by_load_over_stiffness_at_rest() -> None
     plain = run()
     assert at(r, -0.5, "sinkage_f_m") < at(plain, -0.5, "sinkage_f_m")
     assert at(r, -0.5, "load_f_N") == pytest.approx(at(plain, -0.5, "load_f_N"), rel=1e-3)
+
+
+def test_a_soft_tyre_carries_what_the_soil_does() -> None:
+    """Spring and damper are in series with soil and (17): the axle goes down by sinkage and deflection."""
+    κ, τ, step = 5e-5, 0.01, 0.001
+    r = run("radial_tyre_compliance", step=step, compliance=κ, flattening=0.0, retardation=τ)
+    carried = r["force_z_f_N"]
+    damped = r["load_f_N"] + CHASSIS.contact_damping * np.gradient(r["sinkage_f_m"], r.t)
+    assert carried == pytest.approx(damped, abs=0.01 * np.ptp(carried))
+    kept = np.exp(-step / τ)
+    mean = np.append(carried[0], (carried[1:] + carried[:-1]) / 2)
+    spring, _ = lfilter([1 - kept], [1, -kept], mean, zi=[kept * carried[0]])
+    axle = CHASSIS.wheel_base / 2 * np.sin(r["pitch_rad"]) - r["z_m"]
+    deflection = axle - r["sinkage_f_m"]
+    assert np.ptp(deflection) > 1e-4
+    assert deflection - deflection[0] == pytest.approx(κ * (spring - spring[0]), abs=1e-6)
 
 
 def test_play_in_the_gears_delays_the_start_by_the_time_the_motor_needs_to_take_it_up() -> None:
