@@ -16,8 +16,8 @@ from granite_lab.parameters import Soil
 class RadialTyreCompliance(Effect):
     """A tyre in series with the soil: the axle goes down by δ = κ L more than the tread.
 
-    Spring and damper of the tyre carry what the soil does, W + c_t dz_0/dt of (17), with the depth z_0 of the
-    tread: L + τ dL/dt = W + c_t d(z_axle − κ L)/dt.
+    Spring and damper of the tyre carry what the soil does: its static load W, and its share d of the damping
+    of the tire-ground system in (17), L + τ dL/dt = W + d c_t d(z_axle − κ L)/dt. The rest damps the axle.
 
     The tread lies between two limits. A stiff ring stays round and keeps its length: the soil meets the
     paper's wheel. A row of radial springs gives by the local pressure. Where that is proportional to depth,
@@ -29,7 +29,7 @@ class RadialTyreCompliance(Effect):
     title = "tyre that deflects under its load"
     equation = (
         "z(ϑ) = z_ring(ϑ) − f δ (z_ring(ϑ)/z_ring(0))^n, ring at the axle + (1 − f) δ, δ = L / k_r, rolling "
-        "radius r − f δ/3, L + τ dL/dt = W + c_t dz_0/dt = (17)"
+        "radius r − f δ/3, L + τ dL/dt = W + d c_t dz_0/dt"
     )
     source = (
         "Ring: Pacejka, Tire and Vehicle Dynamics, 2012, chapter 9; Rhyne and Cron, Tire Science and "
@@ -48,6 +48,8 @@ class RadialTyreCompliance(Effect):
                         0.0, 1.0, 0.5, 0.0, 1.0, shape=True),
         EffectParameter("retardation", "s", "τ, damping of the tyre over its stiffness",
                         1e-3, 0.05, 5e-3, 2e-3, 2e-2, shape=True),
+        EffectParameter("damped", "", "d, share of c_t that is the soil's, 0: all acts on the axle",
+                        0.0, 1.0, 0.5, 0.0, 1.0, shape=True),
     )  # fmt: skip
     states = ("load_f", "load_r")
 
@@ -65,11 +67,11 @@ class RadialTyreCompliance(Effect):
     def wheel_forces(
         self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own
     ) -> WheelForces:
-        """Let (17) damp the tread, which goes down by the axle's rate less that of the deflection."""
-        damping = own.model.chassis.contact_damping
-        rate = state.sinkage_rate - own.p["compliance"] * self._load_rate(forces, state, own)
-        touching = ca.if_else(state.sinkage > 0, 1, 0)
-        return replace(forces, normal=touching * ca.fmax(0, forces.vertical + damping * rate))
+        """Let the soil's share of (17) damp the tread, which goes down by less than the axle."""
+        in_tyre = own.p["damped"] * own.p["compliance"] * self._load_rate(forces, state, own)
+        damping, touching = own.model.chassis.contact_damping, ca.if_else(state.sinkage > 0, 1, 0)
+        normal = ca.fmax(0, forces.vertical + damping * (state.sinkage_rate - in_tyre))
+        return replace(forces, normal=touching * normal)
 
     def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
         """Let the load that deflects the tyre follow that of the soil."""
@@ -81,7 +83,7 @@ class RadialTyreCompliance(Effect):
     @staticmethod
     def _load_rate(forces: WheelForces, state: WheelState, own: Own) -> Any:
         """Return dL/dt [N/s]."""
-        damping = own.model.chassis.contact_damping
+        damping = own.p["damped"] * own.model.chassis.contact_damping
         damped = forces.vertical + ca.if_else(state.sinkage > 0, damping, 0) * state.sinkage_rate
         own_time = own.p["compliance"] * damping + own.p["retardation"]
         return (damped - own.x["load_f" if state.front else "load_r"]) / own_time
