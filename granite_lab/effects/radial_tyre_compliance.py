@@ -21,15 +21,16 @@ class RadialTyreCompliance(Effect):
 
     The tread lies between two limits. A stiff ring stays round and keeps its length: the soil meets the
     paper's wheel. A row of radial springs gives by the local pressure. Where that is proportional to depth,
-    the outline is a circle of larger radius, the substitute circle of soft-soil tyre models; the tyre rolls
-    as a wheel of radius r − δ/3.
+    the outline is a circle of larger radius, the substitute circle of soft-soil tyre models. The radius on
+    which the tyre rolls lies between that of a tread that keeps its length, r, and the loaded one, r − δ; on
+    roads it is about r − δ/3.
     """
 
     id = "radial_tyre_compliance"
     title = "tyre that deflects under its load"
     equation = (
         "z(ϑ) = z_ring(ϑ) − f δ (z_ring(ϑ)/z_ring(0))^n, ring at the axle + (1 − f) δ, δ = L / k_r, rolling "
-        "radius r − f δ/3, L + τ dL/dt = W + d c_t dz_0/dt"
+        "radius r − e δ, L + τ dL/dt = W + d c_t dz_0/dt"
     )
     source = (
         "Ring: Pacejka, Tire and Vehicle Dynamics, 2012, chapter 9; Rhyne and Cron, Tire Science and "
@@ -46,6 +47,8 @@ class RadialTyreCompliance(Effect):
                         0.0, 1e-4, 0.0, 4e-6, 5e-5),
         EffectParameter("flattening", "", "f, 0: the tread stays round, 1: it gives as radial springs",
                         0.0, 1.0, 0.5, 0.0, 1.0, shape=True),
+        EffectParameter("rolling", "", "e, loss of rolling radius over the deflection",
+                        0.0, 1.0, 1 / 3, 0.0, 1.0, shape=True),
         EffectParameter("retardation", "s", "τ, damping of the tyre over its stiffness",
                         1e-3, 0.05, 5e-3, 2e-3, 2e-2, shape=True),
         EffectParameter("damped", "", "d, share of c_t that is the soil's, 0: all acts on the axle",
@@ -56,12 +59,13 @@ class RadialTyreCompliance(Effect):
     def wheel(self, state: WheelState, own: Own) -> WheelState:
         """Divide the descent of the axle between tyre and soil."""
         δ = own.p["compliance"] * own.x["load_f" if state.front else "load_r"]
-        flat = own.p["flattening"] * δ
+        shorter = own.p["rolling"] * δ
         return replace(
             state,
             sinkage=state.sinkage - δ,
-            radius=state.radius - flat / 3,
-            deflection=state.deflection + flat,
+            radius=state.radius - shorter,
+            deflection=state.deflection + own.p["flattening"] * δ,
+            shortened=state.shortened + shorter,
         )
 
     def wheel_forces(
