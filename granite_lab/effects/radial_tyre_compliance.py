@@ -77,8 +77,8 @@ class RadialTyreCompliance(Effect):
         in_tyre = own.p["damped"] * own.p["compliance"] * self._load_rate(forces, state, own)
         damping, touching = own.model.chassis.contact_damping, ca.if_else(state.sinkage > 0, 1, 0)
         normal = ca.fmax(0, forces.vertical + damping * (state.sinkage_rate - in_tyre))
-        lever = state.arc_radius - own.p["lever"] * state.shortened
-        return replace(forces, normal=touching * normal, moment=forces.moment * lever / state.radius)
+        longer = (1 - own.p["lever"]) * state.shortened / state.radius
+        return replace(forces, normal=touching * normal, moment=forces.moment * (1 + longer))
 
     def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
         """Let the load that deflects the tyre follow that of the soil."""
