@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -32,8 +32,8 @@ class WheelState:
         radius, width: r, b [m].
         v_desired: desired velocity of the robot at the moment [m/s].
         k92: the ratio k_92 of the moment by (5), which a hook may find already overruled.
-        deflection: by how much the tyre's underside is pressed in [m]; zero for the paper's rigid
-            wheel. A deflected tyre rolls as a wheel of a radius smaller by a third of it.
+        deflection: by how much the tyre's underside is pressed in [m]; zero for the paper's rigid wheel.
+        shortened: by how much the radius on which a deflected tyre rolls is less than that of its tread [m].
     """
 
     front: bool
@@ -49,11 +49,12 @@ class WheelState:
     v_desired: Any
     k92: Any = 1.0
     deflection: Any = 0.0
+    shortened: Any = 0.0
 
     @property
     def arc_radius(self) -> Any:
         """Radius of the undeflected tread [m]; r for a rigid wheel."""
-        return self.radius + self.deflection / 3
+        return self.radius + self.shortened
 
     @property
     def circumferential_velocity(self) -> Any:
@@ -103,6 +104,26 @@ class WheelForces:
     def longitudinal(self) -> Any:
         """F_Tx, (16) [N]."""
         return self.thrust + self.resistance + self.extra
+
+
+def stiffer(soil: Soil, factor: Any) -> Soil:
+    """Return soil whose pressure (8) is larger by a factor at every depth."""
+    return replace(
+        soil,
+        cohesive_modulus=soil.cohesive_modulus * factor,
+        frictional_modulus=soil.frictional_modulus * factor,
+    )
+
+
+def stronger(soil: Soil, factor: Any) -> Soil:
+    """Return soil whose shear strength (10) is larger by a factor under every pressure."""
+    degree = np.pi / 180
+    return replace(
+        soil,
+        cohesion=soil.cohesion * factor,
+        tyre_friction=soil.tyre_friction * factor,
+        friction_angle=ca.atan(factor * ca.tan(soil.friction_angle * degree)) / degree,
+    )
 
 
 def contact_angles(state: WheelState, k92: Any) -> ContactAngles:
