@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.inference.bench import Task
+from granite_lab.inference.constants import MEMORY
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Normal, Posterior, posterior
 from granite_lab.inference.point import Further, stacked
@@ -24,10 +25,6 @@ half a decade apart."""
 
 TYPICAL = 0.2
 """Size of an effect of either sign that is probed, as a share of the largest expected; convention."""
-
-
-AT_ONCE = 8
-"""Simulations that become bins together."""
 
 
 @dataclass(frozen=True)
@@ -178,12 +175,13 @@ def _shown(
 ) -> dict[int, Array]:
     """Return per trial of an input the (C n, k) bins of what k simulations differ by from one of it.
 
-    A few at a time become bins, and the simulations are given up: all at once take as much again, twice.
+    As many at a time become bins as fit into `MEMORY`, and the simulations are given up.
     """
     found: dict[int, list[Array]] = {i: [] for i in own}
-    for first in range(0, len(moved), AT_ONCE):
-        part = [base * 0 if run is None else run - base for run in moved[first : first + AT_ONCE]]
-        moved[first : first + AT_ONCE] = [None] * len(part)
+    count = max(1, int(MEMORY / base.nbytes))
+    for first in range(0, len(moved), count):
+        part = [base * 0 if run is None else run - base for run in moved[first : first + count]]
+        moved[first : first + count] = [None] * len(part)
         changes = stacked(part, base)
         for i in own:
             shown = problem.trials[i].effect_columns

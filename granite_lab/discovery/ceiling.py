@@ -18,7 +18,7 @@ from granite_lab.discovery.where import intervals
 from granite_lab.inference.constants import CLOSE, CREDIBLE, NOTHING
 from granite_lab.inference.fit import ROUNDS, Fit
 from granite_lab.inference.gap import beyond, tolerated
-from granite_lab.inference.normal import Normal, Posterior, posterior
+from granite_lab.inference.normal import JITTER, Normal, Posterior, posterior
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.latent import PUSHES
@@ -108,7 +108,7 @@ class _Solver:
             squares = found.step[-self.kind.size :] ** 2
             new = np.array(
                 [
-                    np.sqrt(squares[self.kind == q].sum() / max(known[self.kind == q].sum(), 1e-9))
+                    np.sqrt(squares[self.kind == q].sum() / max(known[self.kind == q].sum(), JITTER))
                     for q in range(sizes.size)
                 ]
             )

@@ -32,16 +32,9 @@ NO_FURTHER = CLOSE**2
 """The same where steps with new derivatives no longer lower the objective, for the integrator's errors are as
 large: no number is then further from the optimum than a tenth of its std."""
 
-STALLS = 2
-"""How often new derivatives may bring nothing before a fit ends."""
-
 NO_RANK = 2 * WORTH
 """Drop of the objective with new derivatives below which a rough fit ends: less than what a further effect
 must bring changes no rank of sets."""
-
-HALF = 0.5
-"""Drop over the promised one above which a fine fit doubles the share of a step of Gauss and Newton that it
-tries; convention."""
 
 TRUSTED, TRUSTED_ROUGH = 0.1, 0.4
 """How far from one the drop over the promised one may be for the derivatives to be kept, far from the
@@ -234,11 +227,11 @@ def _descended(
         other = away == 0 and not alike and not each and promised > NO_RANK
         fresh, before = away == 0 and not other, promised if near and tried is not None else np.inf
         if tried is not None and (drop > 0 or closer):
-            damping *= max(1 / 3, 1 - (2 * ratio - 1) ** 3)
-            damping, growth = damping if damping > LEAST_DAMPED else 0.0, 2.0
+            less = max(1 / 3, 1 - (2 * ratio - 1) ** 3)
+            damping, growth = damping * less if damping * less > LEAST_DAMPED else 0.0, 2.0
             state, away, since = tried, away + pace * float(np.sqrt(promised)), since + drop
             keep = away < good if near else abs(ratio - 1) < trusted
-            pace = min(1.0, 2 * pace) if ratio > HALF else pace
+            pace = min(1.0, 2 * pace) if less < 1 else pace
         elif fresh and fine and damping == 0 and promised < WITHIN:
             pace, keep = pace / 2, True
             if pace < LEAST_PACE:
@@ -251,7 +244,7 @@ def _descended(
             keep, each, since = False, each or other, np.inf if other else since
         if not keep:
             stalled += since < (enough if fine else max(enough, NO_RANK))
-            if stalled >= (STALLS if fine else 1):
+            if stalled > fine:  # a fine one may begin anew once
                 break
             renewed = _renewed(problem, state, central=fine, each=each)
             if renewed is None:
