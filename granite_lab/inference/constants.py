@@ -28,9 +28,9 @@ UPDATES = 8
 """Most steps of what is learnt beside the numbers of a fit, each time it is learnt; convention."""
 
 TRIED, FEW = 3, 2
-"""How many alternatives are tried, the most promising first: where each may be the best one, and where a second
-is enough (a rival, a size, a set to be revised). Convention; the ranking of first order that chooses them is
-off by one or two places."""
+"""How many alternatives are tried, the most promising first: where each may be the best one, and where a
+second is enough (a rival, a size, a set to be revised). Convention; the ranking of first order that chooses
+them is off by one or two places."""
 
 TOLERANCE = 0.02
 """Discrepancy that does not matter, as a share of a channel's rms in motion; the option `--tolerance`.
