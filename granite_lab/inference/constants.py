@@ -17,6 +17,10 @@ TINY = sys.float_info.min
 NOTHING = 1e-3
 """Share below which a size counts as none, as a thousandth of a range; convention."""
 
+UNSEEN = 1e-5
+"""Share of a force, a trace or a prior's std that no sensor shows: a trace may be 10,000 times the noise, as
+that of a wrong wheel radius."""
+
 CLOSE = 0.1
 """Share of a std, or of what a prior leaves open, that makes no difference: an error of that size beside one
 of a whole std widens it by half a percent."""

@@ -21,7 +21,7 @@ from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dtrtri
 from scipy.optimize import nnls
 
-from granite_lab.inference.constants import BIN, LOW_PASS, SMOOTH
+from granite_lab.inference.constants import BIN, LOW_PASS, SMOOTH, UPDATES
 from granite_lab.logs.trial import Array
 
 EACH = 12
@@ -33,17 +33,14 @@ ORDER = 16
 REST_ORDER = 2
 """The same of a sensor at standstill: a low-pass of second order."""
 
-LEAST = 9
-"""Bins of which a spectrum can be told: several of each coefficient of `REST_ORDER`."""
+LEAST = EACH
+"""Bins of which a spectrum can be told: those of one coefficient."""
 
 FAST = 0.8
 """Share of the full speed from which a bin tells of the vibration."""
 
 CUT = 4.0
 """Below this frequency [Hz] a residual without repetitions may be a missing effect, not noise."""
-
-TOP = 0.8
-"""Largest share of the Nyquist frequency at which the band above the cut may begin."""
 
 ABOVE = LOW_PASS / CUT
 """The band above `CUT` that tells how loud noise and vibration are ends at this multiple of it, where an
@@ -254,7 +251,7 @@ def _spectrum(error: Sequence[Array], order: int, floor: float, width: float, cu
     raw = np.mean([np.abs(np.fft.rfft(row, 2 * _GRID)) ** 2 / row.size for row in rows], axis=0)
     f = np.fft.rfftfreq(2 * _GRID, width)
     if cut:
-        cut = min(cut, TOP * 0.5 / width)  # wide bins, of slow sensors, may hold no frequency above the cut
+        cut = min(cut, f[-1] / ABOVE)  # wide bins, of slow sensors, hold no frequency far above the cut
         raw[f < cut] = np.mean(raw[(f >= cut) & (f < ABOVE * cut)])
     order = min(order, sum(row.size for row in rows) // EACH)
     r = np.fft.irfft(raw)[: order + 1]
@@ -276,11 +273,11 @@ def _jitter(error: Array, explained: Array, slope: Array) -> Array:
     seen = count > 0
     variance = explained.copy()
     share = np.zeros(2)
-    for _ in range(6):  # the scatter of a square is its mean
+    for _ in range(UPDATES):  # the scatter of a square is its mean
         weight = np.sqrt(count[seen] / 2) / variance[seen]
         basis = np.column_stack([explained, steep])[seen] * weight[:, None]
         share, _ = nnls(basis, power[seen] / count[seen] * weight)
-        variance = explained * max(share[0], 0.2) + steep * share[1]
+        variance = explained + steep * share[1]
     return np.asarray(steep * share[1])
 
 
@@ -293,8 +290,6 @@ FLOOR = {
 """Std below which no agreement is believed, however quiet the sensor: a wheel angle of 1e-4 rad is
 10 µm on the circumference. It enters as white noise beside what the sensor shows."""
 
-NOMINAL = {
-    "accel_x": 0.05, "accel_z": 0.07, "pitch_rate": 0.003, "wheel": 1e-3, "wheel_split": 3e-4,
-} | dict.fromkeys(("current_f", "current_r", "current_side"), 0.05)  # fmt: skip
+NOMINAL = {channel: 10 * floor for channel, floor in FLOOR.items()}
 """Std of a bin with which the first fit weights the channels [unit of the channel]: on a robot that drives
 each is 3 to 35 times louder than `FLOOR`. The fits that follow learn the noise."""

@@ -14,6 +14,7 @@ from granite_lab.inference.constants import (
     PSEUDO_TRIALS,
     SPREAD,
     TOLERANCE,
+    UNSEEN,
     UPDATES,
 )
 from granite_lab.inference.discrepancy import FORMULA, MOTION
@@ -23,10 +24,9 @@ from granite_lab.inference.problem import Problem
 from granite_lab.inference.strengths import own_name, width_of
 from granite_lab.logs.trial import Array
 
-SHARES = (TOLERANCE / 32, 32 * TOLERANCE)
-FORMULAS = (FORMULA_ERROR[1] / 2**14, FORMULA_ERROR[1])
-"""Smallest and largest scales of the discrepancy: none that matters, and all that a channel shows; of the
-error of formulas, which is a share of traces that may be 10,000 times the noise (a wrong wheel radius)."""
+SHARES, FORMULAS = (NOTHING, 1.0), (UNSEEN, FORMULA_ERROR[1])
+"""Smallest and largest scales of the discrepancy, none and all that a channel shows; of the error of
+formulas, which is a share of an effect's trace."""
 
 LEAST_OWN = NOTHING
 """Least scale of the numbers that an effect has in each trial, as a share of their prior's range."""
