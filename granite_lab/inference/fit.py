@@ -36,6 +36,10 @@ NO_RANK = 2 * WORTH
 """Drop of the objective with new derivatives below which a rough fit ends: less than what a further effect
 must bring changes no rank of sets."""
 
+TRUSTED, TRUSTED_ROUGH = 0.1, 0.4
+"""How far from one the drop over the promised one may be for the derivatives to be kept, far from the
+optimum; of a rough fit."""
+
 NEAR = 1.0
 """Promised drop below which a step of Gauss and Newton is taken although the objective does not fall: within
 a std it tells of kinks of the model and of derivatives at the centre of a command, not of the optimum."""
@@ -59,8 +63,11 @@ LEAST_PACE = 1 / 8
 """Least share of a step of Gauss and Newton that a fine fit tries. Damping would keep numbers of little
 influence where they are."""
 
-DAMPED = 0.1
-"""Damping of the first step that is damped; below it there is none. Convention."""
+LEAST_DAMPED = 0.01
+"""Damping below which there is none."""
+
+MOST_DAMPED = 1e3
+"""Damping at which a fit ends: steps are then a thousandth of those of Gauss and Newton."""
 
 ROUNDS = 40
 """Most steps of a fit; convention."""
@@ -187,7 +194,7 @@ def _descended(
         away: how far the point is from where its derivatives were taken [std].
     """
     fine = least <= LEAST
-    good, failed = AS_GOOD if fine else AS_GOOD_ROUGH, False  # `failed`: with derivatives of the point
+    good, trusted = (AS_GOOD, TRUSTED) if fine else (AS_GOOD_ROUGH, TRUSTED_ROUGH)
     damping, growth, pace, before = 0.0, 2.0, 1.0, np.inf  # `before`: what the last step promised
     since, stalled = np.inf, 0  # what the derivatives have brought; how often they brought nothing
     alike, each = not problem.parameters(state.point.effects, per_trial=True), False
@@ -195,7 +202,7 @@ def _descended(
         here, aim, promised = _promise(problem, state, scales, damping)
         loud = scales.loud and not fine
         enough = LEAST_OF_LOUD * here if loud else least
-        if (loud and promised < enough and (away == 0 or damping > 0)) or (failed and promised < least):
+        if loud and promised < enough and (away == 0 or damping > 0):
             break
         if damping > 0 and promised < least:
             damping = 0.0
@@ -217,17 +224,17 @@ def _descended(
         fresh, before = away == 0 and not other, promised if near and tried is not None else np.inf
         if tried is not None and (drop > 0 or closer):
             less = max(1 / 3, 1 - (2 * ratio - 1) ** 3)
-            damping, growth = damping * less if damping * less > DAMPED else 0.0, 2.0
+            damping, growth = damping * less if damping * less > LEAST_DAMPED else 0.0, 2.0
             state, away, since = tried, away + pace * float(np.sqrt(promised)), since + drop
-            keep, failed = away < good if near else less < 1 and not fine, False
+            keep = away < good if near else abs(ratio - 1) < trusted
             pace = min(1.0, 2 * pace) if less < 1 else pace
         elif fresh and fine and damping == 0 and promised < WITHIN:
             pace, keep = pace / 2, True
             if pace < LEAST_PACE:
                 break
         elif fresh:
-            damping, growth, keep, failed = max(growth * damping, DAMPED), 2 * growth, True, True
-            if not fine and promised < NEAR:
+            damping, growth, keep = max(growth * damping, 10 * LEAST_DAMPED), 2 * growth, True
+            if damping > MOST_DAMPED or (not fine and promised < NEAR):
                 break
         else:
             keep, each, since = False, each or other, np.inf if other else since

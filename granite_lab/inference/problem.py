@@ -10,18 +10,22 @@ from itertools import chain
 import numpy as np
 
 from granite_lab.inference.bench import RAKED, SIMULATED, Bench, Setting, Task
-from granite_lab.inference.constants import LEAD_STD, REACH, SAND_STD
+from granite_lab.inference.constants import LEAD_STD, LINEAR, REACH, SAND_STD
 from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, joined, modulated, sizes_of
 from granite_lab.inference.noise import Filter, Whitener, stretches
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
 from granite_lab.inference.nuisances import SENSORS, SENSORS_LEAST, SENSORS_STD, TrialModel
 from granite_lab.inference.point import SHARED, Difference, Further, Point, Slopes, stacked
-from granite_lab.inference.strengths import DIFFERENCE, centre_of, is_central, own_name, step_of, width_of
+from granite_lab.inference.strengths import centre_of, is_central, own_name, step_of, width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
+from granite_lab.model.leading import LEADS
 
-STEP = DIFFERENCE * np.array([*SAND_STD, *LEAD_STD])
-"""Steps of the differences by `SIMULATED`."""
+_STEP = 0.01
+_STEPS = {"cohesion": LINEAR, "tyre_friction": _STEP / 2} | dict.fromkeys(LEADS, _STEP / 2)
+STEP = np.array([_STEPS.get(name, _STEP) for name in SIMULATED])
+"""Steps of the differences by `SIMULATED`, a tenth of their std and less: wide where little depends on a
+number, so that the integrator's errors are less than the difference, and half where a kink is near."""
 
 KINKED = ("cohesion", "shear_modulus", "friction_angle", "tyre_friction")
 """Sand by which differences are central: (10) has a kink where the other limit of the shear stress begins to

@@ -7,8 +7,8 @@ import numpy as np
 from granite_lab.inference.constants import CLOSE, LINEAR
 from granite_lab.model.effect import EffectParameter
 
-DIFFERENCE = 0.05
-"""Step of a difference, as a share of a number's std or of its prior range. At 0.02 the errors of the
+EFFECT_STEP = 0.05
+"""Step of a difference by an effect's parameter, as a share of its prior range. At 0.02 the errors of the
 integrator moved a number of little influence by 0.6 of its std from one point to the next."""
 
 MOVING_STEP = LINEAR
@@ -18,7 +18,7 @@ MOVING_STEP = LINEAR
 def step_of(p: EffectParameter, value: float) -> float:
     """Return the step of the difference by an effect's parameter."""
     width = p.prior_high - p.prior_low
-    h = DIFFERENCE * width
+    h = EFFECT_STEP * width
     if p.moving:  # blows come at other times already with a little more of it
         h = float(np.clip(MOVING_STEP * abs(value - p.neutral), CLOSE * h, h))
     return h if value + h <= p.high else -h
