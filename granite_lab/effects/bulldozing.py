@@ -7,13 +7,16 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from granite_lab.model.command import V_FLOOR
+from granite_lab.model.command import V_FLOOR, magnitude
 from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
 from granite_lab.model.effect import Effect, EffectParameter, Own
 from granite_lab.parameters import Soil
 
 UNIT_WEIGHT = 15_000.0
 """Weight of dry, raked sand [N/m^3]; 1.4-1.6 t/m^3."""
+
+ROUND = 1e-3
+"""Travel below which |x| is rounded off [m]."""
 
 
 class Bulldozing(Effect):
@@ -24,7 +27,10 @@ class Bulldozing(Effect):
 
     id = "bulldozing"
     title = "soil pushed ahead of the wheels"
-    equation = "F_x = (16) − strength · b (2 c √K_p z0 + γ K_p z0²/2) tanh(v/v_floor), K_p = tan²(45° + φ/2)"
+    equation = (
+        "F_x = (16) − strength · b (2 c √K_p z0 + γ K_p z0²/2) (1 − exp(−|x|/length)) tanh(v/v_floor), "
+        "K_p = tan²(45° + φ/2)"
+    )
     source = (
         "Hegedus, Land Locomotion Laboratory report 61, 1960; Bekker, Introduction to Terrain-Vehicle "
         "Systems, 1969; Ishigami et al., Journal of Field Robotics 24, 2007, 233-250"
@@ -36,6 +42,8 @@ class Bulldozing(Effect):
     parameters = (
         EffectParameter("strength", "", "multiple of the passive pressure of a vertical wall",
                         0.0, 10.0, 0.0, 0.1, 1.0),
+        EffectParameter("length", "m", "travel from the start over which the soil piles up",
+                        0.002, 0.2, 0.03, 0.005, 0.1, shape=True),
     )  # fmt: skip
 
     def wheel_forces(
@@ -45,5 +53,6 @@ class Bulldozing(Effect):
         K_p = ca.tan(np.pi / 4 + soil.friction_angle * np.pi / 360) ** 2
         z0 = ca.fmax(state.sinkage, 0)
         F_b = state.width * (2 * soil.cohesion * ca.sqrt(K_p) * z0 + UNIT_WEIGHT * K_p * z0**2 / 2)
+        piled = 1 - ca.exp(-magnitude(state.travel, ROUND) / own.p["length"])
         direction = ca.tanh(state.velocity / V_FLOOR)
-        return replace(forces, extra=forces.extra - own.p["strength"] * F_b * direction)
+        return replace(forces, extra=forces.extra - own.p["strength"] * F_b * piled * direction)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import casadi as ca
 
 from granite_lab.model.command import smoothstep
-from granite_lab.model.contact import WheelState
+from granite_lab.model.contact import WheelState, stiffer
 from granite_lab.model.effect import Effect, EffectParameter, Own
 from granite_lab.parameters import Soil
 
@@ -49,10 +49,5 @@ class MultiPass(Effect):
         inside = smoothstep((state.travel - own.model.chassis.wheel_base) / ENTRY + 0.5)
         # the front wheels passed here with about the present slip of the rear wheels
         inside *= 1 + own.p["slip_growth"] * ca.fabs(state.slip)
-        factor = 1 + own.p["pressure"] * inside
-        return replace(
-            soil,
-            cohesive_modulus=soil.cohesive_modulus * factor,
-            frictional_modulus=soil.frictional_modulus * factor,
-            shear_modulus=soil.shear_modulus / (1 + own.p["shear"] * inside),
-        )
+        sheared = replace(soil, shear_modulus=soil.shear_modulus / (1 + own.p["shear"] * inside))
+        return stiffer(sheared, 1 + own.p["pressure"] * inside)

@@ -1,4 +1,4 @@
-"""A resistance to rolling that grows with the speed."""
+"""A resistance to rolling, constant or with a power of the speed."""
 
 from __future__ import annotations
 
@@ -17,13 +17,19 @@ class RollingDrag(Effect):
     """A force on the wheel centres against the motion: sand dragged along, tyre hysteresis."""
 
     id = "rolling_drag"
-    title = "resistance that grows with speed"
+    title = "rolling resistance"
     equation = "F_x = (16) − force/4 · (|v| / 0.5 m/s)^exponent sign(v), per wheel"
-    source = "Wong, Theory of Ground Vehicles, 4th ed., 2008, ch. 1; range: 0.2-5 % of the weight of 423 N"
-    signature = "Slip and currents rise with speed. The vertical motion is unchanged."
+    source = (
+        "Wong, Theory of Ground Vehicles, 4th ed., 2008, ch. 1: a constant part and one that grows with the "
+        "speed or its square; range: 0.2-5 % of the weight of 423 N"
+    )
+    signature = (
+        "Slip and currents are higher, with an exponent above 0 the more the faster. The vertical motion is "
+        "unchanged; at standstill there is none, unlike on a slope."
+    )
     parameters = (
         EffectParameter("force", "N", "drag of the robot at 0.5 m/s", 0.0, 200.0, 0.0, 1.0, 20.0),
-        EffectParameter("exponent", "", "exponent of the speed", 0.5, 3.0, 1.0, 1.0, 2.0, shape=True),
+        EffectParameter("exponent", "", "exponent of the speed", 0.0, 3.0, 1.0, 0.0, 2.0, shape=True),
     )
 
     def wheel_forces(

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
-from granite_lab.model.command import magnitude
+import casadi as ca
+
+from granite_lab.model.command import V_FLOOR, magnitude
 from granite_lab.model.contact import WheelState
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import Soil
 
 ROUND = 0.01
@@ -19,7 +23,7 @@ class SlipSinkage(Effect):
     id = "slip_sinkage"
     law = True
     title = "sinkage that grows with slip"
-    equation = "(8) with n = n0 + n1 |λ|"
+    equation = "(8) with n = n0 + n1 |s|, ds/dt = (λ − s) |v_o| / length"
     source = (
         "Ding, Gao, Deng, Tao, J. Cent. South Univ. Technol. 17, 2010, 129-135 (n1 = 0.8-2 in their "
         "soil); Lyasko, J. Terramechanics 47, 2010, 21-31, for sand"
@@ -31,8 +35,20 @@ class SlipSinkage(Effect):
     parameters = (
         EffectParameter("growth", "", "n1, increase of the exponent n per unit of slip",
                         -0.5, 3.0, 0.0, 0.05, 0.8),
+        EffectParameter("length", "m", "travel of the tread over which the sinkage follows the slip",
+                        0.002, 0.2, 0.03, 0.01, 0.1, shape=True),
     )  # fmt: skip
+    states = ("front", "rear")
 
     def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
         """Raise the exponent, which lowers the pressure at depths below 1 m."""
-        return replace(soil, exponent=soil.exponent + own.p["growth"] * magnitude(state.slip, ROUND))
+        slip = own.x["front" if state.front else "rear"]
+        return replace(soil, exponent=soil.exponent + own.p["growth"] * magnitude(slip, ROUND))
+
+    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
+        """Let the mean slip follow with the travel; below V_FLOOR as with that speed."""
+        states = {"front": axles[0].state, "rear": axles[1].state}
+        return {
+            name: (state.slip - own.x[name]) * ca.sqrt(state.speed**2 + V_FLOOR**2) / own.p["length"]
+            for name, state in states.items()
+        }

@@ -1,4 +1,4 @@
-"""Lugs of the tread that modulate pressure and pull."""
+"""Lugs of the tread that modulate pressure, shear stress and pull."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ from typing import Any
 
 import casadi as ca
 
-from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
+from granite_lab.model.contact import ContactAngles, WheelForces, WheelState, stiffer, stronger
 from granite_lab.model.effect import Effect, EffectParameter, Own
 from granite_lab.parameters import Soil
 
+OF = {"": "pressure", "_strength": "shear strength", "_pull": "pull"}
+"""What oscillates, by the end of the names of its parameters."""
+
 
 class TreadRipple(Effect):
-    """Each lug that enters the soil raises the pressure and the drawbar pull, each gap lowers them.
+    """Each lug that enters the soil raises the pressure, the shear stress or the pull, each gap lowers them.
 
-    Which of the two oscillates more depends on the lugs. Cosine and sine parts replace amplitude and phase,
+    Which of them oscillates most depends on the lugs. Cosine and sine parts replace amplitude and phase,
     which keeps the model linear near zero. The initial angles of front and rear wheels are unknown, hence the
     numbers for each trial.
     """
@@ -23,7 +26,10 @@ class TreadRipple(Effect):
     id = "tread_ripple"
     by_lugs = True
     title = "force ripple from the lugs of the tread"
-    equation = "(8) with k (1 + ρ), (16) with F_Tx (1 + ρ'), ρ and ρ' = c cos(N θ) + s sin(N θ), N lugs"
+    equation = (
+        "(8) with k (1 + ρ), (10) with τ_max (1 + ρ'), (16) with F_Tx (1 + ρ''), N lugs, each ρ = "
+        "c cos(N θ) + s sin(N θ)"
+    )
     source = (
         "Irani, Bauer, Warkentin, J. Terramechanics 48, 2011, 307-318; Shikanai et al., J. "
         "Terramechanics 37, 2000, 21-39 (sinusoidal drawbar pull)"
@@ -35,21 +41,15 @@ class TreadRipple(Effect):
     parameters = tuple(
         EffectParameter(f"{part}_{axle}{of}", "", f"{word} part of the relative {what} ripple, {axle} wheels",
                         -0.8, 0.8, 0.0, -0.3, 0.3, per_trial=True)
-        for of, what in (("", "pressure"), ("_pull", "pull")) for axle in ("front", "rear")
+        for of, what in OF.items() for axle in ("front", "rear")
         for part, word in (("cos", "cosine"), ("sin", "sine"))
     )  # fmt: skip
-    circles = tuple(
-        (f"cos_{axle}{of}", f"sin_{axle}{of}") for of in ("", "_pull") for axle in ("front", "rear")
-    )
+    circles = tuple((f"cos_{axle}{of}", f"sin_{axle}{of}") for of in OF for axle in ("front", "rear"))
 
     def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
-        """Modulate both moduli with the angle of the wheel."""
-        factor = 1 + _ripple(state, own, "")
-        return replace(
-            soil,
-            cohesive_modulus=soil.cohesive_modulus * factor,
-            frictional_modulus=soil.frictional_modulus * factor,
-        )
+        """Modulate both moduli and the shear strength with the angle of the wheel."""
+        stiff = stiffer(soil, 1 + _ripple(state, own, ""))
+        return stronger(stiff, 1 + _ripple(state, own, "_strength"))
 
     def wheel_forces(
         self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own

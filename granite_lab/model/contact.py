@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -103,6 +103,26 @@ class WheelForces:
     def longitudinal(self) -> Any:
         """F_Tx, (16) [N]."""
         return self.thrust + self.resistance + self.extra
+
+
+def stiffer(soil: Soil, factor: Any) -> Soil:
+    """Return soil whose pressure (8) is larger by a factor at every depth."""
+    return replace(
+        soil,
+        cohesive_modulus=soil.cohesive_modulus * factor,
+        frictional_modulus=soil.frictional_modulus * factor,
+    )
+
+
+def stronger(soil: Soil, factor: Any) -> Soil:
+    """Return soil whose shear strength (10) is larger by a factor under every pressure."""
+    degree = np.pi / 180
+    return replace(
+        soil,
+        cohesion=soil.cohesion * factor,
+        tyre_friction=soil.tyre_friction * factor,
+        friction_angle=ca.atan(factor * ca.tan(soil.friction_angle * degree)) / degree,
+    )
 
 
 def contact_angles(state: WheelState, k92: Any) -> ContactAngles:

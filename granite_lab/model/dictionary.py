@@ -15,7 +15,7 @@ import casadi as ca
 
 from granite_lab.model.body import BodyLoad, BodyState, to_ground
 from granite_lab.model.command import V_FLOOR, smoothstep
-from granite_lab.model.contact import ContactAngles, WheelState
+from granite_lab.model.contact import ContactAngles, WheelState, stiffer, stronger
 from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import GRAVITY, Soil
@@ -128,22 +128,12 @@ class Term(Effect):
         """Correct k, n, K or τ_max."""
         if self.quantity not in ("modulus", "exponent", "shear_modulus", "strength"):
             return soil
-        changes: dict[str, Any]
         factor = self._factor(state, own)
         if self.quantity == "modulus":
-            changes = {
-                "cohesive_modulus": soil.cohesive_modulus * factor,
-                "frictional_modulus": soil.frictional_modulus * factor,
-            }
-        elif self.quantity == "strength":
-            degree = ca.pi / 180
-            changes = {
-                "cohesion": soil.cohesion * factor,
-                "tyre_friction": soil.tyre_friction * factor,
-                "friction_angle": ca.atan(factor * ca.tan(soil.friction_angle * degree)) / degree,
-            }
-        else:
-            changes = {self.quantity: getattr(soil, self.quantity) * factor}
+            return stiffer(soil, factor)
+        if self.quantity == "strength":
+            return stronger(soil, factor)
+        changes: dict[str, Any] = {self.quantity: getattr(soil, self.quantity) * factor}
         return replace(soil, **changes)
 
     def contact_angles(self, angles: ContactAngles, state: WheelState, own: Own) -> ContactAngles:

@@ -32,6 +32,9 @@ Array = npt.NDArray[np.float64]
 NODES = 101
 """Places of the contact arc at which stresses are told."""
 
+TRAVEL = 10.0
+"""How far the wheel has come [m]: what builds up behind a start is complete; convention."""
+
 HOOKS = (
     "desired_velocity", "wheel", "soil", "contact_angles", "bearing", "pressure", "shear", "wheel_forces",
 )  # fmt: skip
@@ -343,7 +346,7 @@ def _functions(effects: tuple[Effect, ...]) -> tuple[Any, Any, Any]:
 
     def wheel(front: bool) -> OnGround:
         state = WheelState(
-            front=front, travel=ca.SX(0.0), angle=angle, rate=rate, tread_rate=rate, velocity=v, sinkage=z,
+            front=front, travel=ca.SX(TRAVEL), angle=angle, rate=rate, tread_rate=rate, velocity=v, sinkage=z,
             sinkage_rate=0.0, radius=model.wheels.radius, width=model.wheels.width, v_desired=speed, k92=k92,
         )  # fmt: skip
         return on_ground(state, model.soil, k92, 0.0, hooks)

@@ -5,14 +5,14 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
+from scipy.integrate import quad, solve_ivp
 
 from granite_lab.effects import get
 from granite_lab.model.effect import Own, activate
 from granite_lab.model.single_wheel import Ratio, SingleWheel, rolling
 from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import variant_of
-from tests.effects.runs import ROBOT, SOIL
+from tests.effects.runs import ROBOT, SOIL, run
 
 RIM = ROBOT.wheels
 R, B = RIM.radius, RIM.width
@@ -97,3 +97,46 @@ def test_exit_by_sinkage_leaves_equal_angles_to_a_wheel_that_does_not_move_forwa
     law = activate(get("exit_by_sinkage"), {"share": 1.0})
     at_rest = SingleWheel(RIM, SOIL, [law]).at_sinkage(0.015, rolling(1.0, R), Ratio(0.4))
     assert at_rest.angle_rear == pytest.approx(at_rest.angle_front, rel=1e-12)
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.05])
+def test_lugs_that_shear_more_or_less_sand_scale_the_shear_stress_of_the_whole_arc(turned: float) -> None:
+    ripple = activate(get("tread_ripple"), {"cos_front_strength": 0.2, "sin_front_strength": 0.1})
+    factor = 1 + 0.2 * math.cos(RIM.lugs * turned) + 0.1 * math.sin(RIM.lugs * turned)
+    plain, p = (
+        SingleWheel(RIM, SOIL, on).at_sinkage(0.015, rolling(0.2, R, angle=turned), Ratio(0.4))
+        for on in ([], [ripple])
+    )
+    assert p.torque == pytest.approx(factor * plain.torque, rel=1e-9)
+    assert p.thrust == pytest.approx(factor * plain.thrust, rel=1e-9)
+    assert p.resistance == pytest.approx(plain.resistance, rel=1e-9)
+
+
+def test_sinkage_follows_the_slip_of_the_last_way() -> None:
+    """The growth of sinkage with 10 cm of memory is that without, averaged over the way of the tread."""
+    plain = run()
+    quick, late = (run("slip_sinkage", growth=0.4, length=length) for length in (0.002, 0.1))
+    way = np.abs(quick["omega_f_radps"]) * R
+    grown = quick["sinkage_f_m"] - np.interp(quick.t, plain.t, plain["sinkage_f_m"])
+    mean = solve_ivp(
+        lambda t, s: (np.interp(t, quick.t, grown) - s) * np.interp(t, quick.t, way) / 0.1,
+        (quick.t[0], quick.t[-1]), [0.0], t_eval=quick.t, max_step=0.01,
+    ).y[0]  # fmt: skip
+    found = np.interp(quick.t, late.t, late["sinkage_f_m"] - np.interp(late.t, plain.t, plain["sinkage_f_m"]))
+    ramp = (quick.t > 0.1) & (quick.t < 1.0)
+    assert np.max(np.abs(grown - mean)[ramp]) > 5e-4
+    assert np.max(np.abs(found - mean)[ramp]) < 0.2 * np.max(np.abs(grown - mean)[ramp])
+
+
+def test_the_soil_ahead_of_a_wheel_piles_up_over_a_length() -> None:
+    """The force that is missing over the first way is strength F_b exp(-x / length)."""
+    piled, ready = (run("bulldozing", strength=0.5, length=length) for length in (0.1, 0.002))
+    for r in (piled, ready):
+        z, x = r["sinkage_f_m"], r["x_m"]
+        passive = math.tan(math.radians(45 + SOIL.friction_angle / 2)) ** 2
+        pushed = B * (2 * SOIL.cohesion * math.sqrt(passive) * z + 15_000 * passive * z**2 / 2)
+        length = 0.1 if r is piled else 0.002
+        extra = r["force_x_f_N"] - r["thrust_f_N"] - r["resistance_f_N"]
+        moving = (r["v_mps"] > 0.05) & (x > 0.01)
+        expected = -0.5 * pushed * (1 - np.exp(-x / length))
+        assert np.allclose(extra[moving], expected[moving], atol=0.03 * np.max(pushed))
