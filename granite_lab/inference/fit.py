@@ -63,8 +63,8 @@ LEAST_PACE = 1 / 8
 """Least share of a step of Gauss and Newton that a fine fit tries. Damping would keep numbers of little
 influence where they are."""
 
-LEAST_DAMPED = 0.01
-"""Damping below which there is none."""
+LEAST_DAMPED = 0.1
+"""Damping of the first step that is damped; below it there is none. Convention."""
 
 MOST_DAMPED = 1e3
 """Damping at which a fit ends: steps are then a thousandth of those of Gauss and Newton."""
@@ -233,7 +233,7 @@ def _descended(
             if pace < LEAST_PACE:
                 break
         elif fresh:
-            damping, growth, keep = max(growth * damping, 10 * LEAST_DAMPED), 2 * growth, True
+            damping, growth, keep = max(growth * damping, LEAST_DAMPED), 2 * growth, True
             if damping > MOST_DAMPED or (not fine and promised < NEAR):
                 break
         else:

@@ -204,6 +204,8 @@ def _predicted(problem: Problem, residuals: Sequence[Array], channel: str, havin
     places = [(i, problem.trials[i].channels.index(channel)) for i in having]
     table = np.stack([problem.trials[i].measured[k] - residuals[i][k] for i, k in places])
     known, bins = np.isfinite(table).any(axis=0), np.arange(table.shape[1])
+    if not known.any():
+        return np.zeros(bins.size)
     return np.interp(bins, bins[known], np.nanmean(table[:, known], axis=0))
 
 
