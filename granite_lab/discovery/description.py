@@ -9,12 +9,15 @@ import numpy as np
 from granite_lab.discovery.describing import Screened
 from granite_lab.discovery.heldout import Equations, Predicted, predict, predicts_better
 from granite_lab.discovery.pushes import Pushes
-from granite_lab.discovery.search import MOST
+from granite_lab.discovery.search import FINE
 from granite_lab.errors import EstimateError
-from granite_lab.inference.constants import TRIED, UPDATES
+from granite_lab.inference.constants import TRIED
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.problem import Problem
 from granite_lab.model.dictionary import Term, dictionary, is_term
+
+MOST = 8
+"""Effects and terms in a model at most: with more a sum follows any curve at the speeds that were driven."""
 
 
 def described(problem: Problem, pushes: Pushes, tolerance: float) -> Fit | None:
@@ -41,7 +44,7 @@ def described(problem: Problem, pushes: Pushes, tolerance: float) -> Fit | None:
         point = problem.with_effect(point, screened.terms[k].id, [float(np.clip(a, p.low, p.high))])
     while len(point.effects) > len(before.point.effects):
         try:
-            found = fit(problem, point, before.scales, rounds=UPDATES)
+            found = fit(problem, point, before.scales, rounds=FINE)
         except EstimateError:
             return None
         stay = _staying(problem, found, tolerance)

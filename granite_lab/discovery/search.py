@@ -13,17 +13,7 @@ from granite_lab.discovery.heldout import Predicted, predict, predicts_better
 from granite_lab.discovery.leaders import Look, Promise, at_files, leaders, origins, screened
 from granite_lab.discovery.relevance import good, made, needed, shows, strained, unexplained
 from granite_lab.discovery.sets import attempts, fit_sets, set_of
-from granite_lab.inference.constants import (
-    DRAWS,
-    EFFECT_ODDS,
-    FEW,
-    LEFT,
-    RIVAL,
-    TOLERANCE,
-    TRIED,
-    UPDATES,
-    WORTH,
-)
+from granite_lab.inference.constants import DRAWS, EFFECT_ODDS, FEW, LEFT, RIVAL, TOLERANCE, TRIED, WORTH
 from granite_lab.inference.fit import LEAST, ROUNDS, Fit, under
 from granite_lab.inference.gap import moved
 from granite_lab.inference.point import Point
@@ -32,6 +22,10 @@ from granite_lab.inference.scales import FIRST, FORMULAS
 
 MOST = 6
 """Effects in a set at most."""
+
+FINE = 12
+"""Most steps of a fit that begins where another one ended: a fine one at a rough one's end, or one of the
+best set with an effect exchanged; convention."""
 
 UNLIKELY = 1 / DRAWS
 """Odds below which a set changes no probability: no draw shows it."""
@@ -344,7 +338,7 @@ class _Steps:
                 own = self.models.get(tuple(sorted((*before.effects, score.candidate))))
                 if own and own.log_posterior > least:
                     points.append(_with(self.problem, without, score))
-        self.fitted([(point, best.fit) for point in points], UPDATES)
+        self.fitted([(point, best.fit) for point in points], FINE)
         for key in map(set_of, points):
             rest, rival = (self.models.get(k) for k in (tuple(e for e in key if e in best.effects), key))
             better = rest and rival and rest is not rival and rival.log_posterior > best.log_posterior
@@ -378,7 +372,7 @@ class _Steps:
         wanted = [m for m in (best, *others[: TRIED - 1]) if not m.fit.converged]
         self.tell(f"fitting {', '.join(_words(m.effects) for m in wanted)}", self.named)
         starts = [(m.fit.point, m.fit.scales) for m in wanted]
-        found = attempts(self.problem, starts, LEAST, UPDATES)
+        found = attempts(self.problem, starts, LEAST, FINE)
         for m in wanted:
             fine = found.get(m.effects)
             if fine is not None and (fine.converged or fine.evidence > m.fit.evidence):

@@ -28,9 +28,8 @@ of a whole std widens it by half a percent."""
 REACH = 3.0
 """Standard deviations within which a normal number lies in all practice (99.7 %); convention."""
 
-UPDATES = 12
-"""Most steps of what begins near its end, or need not reach it: scales beside the numbers of a fit, a fit
-that begins where another one ended, the first one; convention."""
+UPDATES = 8
+"""Most steps of what is learnt beside the numbers of a fit, each time it is learnt; convention."""
 
 TRIED, FEW = 3, 2
 """How many alternatives are tried, the most promising first: where each may be the best one, and where a
@@ -132,26 +131,24 @@ SAND_STD = (_MODULUS, _MODULUS, _MODULUS, _MODULUS, _ANGLE, _ANGLE, _MODULUS)
 """Std of the logarithm of a_θ, k_φ, c, K, φ, n and μ_s about the soil's file. Dry sands of the literature
 differ by 10 to 20 % in moduli and by 2 to 4° in the angle of friction (Wong 2008, table 2.3)."""
 
-_RAKED = 0.08
-RAKING = (_RAKED, _RAKED, _RAKED)
+RAKING = (0.05, 0.08, 0.08)
 """First value of the std of the logarithm of a_θ, k_φ and c from one raking to the next: cone indices of
 prepared sand scatter by 5 to 10 %."""
 
-_BY_HAND, _RADIUS = 0.01, 0.002
+_BY_HAND = 0.01
 SENSOR_STD = {
     "tilt": _BY_HAND,
     "accel_x gain": 0.005,
-    "wheel offset": _BY_HAND,
-    "wheel gain": _RADIUS,
-    "wheel_split gain": 2 * _RADIUS,
+    "wheel offset": 0.02,
+    "wheel gain": 0.002,
+    "wheel_split gain": 0.003,
     "start": LATENCY_LIMIT,
     "arm": _BY_HAND,
 }
 """First value of the std of what a data sheet or a file leaves open: mounting tilt [rad], gain of the
 accelerometer [-], angle of the wheels at rest [rad], their radius [-] and its difference between the axles
 [-], start of the command [s], place of the IMU [m]. By hand a sensor is mounted to a centimetre, and as
-straight over a metre. A command is stamped as late as a sensor. The difference of two radii scatters twice as
-much as their mean."""
+straight over a metre. A command is stamped as late as a sensor."""
 
 MEMORY = 4e8
 """Bytes that one table may take: a fifth of the 2 GB that a search may."""

@@ -21,7 +21,7 @@ from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dtrtri
 from scipy.optimize import nnls
 
-from granite_lab.inference.constants import BIN, LOW_PASS, SMOOTH, UPDATES
+from granite_lab.inference.constants import BIN, LOW_PASS, SMOOTH
 from granite_lab.logs.trial import Array
 
 EACH = 12
@@ -273,11 +273,11 @@ def _jitter(error: Array, explained: Array, slope: Array) -> Array:
     seen = count > 0
     variance = explained.copy()
     share = np.zeros(2)
-    for _ in range(UPDATES):  # the scatter of a square is its mean
+    for _ in range(6):  # the scatter of a square is its mean
         weight = np.sqrt(count[seen] / 2) / variance[seen]
         basis = np.column_stack([explained, steep])[seen] * weight[:, None]
         share, _ = nnls(basis, power[seen] / count[seen] * weight)
-        variance = explained + steep * share[1]
+        variance = explained * max(share[0], 0.2) + steep * share[1]
     return np.asarray(steep * share[1])
 
 
@@ -290,6 +290,8 @@ FLOOR = {
 """Std below which no agreement is believed, however quiet the sensor: a wheel angle of 1e-4 rad is
 10 µm on the circumference. It enters as white noise beside what the sensor shows."""
 
-NOMINAL = {channel: 10 * floor for channel, floor in FLOOR.items()}
+NOMINAL = {
+    "accel_x": 0.05, "accel_z": 0.07, "pitch_rate": 0.003, "wheel": 1e-3, "wheel_split": 3e-4,
+} | dict.fromkeys(("current_f", "current_r", "current_side"), 0.05)  # fmt: skip
 """Std of a bin with which the first fit weights the channels [unit of the channel]: on a robot that drives
 each is 3 to 35 times louder than `FLOOR`. The fits that follow learn the noise."""

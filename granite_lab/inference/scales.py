@@ -24,7 +24,8 @@ from granite_lab.inference.problem import Problem
 from granite_lab.inference.strengths import own_name, width_of
 from granite_lab.logs.trial import Array
 
-SHARES, FORMULAS = (NOTHING, 1.0), (UNSEEN, FORMULA_ERROR[1])
+SHARES = (TOLERANCE / 32, 32 * TOLERANCE)
+FORMULAS = (UNSEEN, FORMULA_ERROR[1])
 """Smallest and largest scales of the discrepancy, none and all that a channel shows; of the error of
 formulas, which is a share of an effect's trace."""
 

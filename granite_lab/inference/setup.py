@@ -11,12 +11,10 @@ from granite_lab.errors import EstimateError, InputError
 from granite_lab.estimation.motion import Motion
 from granite_lab.inference.constants import (
     BIN,
-    FEW,
     LATENCY_STD,
     NOTHING,
     REACH,
     REST_SHARE,
-    UPDATES,
 )
 from granite_lab.inference.fit import LEAST, LEAST_OF_ROUGH, Fit, fit
 from granite_lab.inference.noise import FAST, FLOOR, NOMINAL, Whitener, at_rest, errors, learn, white
@@ -27,6 +25,15 @@ from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import alike, duration, velocities_at
 from granite_lab.parameters import Course, Robot, Variant
+
+QUICK, ROUGH = 2, 8
+"""Most steps of the first fit of one trial, whose noise follows from the fast part of its residuals; of the
+first fit of several."""
+
+FAR, TIMES = 1.5, 3
+"""A trial alone learns its noise again, up to so often, while a fit ends more std away from where the noise
+was learnt: there residuals were not yet noise."""
+
 
 LATENCIES = LATENCY_STD * np.arange(-REACH, REACH + 1)
 """Latencies of the IMU that are tried before the first fit [s]; the robot takes 0.1 to 0.35 s to set off."""
@@ -104,7 +111,7 @@ def baseline(problem: Problem) -> Fit:
     """Fit the model as it is: with nominal noise, then with the noise that the residuals show.
 
     Args:
-        problem: gets the noise, which is learnt twice: where a first fit ends residuals are not yet noise.
+        problem: gets the noise, which is learnt twice; that of a trial alone as often as needed.
 
     Raises:
         EstimateError: the robot cannot be simulated on the soil.
@@ -117,11 +124,15 @@ def baseline(problem: Problem) -> Fit:
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
         )
     problem.weigh(nominal(problem), start, slopes)
-    found = fit(problem, start, slopes=slopes, rounds=UPDATES, least=LEAST_OF_ROUGH)
-    for _ in range(FEW):
+    found = fit(problem, start, slopes=slopes, rounds=QUICK if alone else ROUGH, least=LEAST_OF_ROUGH)
+    least = LEAST if alone else LEAST_OF_ROUGH
+    for _ in range(TIMES if alone else 2):
+        before = found.point.vector
         problem.weigh(learnt(problem, found.residuals), found.point, found.slopes)
-        least = LEAST if alone else LEAST_OF_ROUGH
         found = fit(problem, found.point, found.scales, slopes=found.slopes, least=least)
+        std = np.sqrt(np.diag(found.posterior.covariance))
+        if alone and np.all(np.abs(found.point.vector - before) < FAR * std):
+            break
     return found
 
 
@@ -177,7 +188,7 @@ def learnt(problem: Problem, residuals: Sequence[Array]) -> list[list[Whitener]]
             strength = speed
             if c.startswith("current"):  # its errors grow with the torque
                 level = float(np.median(np.abs(shown[speed >= FAST])))
-                strength = np.abs(shown) / level * (speed > 0) if level > 0 else speed
+                strength = np.clip(np.abs(shown) / level, 0, 4) * (speed > 0) if level > 0 else speed
             sensor = spectra[_sensor(problem, having[0], c)]
             blows = (REST_SHARE * problem.resting(command, c)) ** 2
             floor = float(np.hypot(FLOOR[c], max(problem.trials[i].observation.rounding(c) for i in having)))
@@ -200,13 +211,12 @@ def _sensor(problem: Problem, trial: int, channel: str) -> tuple[str, int]:
 
 
 def _predicted(problem: Problem, residuals: Sequence[Array], channel: str, having: Sequence[int]) -> Array:
-    """Return (n,) what the model shows of a channel, mean over trials; a line where nothing was measured."""
-    places = [(i, problem.trials[i].channels.index(channel)) for i in having]
-    table = np.stack([problem.trials[i].measured[k] - residuals[i][k] for i, k in places])
-    known, bins = np.isfinite(table).any(axis=0), np.arange(table.shape[1])
-    if not known.any():
-        return np.zeros(bins.size)
-    return np.interp(bins, bins[known], np.nanmean(table[:, known], axis=0))
+    """Return (n,) what the model shows of a channel, mean over trials; zero where nothing was measured."""
+    total = np.zeros(problem.trials[having[0]].observation.bins)
+    for i in having:
+        k = problem.trials[i].channels.index(channel)
+        total += np.nan_to_num(problem.trials[i].measured[k] - residuals[i][k])
+    return total / len(having)
 
 
 def _speed(problem: Problem, residuals: Sequence[Array], own: Sequence[int]) -> Array:
@@ -214,6 +224,7 @@ def _speed(problem: Problem, residuals: Sequence[Array], own: Sequence[int]) -> 
     wheels = [i for i in own if "wheel" in problem.trials[i].channels]
     if wheels:
         rate = np.fmax(np.diff(_predicted(problem, residuals, "wheel", wheels), prepend=0.0), 0.0)
+        rate = np.minimum(rate, 1.2 * np.median(rate[rate > 0.5 * np.quantile(rate, 0.9)]))
     else:
         o = problem.trials[own[0]].observation
         rate = velocities_at(o.t, o.variant)
