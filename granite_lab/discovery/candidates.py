@@ -33,12 +33,14 @@ class Probe:
         parameter: the strength that is not neutral.
         place: of the parameter among those of the candidate.
         size: how far it is from the neutral value.
+        about: values of all parameters, before this strength is added.
     """
 
     candidate: str
     parameter: EffectParameter
     place: int
     size: float
+    about: tuple[float, ...]
 
     @property
     def is_own(self) -> bool:
@@ -123,9 +125,12 @@ def sizes(p: EffectParameter) -> tuple[float, ...]:
 
 def probes_of(problem: Problem, id_: str, most: int | None = None) -> list[Probe]:
     """List the sizes of a candidate, one strength at a time, `most` of each, all by default."""
+    parameters = problem.parameters_of(id_)
+    starts = [(p.prior_low, p.prior_high) if p.two_kinds else (p.neutral,) for p in parameters]
     return [
-        Probe(id_, p, k, size)
-        for k, p in enumerate(problem.parameters_of(id_))
+        Probe(id_, p, k, size, about)
+        for about in itertools.product(*starts)
+        for k, p in enumerate(parameters)
         if not p.shape
         for size in sizes(p)[:most]
     ]
@@ -194,7 +199,7 @@ def _tasks(problem: Problem, fit: Fit, probes: Sequence[Probe], number: int) -> 
     """Return the simulations of an input: at a fit, and with each of the probes."""
     tasks = [problem.centre(fit.point, number)]
     for probe in probes:
-        values = [p.neutral for p in problem.parameters_of(probe.candidate)]
+        values = list(probe.about)
         values[probe.place] += probe.size
         moved = problem.with_effect(fit.point, probe.candidate, values)
         tasks.append(problem.centre(moved, number))
@@ -238,20 +243,20 @@ def scores(problem: Problem, screened: Screen) -> list[Score]:
 
 
 def _shared(problem: Problem, screened: Screen, id_: str) -> Score:
-    """Try every combination of the sizes of a candidate's strengths."""
-    neutral = [p.neutral for p in problem.parameters_of(id_)]
-    best = Score(id_, -np.inf, tuple(neutral))
-    strengths: dict[int, list[int]] = {}
+    """Try every combination of the sizes of a candidate's strengths, of each kind that it may be of."""
+    best = Score(id_, -np.inf, tuple(p.neutral for p in problem.parameters_of(id_)))
+    kinds: dict[tuple[float, ...], dict[int, list[int]]] = {}
     for k, probe in enumerate(screened.probes):
         if probe.candidate == id_:
-            strengths.setdefault(probe.place, []).append(k)
-    for count in range(1, len(strengths) + 1):
-        for chosen in itertools.combinations(strengths.values(), count):
+            kinds.setdefault(probe.about, {}).setdefault(probe.place, []).append(k)
+    for about, strengths in kinds.items():
+        counts = range(1, len(strengths) + 1)
+        for chosen in (c for n in counts for c in itertools.combinations(strengths.values(), n)):
             for places in itertools.product(*chosen):
                 probes = [screened.probes[k] for k in places]
                 variances = np.array([(width_of(p.parameter) / p.size) ** 2 for p in probes])
                 value, mean = gain(screened.posterior.rest, places, variances)
-                values = list(neutral)
+                values = list(about)
                 allowed = True
                 for probe, amount in zip(probes, mean, strict=True):
                     p, size = probe.parameter, probe.size * float(amount)

@@ -5,28 +5,32 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from granite_lab.model.contact import WheelState
+import casadi as ca
+
+from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
 from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
 from granite_lab.model.symbols import ModelParameters
-
-SETTLING = 5e-3
-"""Time in which the deflection follows the load [s], the damping of the tyre over its stiffness."""
+from granite_lab.parameters import Soil
 
 
 class RadialTyreCompliance(Effect):
-    """A tyre in series with the soil: the axle goes down by δ = κ W more than the tread.
+    """A tyre in series with the soil: the axle goes down by δ = κ L more than the tread.
+
+    Spring and damper of the tyre carry what the soil does: its static load W, and its share d of the damping
+    of the tire-ground system in (17), L + τ dL/dt = W + d c_t d(z_axle − κ L)/dt. The rest damps the axle.
 
     The tread lies between two limits. A stiff ring stays round and keeps its length: the soil meets the
     paper's wheel. A row of radial springs gives by the local pressure. Where that is proportional to depth,
-    the outline is a circle of larger radius, the substitute circle of soft-soil tyre models; the tyre rolls
-    as a wheel of radius r − δ/3.
+    the outline is a circle of larger radius, the substitute circle of soft-soil tyre models. The radius on
+    which the tyre rolls lies between that of a tread that keeps its length, r, and the loaded one, r − δ; on
+    roads it is about r − δ/3.
     """
 
     id = "radial_tyre_compliance"
     title = "tyre that deflects under its load"
     equation = (
-        "z(ϑ) = z_ring(ϑ) − f δ (z_ring(ϑ)/z_ring(0))^n, ring at the axle + (1 − f) δ, δ = W / k_r, rolling "
-        "radius r − f δ/3"
+        "z(ϑ) = z_ring(ϑ) − f δ (z_ring(ϑ)/z_ring(0))^n, ring at the axle + (1 − f) δ, δ = L / k_r, rolling "
+        "radius r − e δ, L + τ dL/dt = W + d c_t dz_0/dt"
     )
     source = (
         "Ring: Pacejka, Tire and Vehicle Dynamics, 2012, chapter 9; Rhyne and Cron, Tire Science and "
@@ -43,23 +47,47 @@ class RadialTyreCompliance(Effect):
                         0.0, 1e-4, 0.0, 4e-6, 5e-5),
         EffectParameter("flattening", "", "f, 0: the tread stays round, 1: it gives as radial springs",
                         0.0, 1.0, 0.5, 0.0, 1.0, shape=True),
+        EffectParameter("rolling", "", "e, loss of rolling radius over the deflection",
+                        0.0, 1.0, 1 / 3, 0.0, 1.0, shape=True),
+        EffectParameter("retardation", "s", "τ, damping of the tyre over its stiffness",
+                        1e-3, 0.05, 5e-3, 2e-3, 2e-2, shape=True),
+        EffectParameter("damped", "", "d, share of c_t that is the soil's, 0: all acts on the axle",
+                        0.0, 1.0, 0.5, 0.0, 1.0, shape=True, two_kinds=True),
     )  # fmt: skip
     states = ("load_f", "load_r")
 
     def wheel(self, state: WheelState, own: Own) -> WheelState:
         """Divide the descent of the axle between tyre and soil."""
         δ = own.p["compliance"] * own.x["load_f" if state.front else "load_r"]
-        flat = own.p["flattening"] * δ
+        shorter = own.p["rolling"] * δ
         return replace(
             state,
             sinkage=state.sinkage - δ,
-            radius=state.radius - flat / 3,
-            deflection=state.deflection + flat,
+            radius=state.radius - shorter,
+            deflection=state.deflection + own.p["flattening"] * δ,
+            shortened=state.shortened + shorter,
         )
 
+    def wheel_forces(
+        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own
+    ) -> WheelForces:
+        """Let the soil's share of (17) damp the tread, which goes down by less than the axle."""
+        in_tyre = own.p["damped"] * own.p["compliance"] * self._load_rate(forces, state, own)
+        damping, touching = own.model.chassis.contact_damping, ca.if_else(state.sinkage > 0, 1, 0)
+        normal = ca.fmax(0, forces.vertical + damping * (state.sinkage_rate - in_tyre))
+        return replace(forces, normal=touching * normal)
+
     def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
-        """Let the deflecting load follow the vertical load of the soil."""
+        """Let the load that deflects the tyre follow that of the soil."""
         return {
-            f"load_{name}": (axle.forces.vertical - own.x[f"load_{name}"]) / SETTLING
+            f"load_{name}": self._load_rate(axle.forces, axle.state, own)
             for name, axle in zip("fr", axles, strict=True)
         }
+
+    @staticmethod
+    def _load_rate(forces: WheelForces, state: WheelState, own: Own) -> Any:
+        """Return dL/dt [N/s]."""
+        damping = own.p["damped"] * own.model.chassis.contact_damping
+        damped = forces.vertical + ca.if_else(state.sinkage > 0, damping, 0) * state.sinkage_rate
+        own_time = own.p["compliance"] * damping + own.p["retardation"]
+        return (damped - own.x["load_f" if state.front else "load_r"]) / own_time

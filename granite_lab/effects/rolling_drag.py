@@ -29,7 +29,7 @@ class RollingDrag(Effect):
     )
     parameters = (
         EffectParameter("force", "N", "drag of the robot at 0.5 m/s", 0.0, 200.0, 0.0, 1.0, 20.0),
-        EffectParameter("exponent", "", "exponent of the speed", 0.0, 3.0, 1.0, 0.0, 2.0, shape=True),
+        EffectParameter("exponent", "", "exponent of the speed", 0.0, 3.0, 0.5, 0.0, 2.0, shape=True),
     )
 
     def wheel_forces(

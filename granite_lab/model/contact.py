@@ -32,8 +32,8 @@ class WheelState:
         radius, width: r, b [m].
         v_desired: desired velocity of the robot at the moment [m/s].
         k92: the ratio k_92 of the moment by (5), which a hook may find already overruled.
-        deflection: by how much the tyre's underside is pressed in [m]; zero for the paper's rigid
-            wheel. A deflected tyre rolls as a wheel of a radius smaller by a third of it.
+        deflection: by how much the tyre's underside is pressed in [m]; zero for the paper's rigid wheel.
+        shortened: by how much the radius on which a deflected tyre rolls is less than that of its tread [m].
     """
 
     front: bool
@@ -49,11 +49,12 @@ class WheelState:
     v_desired: Any
     k92: Any = 1.0
     deflection: Any = 0.0
+    shortened: Any = 0.0
 
     @property
     def arc_radius(self) -> Any:
         """Radius of the undeflected tread [m]; r for a rigid wheel."""
-        return self.radius + self.deflection / 3
+        return self.radius + self.shortened
 
     @property
     def circumferential_velocity(self) -> Any:

@@ -7,6 +7,7 @@ from typing import cast
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid, solve_ivp
+from scipy.signal import lfilter
 
 from granite_lab.effects import get
 from granite_lab.effects.gear_backlash import GIVE, ROUND, SEATING
@@ -201,6 +202,25 @@ def test_a_softer_tyre_lowers_the_axles_by_load_over_stiffness_at_rest() -> None
     plain = run()
     assert at(r, -0.5, "sinkage_f_m") < at(plain, -0.5, "sinkage_f_m")
     assert at(r, -0.5, "load_f_N") == pytest.approx(at(plain, -0.5, "load_f_N"), rel=1e-3)
+
+
+@pytest.mark.parametrize("d", [1.0, 0.4])
+def test_a_soft_tyre_carries_what_the_soil_does(d: float) -> None:
+    """Spring and damper are in series with the soil: the axle goes down by sinkage and deflection."""
+    κ, τ, step, c_t = 5e-5, 0.01, 0.001, CHASSIS.contact_damping
+    shapes = {"flattening": 0.0, "retardation": τ, "damped": d}
+    r = run("radial_tyre_compliance", step=step, compliance=κ, **shapes)
+    carried = r["load_f_N"] + d * c_t * np.gradient(r["sinkage_f_m"], r.t)
+    axle_rate = np.gradient(CHASSIS.wheel_base / 2 * np.sin(r["pitch_rad"]) - r["z_m"], r.t)
+    felt = carried + (1 - d) * c_t * axle_rate
+    assert r["force_z_f_N"] == pytest.approx(felt, abs=0.01 * np.ptp(felt))
+    kept = np.exp(-step / τ)
+    mean = np.append(carried[0], (carried[1:] + carried[:-1]) / 2)
+    spring, _ = lfilter([1 - kept], [1, -kept], mean, zi=[kept * carried[0]])
+    axle = CHASSIS.wheel_base / 2 * np.sin(r["pitch_rad"]) - r["z_m"]
+    deflection = axle - r["sinkage_f_m"]
+    assert np.ptp(deflection) > 1e-4
+    assert deflection - deflection[0] == pytest.approx(κ * (spring - spring[0]), abs=1e-6)
 
 
 def test_play_in_the_gears_delays_the_start_by_the_time_the_motor_needs_to_take_it_up() -> None:
