@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.inference.bench import Task
-from granite_lab.inference.constants import LINEAR, MEMORY, SPREAD
+from granite_lab.inference.constants import LINEAR, MEMORY
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Normal, Posterior, posterior
 from granite_lab.inference.point import Further, stacked
@@ -19,9 +19,9 @@ from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 
-OWN_SCALES = np.exp(-SPREAD * np.arange(-np.log(LEAST_OWN) / SPREAD))
+OWN_SCALES = np.exp(-np.arange(-np.log(LEAST_OWN)))
 """Scales that are tried for the numbers that an effect has in each trial, as shares of the prior's range, one
-std of their logarithm apart."""
+std of the prior of their logarithm apart."""
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ NOTHING = 1e-3
 """Share below which a size counts as none, as a thousandth of a range; convention."""
 
 UNSEEN = 1e-5
-"""Share of a force, a trace or a prior's std that no sensor shows: a trace may be 10,000 times the noise, as
-that of a wrong wheel radius."""
+"""Share of the robot's weight, or of a prior's std, that no sensor shows: traces are at most some 10,000 times
+the noise, as that of a wrong wheel radius."""
 
 CLOSE = 0.1
 """Share of a std, or of what a prior leaves open, that makes no difference: an error of that size beside one
@@ -29,7 +29,8 @@ REACH = 3.0
 """Standard deviations within which a normal number lies in all practice (99.7 %); convention."""
 
 UPDATES = 8
-"""Most steps of what is learnt beside the numbers of a fit, each time it is learnt; convention."""
+"""Most steps of what need not reach its end: what is learnt beside the numbers of a fit, each time it is
+learnt, and the first fit, whose noise is not known yet; convention."""
 
 TRIED, FEW = 3, 2
 """How many alternatives are tried, the most promising first: where each may be the best one, and where a
@@ -118,10 +119,6 @@ LOUD = 1 + FORMULA_ERROR[1]
 
 SAME = math.sqrt(1 - FORMULA_ERROR[1] ** 2)
 """Cosine above which two signatures count as one: they differ by no more than an error of their formulas."""
-
-SPREAD = 1.0
-"""Std of the logarithm of a scale about the value at which its search begins: a factor of 2.7 either way;
-convention."""
 
 PSEUDO_TRIALS = float(len(load_variants()))
 """Weight of a scale's first value, counted in trials; convention: those of Table 2, once each."""

@@ -57,17 +57,11 @@ STRENGTH = ("cohesion", "friction_angle")
 """Numbers of the sand that say nothing where another limit of the shear stress rules in (10)."""
 
 WITHIN = REACH**2
-"""Promised drop below which a fine fit shortens a step in place of damping it: three std."""
-
-LEAST_PACE = 1 / 8
-"""Least share of a step of Gauss and Newton that a fine fit tries. Damping would keep numbers of little
-influence where they are."""
+"""Promised drop below which a fine fit shortens a step in place of damping it: three std. Damping would keep
+numbers of little influence where they are."""
 
 LEAST_DAMPED = 0.1
 """Damping of the first step that is damped; below it there is none. Convention."""
-
-MOST_DAMPED = 1e3
-"""Damping at which a fit ends: steps are then a thousandth of those of Gauss and Newton."""
 
 ROUNDS = 40
 """Most steps of a fit; convention."""
@@ -196,13 +190,14 @@ def _descended(
     fine = least <= LEAST
     good, trusted = (AS_GOOD, TRUSTED) if fine else (AS_GOOD_ROUGH, TRUSTED_ROUGH)
     damping, growth, pace, before = 0.0, 2.0, 1.0, np.inf  # `before`: what the last step promised
+    failed = False  # with derivatives of the point, so that less damping is of no use
     since, stalled = np.inf, 0  # what the derivatives have brought; how often they brought nothing
     alike, each = not problem.parameters(state.point.effects, per_trial=True), False
     for _ in range(rounds):
         here, aim, promised = _promise(problem, state, scales, damping)
         loud = scales.loud and not fine
         enough = LEAST_OF_LOUD * here if loud else least
-        if loud and promised < enough and (away == 0 or damping > 0):
+        if (loud and promised < enough and (away == 0 or damping > 0)) or (failed and promised < least):
             break
         if damping > 0 and promised < least:
             damping = 0.0
@@ -226,15 +221,16 @@ def _descended(
             less = max(1 / 3, 1 - (2 * ratio - 1) ** 3)
             damping, growth = damping * less if damping * less > LEAST_DAMPED else 0.0, 2.0
             state, away, since = tried, away + pace * float(np.sqrt(promised)), since + drop
+            failed = False
             keep = away < good if near else abs(ratio - 1) < trusted
             pace = min(1.0, 2 * pace) if less < 1 else pace
         elif fresh and fine and damping == 0 and promised < WITHIN:
             pace, keep = pace / 2, True
-            if pace < LEAST_PACE:
+            if pace * float(np.sqrt(promised)) < AS_GOOD:
                 break
         elif fresh:
-            damping, growth, keep = max(growth * damping, LEAST_DAMPED), 2 * growth, True
-            if damping > MOST_DAMPED or (not fine and promised < NEAR):
+            damping, growth, keep, failed = max(growth * damping, LEAST_DAMPED), 2 * growth, True, True
+            if not fine and promised < NEAR:
                 break
         else:
             keep, each, since = False, each or other, np.inf if other else since

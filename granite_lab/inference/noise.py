@@ -33,14 +33,17 @@ ORDER = 16
 REST_ORDER = 2
 """The same of a sensor at standstill: a low-pass of second order."""
 
-LEAST = EACH
-"""Bins of which a spectrum can be told: those of one coefficient."""
+LEAST = 9
+"""Bins of which a spectrum can be told: several of each coefficient of `REST_ORDER`."""
 
 FAST = 0.8
 """Share of the full speed from which a bin tells of the vibration."""
 
 CUT = 4.0
 """Below this frequency [Hz] a residual without repetitions may be a missing effect, not noise."""
+
+TOP = 0.8
+"""Largest share of the Nyquist frequency at which the band above the cut may begin."""
 
 ABOVE = LOW_PASS / CUT
 """The band above `CUT` that tells how loud noise and vibration are ends at this multiple of it, where an
@@ -251,7 +254,7 @@ def _spectrum(error: Sequence[Array], order: int, floor: float, width: float, cu
     raw = np.mean([np.abs(np.fft.rfft(row, 2 * _GRID)) ** 2 / row.size for row in rows], axis=0)
     f = np.fft.rfftfreq(2 * _GRID, width)
     if cut:
-        cut = min(cut, f[-1] / ABOVE)  # wide bins, of slow sensors, hold no frequency far above the cut
+        cut = min(cut, TOP * 0.5 / width)  # wide bins, of slow sensors, may hold no frequency above the cut
         raw[f < cut] = np.mean(raw[(f >= cut) & (f < ABOVE * cut)])
     order = min(order, sum(row.size for row in rows) // EACH)
     r = np.fft.irfft(raw)[: order + 1]

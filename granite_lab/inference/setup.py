@@ -13,8 +13,8 @@ from granite_lab.inference.constants import (
     BIN,
     LATENCY_STD,
     NOTHING,
-    REACH,
     REST_SHARE,
+    UPDATES,
 )
 from granite_lab.inference.fit import LEAST, LEAST_OF_ROUGH, Fit, fit
 from granite_lab.inference.noise import FAST, FLOOR, NOMINAL, Whitener, at_rest, errors, learn, white
@@ -26,16 +26,15 @@ from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import alike, duration, velocities_at
 from granite_lab.parameters import Course, Robot, Variant
 
-QUICK, ROUGH = 2, 8
-"""Most steps of the first fit of one trial, whose noise follows from the fast part of its residuals; of the
-first fit of several."""
+QUICK = 2
+"""Most steps of the first fit of one trial, whose noise follows from the fast part of its residuals."""
 
 FAR, TIMES = 1.5, 3
 """A trial alone learns its noise again, up to so often, while a fit ends more std away from where the noise
 was learnt: there residuals were not yet noise."""
 
 
-LATENCIES = LATENCY_STD * np.arange(-REACH, REACH + 1)
+LATENCIES = LATENCY_STD * np.arange(-5, 6)
 """Latencies of the IMU that are tried before the first fit [s]; the robot takes 0.1 to 0.35 s to set off."""
 
 STILL = NOTHING
@@ -124,7 +123,7 @@ def baseline(problem: Problem) -> Fit:
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
         )
     problem.weigh(nominal(problem), start, slopes)
-    found = fit(problem, start, slopes=slopes, rounds=QUICK if alone else ROUGH, least=LEAST_OF_ROUGH)
+    found = fit(problem, start, slopes=slopes, rounds=QUICK if alone else UPDATES, least=LEAST_OF_ROUGH)
     least = LEAST if alone else LEAST_OF_ROUGH
     for _ in range(TIMES if alone else 2):
         before = found.point.vector
