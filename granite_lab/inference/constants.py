@@ -18,8 +18,8 @@ NOTHING = 1e-3
 """Share below which a size counts as none, as a thousandth of a range; convention."""
 
 UNSEEN = 1e-5
-"""Share of the robot's weight, or of a prior's std, that no sensor shows: traces are at most some 10,000 times
-the noise, as that of a wrong wheel radius."""
+"""Share of the robot's weight, or of a prior's std, that no sensor shows: traces are at most some 10,000
+times the noise, as that of a wrong wheel radius."""
 
 CLOSE = 0.1
 """Share of a std, or of what a prior leaves open, that makes no difference: an error of that size beside one
