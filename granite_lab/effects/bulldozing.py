@@ -23,6 +23,8 @@ class Bulldozing(Effect):
     r"""Rankine's passive earth pressure on the face of the wheel below the surface.
 
     .. math:: F_b = b (2 c \sqrt{K_p} z_0 + \gamma K_p z_0^2 / 2), \qquad K_p = \tan^2(45° + \phi/2)
+
+    The soil that it fails on is a wedge of the length z_0 tan(45° + φ/2), 1 to 5 cm, which piles up first.
     """
 
     id = "bulldozing"
@@ -43,7 +45,7 @@ class Bulldozing(Effect):
         EffectParameter("strength", "", "multiple of the passive pressure of a vertical wall",
                         0.0, 10.0, 0.0, 0.1, 1.0),
         EffectParameter("length", "m", "travel from the start over which the soil piles up",
-                        0.002, 0.2, 0.03, 0.005, 0.1, shape=True),
+                        0.002, 0.1, 0.03, 0.005, 0.1, shape=True),
     )  # fmt: skip
 
     def wheel_forces(

@@ -23,14 +23,14 @@ class RadialTyreCompliance(Effect):
     paper's wheel. A row of radial springs gives by the local pressure. Where that is proportional to depth,
     the outline is a circle of larger radius, the substitute circle of soft-soil tyre models. The radius on
     which the tyre rolls lies between that of a tread that keeps its length, r, and the loaded one, r − δ; on
-    roads it is about r − δ/3.
+    roads it is about r − δ/3. A torque that acts on a longer lever than this radius feeds the tyre's losses.
     """
 
     id = "radial_tyre_compliance"
     title = "tyre that deflects under its load"
     equation = (
         "z(ϑ) = z_ring(ϑ) − f δ (z_ring(ϑ)/z_ring(0))^n, ring at the axle + (1 − f) δ, δ = L / k_r, rolling "
-        "radius r − e δ, L + τ dL/dt = W + d c_t dz_0/dt"
+        "radius r − e δ, M_ω at r − l e δ, L + τ dL/dt = W + d c_t dz_0/dt"
     )
     source = (
         "Ring: Pacejka, Tire and Vehicle Dynamics, 2012, chapter 9; Rhyne and Cron, Tire Science and "
@@ -49,6 +49,8 @@ class RadialTyreCompliance(Effect):
                         0.0, 1.0, 0.5, 0.0, 1.0, shape=True),
         EffectParameter("rolling", "", "e, loss of rolling radius over the deflection",
                         0.0, 1.0, 1 / 3, 0.0, 1.0, shape=True),
+        EffectParameter("lever", "", "l, loss of the torque's lever over that of rolling radius, 1: no loss",
+                        0.0, 1.0, 0.5, 0.0, 1.0, shape=True),
         EffectParameter("retardation", "s", "τ, damping of the tyre over its stiffness",
                         1e-3, 0.05, 5e-3, 2e-3, 2e-2, shape=True),
         EffectParameter("damped", "", "d, share of c_t that is the soil's, 0: all acts on the axle",
@@ -71,11 +73,12 @@ class RadialTyreCompliance(Effect):
     def wheel_forces(
         self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own
     ) -> WheelForces:
-        """Let the soil's share of (17) damp the tread, which goes down by less than the axle."""
+        """Let the soil's share of (17) damp the tread, which goes down by less than the axle; move (15)."""
         in_tyre = own.p["damped"] * own.p["compliance"] * self._load_rate(forces, state, own)
         damping, touching = own.model.chassis.contact_damping, ca.if_else(state.sinkage > 0, 1, 0)
         normal = ca.fmax(0, forces.vertical + damping * (state.sinkage_rate - in_tyre))
-        return replace(forces, normal=touching * normal)
+        longer = (1 - own.p["lever"]) * state.shortened / state.radius
+        return replace(forces, normal=touching * normal, moment=forces.moment * (1 + longer))
 
     def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
         """Let the load that deflects the tyre follow that of the soil."""
