@@ -9,25 +9,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.inference.bench import Task
+from granite_lab.inference.constants import LINEAR, MEMORY
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Normal, Posterior, posterior
 from granite_lab.inference.point import Further, stacked
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.scales import LEAST_OWN
 from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 
-OWN_SCALES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
-"""Scales that are tried for the numbers that an effect has in each trial, as shares of the prior's range,
-half a decade apart."""
-
-
-TYPICAL = 0.2
-"""Size of an effect of either sign that is probed, as a share of the largest expected; convention."""
-
-
-AT_ONCE = 8
-"""Simulations that become bins together."""
+OWN_SCALES = np.exp(-np.arange(-np.log(LEAST_OWN)))
+"""Scales that are tried for the numbers that an effect has in each trial, as shares of the prior's range, one
+std of the prior of their logarithm apart."""
 
 
 @dataclass(frozen=True)
@@ -109,16 +103,20 @@ class Score:
 
 
 def sizes(p: EffectParameter) -> tuple[float, ...]:
-    """Return the distances from the neutral value at which a strength is probed."""
+    """Return the distances from the neutral value at which a strength is probed.
+
+    They go from where the model is linear to beyond the largest that is expected. One is probed in the middle
+    of the logarithms where the trace is proportional to the strength, or has either sign.
+    """
     high, low = p.prior_high - p.neutral, p.prior_low - p.neutral
     if p.per_trial:
         return (high / 2,)
     if low < 0 < high:
-        both = (TYPICAL * high, TYPICAL * low)
+        both = (np.sqrt(LINEAR) * high, np.sqrt(LINEAR) * low)
         return both[:1] if p.linear else both
     if p.moving:
         return tuple(np.geomspace(low / 2, high, 8).tolist())
-    least = max(low, high / 30)  # three sizes a decade and a half, and one beyond; convention
+    least = max(low, LINEAR * high)
     if p.linear:
         return (float(np.sqrt(least * high)),)
     every = (least / 2, float(np.sqrt(least * high)), high, 4 * high)
@@ -183,12 +181,13 @@ def _shown(
 ) -> dict[int, Array]:
     """Return per trial of an input the (C n, k) bins of what k simulations differ by from one of it.
 
-    A few at a time become bins, and the simulations are given up: all at once take as much again, twice.
+    As many at a time become bins as fit into `MEMORY`, and the simulations are given up.
     """
     found: dict[int, list[Array]] = {i: [] for i in own}
-    for first in range(0, len(moved), AT_ONCE):
-        part = [base * 0 if run is None else run - base for run in moved[first : first + AT_ONCE]]
-        moved[first : first + AT_ONCE] = [None] * len(part)
+    count = max(1, int(MEMORY / base.nbytes))
+    for first in range(0, len(moved), count):
+        part = [base * 0 if run is None else run - base for run in moved[first : first + count]]
+        moved[first : first + count] = [None] * len(part)
         changes = stacked(part, base)
         for i in own:
             shown = problem.trials[i].effect_columns

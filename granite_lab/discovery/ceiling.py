@@ -15,17 +15,13 @@ from scipy.special import ndtri
 from granite_lab.discovery.finding import Ceiling, Push
 from granite_lab.discovery.pushes import Places, Pushes
 from granite_lab.discovery.where import intervals
-from granite_lab.inference.constants import CLOSE, CREDIBLE, NOTHING
+from granite_lab.inference.constants import CLOSE, CREDIBLE, NOTHING, UNSEEN
 from granite_lab.inference.fit import ROUNDS, Fit
 from granite_lab.inference.gap import beyond, tolerated
-from granite_lab.inference.normal import Normal, Posterior, posterior
+from granite_lab.inference.normal import JITTER, Normal, Posterior, posterior
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.latent import PUSHES
-
-LARGEST, LEAST = 1.0, 1e-5
-"""Largest and least std of a push, as a share of the robot's weight: all that a robot on sand can bear, and
-what no sensor shows."""
 
 
 def ceiling(problem: Problem, alone: Fit, pushes: Pushes, tolerance: float) -> Ceiling:
@@ -89,7 +85,7 @@ class _Solver:
 
     def at(self, sizes: Array) -> tuple[Posterior, Array]:
         """Return the posterior under std of the pushes, (5,), and the (K,) share the trials determine."""
-        s = np.fmax(sizes[self.kind], NOTHING * LEAST)
+        s = np.fmax(sizes[self.kind], NOTHING * UNSEEN)
         precision = np.concatenate([self.precision, s**-2.0])
         found = posterior(self.M, self.logdet, precision, np.append(self.pull, np.zeros(s.size)))
         known = 1 - np.diag(found.covariance)[-s.size :] / s**2
@@ -101,18 +97,21 @@ class _Solver:
         return found, found.misfit + float(known.sum())
 
     def learnt(self) -> Array:
-        """Return the (5,) std of the pushes, by MacKay's fixed point from large ones down."""
-        sizes = np.full(len(PUSHES), LARGEST / 10)
+        """Return the (5,) std of the pushes, by MacKay's fixed point from large ones down.
+
+        They are shares of the robot's weight, which is all that a robot on sand can bear.
+        """
+        sizes = np.ones(len(PUSHES))
         for _ in range(ROUNDS):
             found, known = self.at(sizes)
             squares = found.step[-self.kind.size :] ** 2
             new = np.array(
                 [
-                    np.sqrt(squares[self.kind == q].sum() / max(known[self.kind == q].sum(), 1e-9))
+                    np.sqrt(squares[self.kind == q].sum() / max(known[self.kind == q].sum(), JITTER))
                     for q in range(sizes.size)
                 ]
             )
-            new = np.clip(new, LEAST, LARGEST)
+            new = np.clip(new, UNSEEN, 1)
             done = bool(np.all(np.abs(np.log(new / sizes)) < CLOSE))
             sizes = new
             if done:

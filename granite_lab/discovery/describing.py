@@ -13,7 +13,7 @@ import numpy as np
 
 from granite_lab.discovery.heldout import Equations
 from granite_lab.discovery.pushes import Pushes
-from granite_lab.inference.constants import EFFECT_ODDS
+from granite_lab.inference.constants import EFFECT_ODDS, LINEAR
 from granite_lab.inference.gap import tolerated
 from granite_lab.inference.normal import posterior
 from granite_lab.inference.problem import Problem
@@ -26,9 +26,6 @@ from granite_lab.model.latent import PUSHES, SPACING, WIDTH
 from granite_lab.model.simulator import along
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import GRAVITY
-
-SMALL = 1e-4
-"""Size of a correction whose force is computed; forces are smooth in it."""
 
 OF_AXLE = (
     "slip_{}", "sinkage_{}_m", "v_mps", "x_m", "theta_{}_rad", "torque_{}_Nm", "omega_{}_radps",
@@ -53,12 +50,12 @@ def forces(problem: Problem, pushes: Pushes, number: int, terms: Sequence[Term])
     task = problem.centre(pushes.fit.point, number)
     p, effects = world.parameters(task), world.active(task)
     factors = [t for t in terms if QUANTITIES[t.quantity].factor and not t.groups]
-    sizes = [np.zeros(len(factors)), *(SMALL * np.eye(len(factors)))]
+    sizes = [np.zeros(len(factors)), *(LINEAR * np.eye(len(factors)))]
     others = [[activate(t, {"a": float(a)}) for t, a in zip(factors, row, strict=True)] for row in sizes]
     names = tuple(dict.fromkeys(name.format(axle) for axle in "fr" for name in OF_AXLE))
     plain, *changed = along(p, effects, others, names, world.accuracy)
     row = {name: k for k, name in enumerate(names)}
-    moved = {t.quantity: (after - plain) / SMALL for t, after in zip(factors, changed, strict=True)}
+    moved = {t.quantity: (after - plain) / LINEAR for t, after in zip(factors, changed, strict=True)}
     i = problem.inputs[number][0]
     trial, command = problem.trials[i], problem.command_of[i]
     of = {axle: [plain[row[name.format(axle)]] for name in OF_AXLE] for axle in "fr"}

@@ -23,7 +23,7 @@ from granite_lab.fitting.drive import drives, goes_by_command
 from granite_lab.inference.bench import Bench, Respond, World
 from granite_lab.inference.clocks import clocks
 from granite_lab.inference.conditions import under_conditions
-from granite_lab.inference.constants import LATENCY_LIMIT, OUTLIER, TOLERANCE
+from granite_lab.inference.constants import FEW, LATENCY_LIMIT, OUTLIER, TOLERANCE
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.setup import at_first, baseline, nominal, trial_models
@@ -206,7 +206,7 @@ def _power(
     looks = found.looks.get(model.effects, ())
     rest = [c for c in library if c not in model.effects]
     screened = next((k.screened for k in looks if k.screened), None) or screen(
-        problem, model.fit, rest, most=2
+        problem, model.fit, rest, most=FEW
     )
     return detectable(problem, model.fit, screened, tolerance)
 

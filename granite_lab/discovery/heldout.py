@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from granite_lab.estimate import Estimate
+from granite_lab.inference.constants import UNSEEN
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import held, tolerated
 from granite_lab.inference.normal import JITTER, least_within, posterior
@@ -65,7 +66,7 @@ class Equations:
         first = std.size - fit.point.common.size
         neutral = [p.neutral for _, p in problem.parameters(fit.point.effects, per_trial=False)]
         for k in pinned:
-            std[first + k], mean[first + k] = PINNED * std[first + k], neutral[k]
+            std[first + k], mean[first + k] = UNSEEN * std[first + k], neutral[k]
         self.precision, self.pull = std**-2.0, mean - fit.point.vector
         self.low, self.high = (side - fit.point.vector for side in problem.bounds(fit.point))
 
@@ -77,10 +78,6 @@ class Equations:
         """Return the number of directions along which the discrepancy of a trial is held by its prior."""
         scales = tolerated(self.fit.scales, share)
         return sum(held(c, scales) for c in self.normal.parts[part].channels)
-
-
-PINNED = 1e-4
-"""Std of a number that is not to move, over that of its prior."""
 
 
 def predict(problem: Problem, fit: Fit, tolerance: float, equations: Equations | None = None) -> Predicted:

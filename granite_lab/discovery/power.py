@@ -79,7 +79,8 @@ def detectable(
         circles = problem.bench.world.effects[id_].circles
         for circle in circles or [(p.parameter.name,) for p in group]:
             at = [k for k, p in enumerate(group) if p.parameter.name in circle]
-            noise = max(_by_noise_own(power[some], at, needed) for some in others_of(problem))
+            most = _reach(group[at[0]])
+            noise = max(_by_noise_own(power[some], at, needed, most) for some in others_of(problem))
             worst = [max(shares[k] for k in places[:, n].tolist()) for n in at]
             share = float(np.sqrt(np.mean(np.square(worst))))
             found.append(_row(group[at[0]], noise, tolerance / share if share > 0 else np.inf, ()))
@@ -158,19 +159,19 @@ def _by_growing(
     return float("inf")
 
 
-def _by_noise_own(power: Array, at: Sequence[int], needed: float) -> float:
+def _by_noise_own(power: Array, at: Sequence[int], needed: float, most: float) -> float:
     """Return the same for an effect with numbers of its own in each trial.
 
     Args:
         power: (trials, o) of each number.
         at: places of those among which the amplitude is divided by chance, as cosine and sine.
         needed: log Bayes factor.
+        most: amplitude that is looked at.
     """
     share = np.zeros(power.shape[1])
     share[list(at)] = 1 / len(at)
 
-    def beyond(logarithm: float) -> float:
-        amplitude = float(np.exp(logarithm))
+    def beyond(amplitude: float) -> float:
         signal = power * (amplitude**2 * share)
         prior = power * (amplitude**2 * share.mean())
         taken = prior / (1 + prior)
@@ -178,8 +179,7 @@ def _by_noise_own(power: Array, at: Sequence[int], needed: float) -> float:
         spread = float(np.sqrt(np.sum(taken**2 * (0.5 + signal))))
         return gain - POWER * spread - needed
 
-    low, high = np.log(1e-3), np.log(1e3)  # of the probed size
-    return float(np.exp(brentq(beyond, low, high))) if beyond(low) < 0 < beyond(high) else float("inf")
+    return float(brentq(beyond, 0.0, most)) if beyond(most) > 0 else float("inf")
 
 
 def _cosines(gram: Array, places: Sequence[int]) -> Array:

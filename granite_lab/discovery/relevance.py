@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from granite_lab.inference.constants import FORMULA_ERROR, LEAST_SHARE, SPREAD
+from granite_lab.inference.constants import FORMULA_ERROR, LEAST_SHARE
 from granite_lab.inference.fit import Fit, taken, under
 from granite_lab.inference.gap import moved, shares, tolerated
 from granite_lab.inference.normal import Scales
@@ -25,7 +25,7 @@ def strained(problem: Problem, result: Fit) -> bool:
     Their scale is then two standard deviations beyond what it was taken for.
     """
     first, now = problem.learnt_std, result.scales.priors
-    return any(now.get(n, std) > np.exp(2 * SPREAD) * std for n, std in first.items())
+    return any(now.get(n, std) > np.exp(2) * std for n, std in first.items())
 
 
 def matters(problem: Problem, alone: Fit, best: Fit, tolerance: float) -> bool:

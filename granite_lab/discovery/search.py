@@ -13,7 +13,7 @@ from granite_lab.discovery.heldout import Predicted, predict, predicts_better
 from granite_lab.discovery.leaders import Look, Promise, at_files, leaders, origins, screened
 from granite_lab.discovery.relevance import good, made, needed, shows, strained, unexplained
 from granite_lab.discovery.sets import attempts, fit_sets, set_of
-from granite_lab.inference.constants import EFFECT_ODDS, FEW, LEFT, RIVAL, TOLERANCE, TRIED, WORTH
+from granite_lab.inference.constants import DRAWS, EFFECT_ODDS, FEW, LEFT, RIVAL, TOLERANCE, TRIED, WORTH
 from granite_lab.inference.fit import LEAST, ROUNDS, Fit, under
 from granite_lab.inference.gap import moved
 from granite_lab.inference.point import Point
@@ -23,15 +23,12 @@ from granite_lab.inference.scales import FIRST, FORMULAS
 MOST = 6
 """Effects in a set at most."""
 
-REVISED = 2
-"""Effects that are taken out of a set to be revised, each in turn."""
-
 FINE = 12
 """Most steps of a fit that begins where another one ended: a fine one at a rough one's end, or one of the
 best set with an effect exchanged; convention."""
 
-UNLIKELY = 1e-3
-"""Odds below which a set changes no probability that is told in percent."""
+UNLIKELY = 1 / DRAWS
+"""Odds below which a set changes no probability: no draw shows it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,8 +177,8 @@ class _Steps:
     def revised(self, best: Model, taken: list[_Extension]) -> tuple[Model, list[_Extension]]:
         """Extend again what is left of a set without one of its effects, and go on with a likelier one.
 
-        What stands in for two effects that are missing may come before either. The effects that are needed
-        least are taken out, see `is_strange`.
+        What stands in for two effects that are missing may come before either. The `FEW` effects that are
+        needed least are taken out, each in turn; see `is_strange`.
         """
         for _ in range(MOST):
             if len(best.effects) < 2 or not self.is_strange(best):
@@ -192,7 +189,7 @@ class _Steps:
             known = [
                 m for key in map(set_of, points) if (m := self.models.get(key)) and key not in self.looks
             ]
-            for rest in sorted(known, key=lambda m: -m.log_posterior)[:REVISED]:
+            for rest in sorted(known, key=lambda m: -m.log_posterior)[:FEW]:
                 other, tried = self.extended(rest)
                 if other.log_posterior > best.log_posterior + WORTH:
                     best, way = self.path(other)

@@ -21,6 +21,7 @@ from granite_lab.inference.constants import (
     NOTHING,
     RELEVANT,
     STANDS_IN,
+    TRIED,
 )
 from granite_lab.inference.fit import Fit, under
 from granite_lab.inference.gap import moved, scatter
@@ -30,10 +31,6 @@ from granite_lab.inference.scales import FORMULAS
 from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
-
-LARGEST_SET = 3
-"""Most effects that cannot be told apart in an answer that still is one: no more rivals of a screen are
-fitted."""
 
 OPEN = Estimate(float("nan"))
 """A share that is not known."""
@@ -107,8 +104,11 @@ class Named:
         return bool(self.closes.value >= 2 * self.closes.std)
 
     def is_sure(self) -> bool:
-        """Tell whether it, alone or with its twins, may be named where little else is missing."""
-        return self.probability >= CREDIBLE and len(self.twins) < LARGEST_SET
+        """Tell whether it, alone or with its twins, may be named where little else is missing.
+
+        Of a screen no more than `TRIED` are fitted: where so many cannot be told apart, others may not, too.
+        """
+        return self.probability >= CREDIBLE and len(self.twins) < TRIED
 
     def is_sure_beside(self, unexplained: float, scales: Scales) -> bool:
         """Tell whether it may be named though more is missing, for which it could stand in.

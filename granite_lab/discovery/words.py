@@ -14,10 +14,6 @@ from granite_lab.inference.problem import Problem
 from granite_lab.parameters import is_driven
 from granite_lab.rounding import chance
 
-LIKELY = 0.5
-"""Probability from which on an effect that is not sure is called likely: it acts rather than not.
-Convention."""
-
 
 def provisional(problem: Problem) -> tuple[str, ...]:
     """Return why a verdict on these trials is provisional."""
@@ -52,7 +48,7 @@ def sentence(
         text = "something is missing from the model. No candidate explains it for certain."
     else:
         text = "something is missing from the model. No candidate explains it, no term describes it."
-    likely = [e for e in description if not e.empirical and e.probability >= LIKELY]
+    likely = [e for e in description if not e.empirical and e.probability >= 1 - e.probability]
     if likely and verdict != "none":
         text += (
             f" Likely, but not sure: {', '.join(f'{_name(e)} ({chance(e.probability)})' for e in likely)}."

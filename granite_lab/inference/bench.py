@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby
@@ -46,10 +47,6 @@ ACCURACY = Accuracy(relative=1e-5, absolute=2e-8, travel=0.0018, lean=True, orde
 """Errors of a bin of at most 4e-4 m/s^2, 5e-6 rad/s, 3e-5 rad and 7e-4 A, those of the instants included. Of
 five times the errors the differences of neighbouring runs, which are derivatives, were too rough for a fit
 to end twice at the same numbers."""
-
-KEPT = 4e7
-"""Bytes of the responses that are remembered, little beside other tables; each is of about 200 kB for a
-command of Table 2."""
 
 Values = tuple[float, ...]
 Setting = tuple[tuple[str, Values], ...]
@@ -144,9 +141,10 @@ def _work(tasks: Sequence[Task]) -> list[Array | None]:
 def _batches(tasks: Sequence[Task]) -> list[list[Task]]:
     """Split tasks into what a process takes at once, the largest first.
 
-    Each has one set of effects, for which a process builds the equations anew.
+    Each has one set of effects, for which a process builds the equations anew. About as many batches as there
+    are tasks in one leave no process long alone.
     """
-    most = max(1, len(tasks) // 8)
+    most = math.isqrt(len(tasks)) + 1
     batches: list[list[Task]] = []
     for _, own in groupby(sorted(tasks, key=lambda task: task.ids), key=lambda task: task.ids):
         group = list(own)
@@ -181,6 +179,7 @@ class Bench:
         self._tick = tick
         self._pool = forked(jobs, _enter, world) if respond is None else None
         self._known: dict[Task, Array | None] = {}
+        self._last: Sequence[Task] = ()
 
     def __enter__(self) -> Self:
         return self
@@ -217,7 +216,7 @@ class Bench:
 
         Args:
             tasks: what to simulate; the same task is simulated once.
-            keep: remember the signals for the next call.
+            keep: remember the signals for the next two calls: a fit tries a step, and may go back.
 
         Raises:
             LabError: a process died.
@@ -235,6 +234,6 @@ class Bench:
         self._tick(len(fresh))
         known = self._known | dict(zip(fresh, found, strict=True))
         if keep:
-            size = sum(run.nbytes for run in known.values() if run is not None)
-            self._known = known if size <= KEPT else dict(zip(fresh, found, strict=True))
+            self._known = {task: known[task] for task in (*self._last, *tasks) if task in known}
+            self._last = tuple(tasks)
         return [known[task] for task in tasks]

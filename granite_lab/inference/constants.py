@@ -9,11 +9,17 @@ import math
 import sys
 from statistics import NormalDist
 
+from granite_lab.parameters import load_variants
+
 TINY = sys.float_info.min
 """Keeps a division by zero finite."""
 
 NOTHING = 1e-3
 """Share below which a size counts as none, as a thousandth of a range; convention."""
+
+UNSEEN = 1e-5
+"""Share of the robot's weight, or of a prior's std, that no sensor shows: traces are at most some 10,000
+times the noise, as that of a wrong wheel radius."""
 
 CLOSE = 0.1
 """Share of a std, or of what a prior leaves open, that makes no difference: an error of that size beside one
@@ -23,11 +29,13 @@ REACH = 3.0
 """Standard deviations within which a normal number lies in all practice (99.7 %); convention."""
 
 UPDATES = 8
-"""Most steps of what is learnt beside the numbers of a fit, each time it is learnt; convention."""
+"""Most steps of what need not reach its end: what is learnt beside the numbers of a fit, each time it is
+learnt, and the first fit, whose noise is not known yet; convention."""
 
 TRIED, FEW = 3, 2
-"""How many rivals are tried where each may be the best one, and where a second is enough. Convention; the
-ranking of first order that chooses them is off by one or two places."""
+"""How many alternatives are tried, the most promising first: where each may be the best one, and where a
+second is enough (a rival, a size, a set to be revised). Convention; the ranking of first order that chooses
+them is off by one or two places."""
 
 TOLERANCE = 0.02
 """Discrepancy that does not matter, as a share of a channel's rms in motion; the option `--tolerance`.
@@ -112,11 +120,7 @@ LOUD = 1 + FORMULA_ERROR[1]
 SAME = math.sqrt(1 - FORMULA_ERROR[1] ** 2)
 """Cosine above which two signatures count as one: they differ by no more than an error of their formulas."""
 
-SPREAD = 1.0
-"""Std of the logarithm of a scale about the value at which its search begins: a factor of 2.7 either way;
-convention."""
-
-PSEUDO_TRIALS = 4.0
+PSEUDO_TRIALS = float(len(load_variants()))
 """Weight of a scale's first value, counted in trials; convention: those of Table 2, once each."""
 
 _MODULUS, _ANGLE = 0.20, 0.12
@@ -135,13 +139,13 @@ SENSOR_STD = {
     "wheel offset": 0.02,
     "wheel gain": 0.002,
     "wheel_split gain": 0.003,
-    "start": 0.02,
+    "start": LATENCY_LIMIT,
     "arm": _BY_HAND,
 }
 """First value of the std of what a data sheet or a file leaves open: mounting tilt [rad], gain of the
 accelerometer [-], angle of the wheels at rest [rad], their radius [-] and its difference between the axles
 [-], start of the command [s], place of the IMU [m]. By hand a sensor is mounted to a centimetre, and as
-straight over a metre."""
+straight over a metre. A command is stamped as late as a sensor."""
 
 MEMORY = 4e8
 """Bytes that one table may take: a fifth of the 2 GB that a search may."""

@@ -24,7 +24,7 @@ from granite_lab.inference.constants import (
 from granite_lab.inference.observation import Observation
 from granite_lab.logs.trial import Array
 from granite_lab.model.instants import instants
-from granite_lab.parameters import Robot
+from granite_lab.parameters import GRAVITY, Robot, load_grade
 
 SENSORS = ("latency", "arm_x", "arm_z", "current_latency", "spread")
 """What all trials share of the sensors: latency of the IMU's stamps behind those of the wheels [s], its place
@@ -221,9 +221,10 @@ def _slacks(observation: Observation, robot: Robot) -> tuple[Slack, ...]:
 
     Offsets are wider than the sensors' data sheets say: the standstill fixes them in any case.
     """
-    grade, currents = robot.imu_grade, robot.currents
-    bias, rate_bias = (grade.accel_bias, grade.gyro_bias) if grade else (0.2, 0.01)
-    accel_z = 1.0 if observation.gravity_removed else REACH * bias + 0.05
+    grade, currents = robot.imu_grade or load_grade("consumer"), robot.currents
+    bias, rate_bias = grade.accel_bias, grade.gyro_bias
+    weight = SENSOR_STD["accel_x gain"] * GRAVITY  # what an error of the gain makes of it
+    accel_z = 1.0 if observation.gravity_removed else REACH * bias + weight
     table = {
         "accel_x": [
             Slack("tilt", SENSOR_STD["tilt"], "rad", True),

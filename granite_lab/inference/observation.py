@@ -158,7 +158,7 @@ def observe(
 def bin_width(trial: Trial, robot: Robot) -> float:
     """Return `BIN`, or the multiple of it that the slowest sensor of a trial needs [s]."""
     slowest = max((float(np.median(np.diff(s.t))) for s in _streams(trial, robot).values()), default=BIN)
-    return BIN * max(1.0, float(np.ceil(slowest / BIN - 0.05)))
+    return BIN * max(1.0, float(np.ceil(np.round(slowest / BIN, 1))))  # stamps jitter
 
 
 def _from_zero(stream: Stream, start: float) -> Stream:

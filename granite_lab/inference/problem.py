@@ -21,11 +21,11 @@ from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 from granite_lab.model.leading import LEADS
 
-_PLAIN, _NARROW = 0.01, 0.005
-_STEPS = {"cohesion": LINEAR, "tyre_friction": _NARROW} | dict.fromkeys(LEADS, _NARROW)
-STEP = np.array([_STEPS.get(name, _PLAIN) for name in SIMULATED])
+_STEP = 0.01
+_STEPS = {"cohesion": LINEAR, "tyre_friction": _STEP / 2} | dict.fromkeys(LEADS, _STEP / 2)
+STEP = np.array([_STEPS.get(name, _STEP) for name in SIMULATED])
 """Steps of the differences by `SIMULATED`, a tenth of their std and less: wide where little depends on a
-number, so that the integrator's errors are less than the difference, and narrow where a kink is near."""
+number, so that the integrator's errors are less than the difference, and half where a kink is near."""
 
 KINKED = ("cohesion", "shear_modulus", "friction_angle", "tyre_friction")
 """Sand by which differences are central: (10) has a kink where the other limit of the shear stress begins to

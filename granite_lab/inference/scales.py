@@ -12,7 +12,6 @@ from granite_lab.inference.constants import (
     FORMULA_ERROR,
     NOTHING,
     PSEUDO_TRIALS,
-    SPREAD,
     TOLERANCE,
     UPDATES,
 )
@@ -52,8 +51,9 @@ def posterior_at(problem: Problem, point: Point, normal: Normal, scales: Scales)
 def log_prior(problem: Problem, scales: Scales, formula: bool) -> float:
     """Return the logarithm of the prior density of the scales, and of the noise being louder than learnt.
 
-    The std of a number that differs from trial to trial has an inverse gamma prior, relative to its mode. One
-    that is wide to hold what all trials have in common is not likely.
+    The logarithm of a scale is normal about the value at which its search begins, with a std of one: a factor
+    of 2.7 either way; convention. The std of a number that differs from trial to trial has an inverse gamma
+    prior, relative to its mode. One that is wide to hold what all trials have in common is not likely.
     """
     away = [np.log(share / (TOLERANCE / 2)) for share in scales.shares.values()]
     if formula:
@@ -61,7 +61,7 @@ def log_prior(problem: Problem, scales: Scales, formula: bool) -> float:
     noise = sum(n * np.log(scales.louder.get(c, 1.0)) for c, n in problem.counts.items())
     wider = np.array([scales.priors.get(name, std) / std for name, std in problem.learnt_std.items()])
     widths = PSEUDO_TRIALS * float(np.sum(np.log(wider) + (wider**-2.0 - 1) / 2))
-    return -0.5 * float(np.sum((np.array(away) / SPREAD) ** 2)) - float(noise) - widths
+    return -0.5 * float(np.sum(np.square(away))) - float(noise) - widths
 
 
 def learn(
@@ -128,8 +128,8 @@ def discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales) 
         new = {}
         for name, scale in old.items():
             centre, bounds = (TOLERANCE / 2, SHARES) if name[0] == MOTION else (FORMULA_ERROR[0], FORMULAS)
-            slope = rise[name] - float(np.log(scale / centre)) / SPREAD**2
-            curvature = max(information[name], -2 * rise[name]) + SPREAD**-2.0
+            slope = rise[name] - float(np.log(scale / centre))
+            curvature = max(information[name], -2 * rise[name]) + 1
             further = np.clip(slope / curvature, -1, 1)
             new[name] = float(np.clip(scale * np.exp(further), *bounds))
         shares, formulas = ({c: new[kind, c] for c in names} for kind in (MOTION, FORMULA))

@@ -14,6 +14,7 @@ from granite_lab.inference.constants import (
     LATENCY_STD,
     NOTHING,
     REST_SHARE,
+    UPDATES,
 )
 from granite_lab.inference.fit import LEAST, LEAST_OF_ROUGH, Fit, fit
 from granite_lab.inference.noise import FAST, FLOOR, NOMINAL, Whitener, at_rest, errors, learn, white
@@ -23,14 +24,10 @@ from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import alike, duration, velocities_at
-from granite_lab.parameters import Course, Robot, Variant, load_variants
+from granite_lab.parameters import Course, Robot, Variant
 
-TURNED = 0.005
-"""Wheel angle by which the command has certainly begun [rad]; half a millimetre on the circumference."""
-
-QUICK, ROUGH = 2, 8
-"""Most steps of the first fit of one trial, whose noise follows from the fast part of its residuals; of the
-first fit of several."""
+QUICK = 2
+"""Most steps of the first fit of one trial, whose noise follows from the fast part of its residuals."""
 
 FAR, TIMES = 1.5, 3
 """A trial alone learns its noise again, up to so often, while a fit ends more std away from where the noise
@@ -64,7 +61,11 @@ def trial_models(
     """
     if not trials:
         raise InputError("no trial to look at", "give at least one log")
-    starts = [start_of(t, m, m.variant, robot.wheels.radius) for t, m in zip(trials, motions, strict=True)]
+    for motion in motions:
+        if not np.isfinite(motion.t_start.value):
+            raise EstimateError(
+                f"trial '{motion.trial}': the start of the command cannot be found", "check its wheels"
+            )
     motions = _repeated(motions)
     variants = tuple(
         sorted({m.variant for m in motions}, key=lambda v: (v.velocity, v.acceleration, v.distance))
@@ -72,8 +73,9 @@ def trial_models(
     width = max(least, *(bin_width(t, robot) for t in trials))
     commands = _commands([m.variant for m in motions], variants)
     models = []
-    for trial, motion, start, command in zip(trials, motions, starts, commands, strict=True):
+    for trial, motion, command in zip(trials, motions, commands, strict=True):
         same = [duration(m.variant) for m, c in zip(motions, commands, strict=True) if c == command]
+        start = motion.t_start.value
         seen = observe(trial, robot, motion.variant, start, width=width, lasting=max(same))
         models.append(TrialModel(seen, variants.index(motion.variant), robot, command))
     return models, variants
@@ -121,7 +123,7 @@ def baseline(problem: Problem) -> Fit:
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
         )
     problem.weigh(nominal(problem), start, slopes)
-    found = fit(problem, start, slopes=slopes, rounds=QUICK if alone else ROUGH, least=LEAST_OF_ROUGH)
+    found = fit(problem, start, slopes=slopes, rounds=QUICK if alone else UPDATES, least=LEAST_OF_ROUGH)
     least = LEAST if alone else LEAST_OF_ROUGH
     for _ in range(TIMES if alone else 2):
         before = found.point.vector
@@ -228,51 +230,3 @@ def _speed(problem: Problem, residuals: Sequence[Array], own: Sequence[int]) -> 
     rate = rate / rate.max()
     rate[rate < STILL] = 0.0
     return np.asarray(rate)
-
-
-def variant_of_trial(trial: Trial, motion: Motion | None) -> Variant:
-    """Return what was commanded: as the estimate recognised it, as the log says, or by Table 2.
-
-    Raises:
-        InputError: nothing says it.
-    """
-    if motion is not None:
-        return motion.variant
-    info = trial.info
-    if info.v_desired is not None:
-        for known in load_variants():
-            if np.isclose(known.velocity, info.v_desired):
-                return Variant(
-                    velocity=known.velocity,
-                    acceleration=info.a_max or known.acceleration,
-                    distance=info.distance or known.distance,
-                )
-        if info.a_max is not None and info.distance is not None:
-            return Variant(velocity=info.v_desired, acceleration=info.a_max, distance=info.distance)
-    raise InputError(
-        f"trial '{trial.name}': velocity, acceleration and distance of the command are not known",
-        "add '# v_desired_mps = …', '# a_max_mps2 = …' and '# distance_m = …' to the log",
-    )
-
-
-def start_of(trial: Trial, motion: Motion | None, variant: Variant, radius: float) -> float:
-    """Return the start of the command [s, the log's time].
-
-    The wheels turn TURNED only some time after it, which the command's acceleration tells.
-
-    Raises:
-        EstimateError: neither command nor wheels show it.
-    """
-    if motion is not None and np.isfinite(motion.t_start.value):
-        return motion.t_start.value
-    if trial.command is not None:
-        driving = np.flatnonzero(np.nan_to_num(trial.command.value) > 0)
-        if driving.size and driving[0] > 0:
-            return float(trial.command.t[driving[0]] + trial.command.t[driving[0] - 1]) / 2
-    if trial.wheels is not None:
-        turned = np.nanmax(np.abs(trial.wheels.angle - np.nanmedian(trial.wheels.angle[:5], axis=0)), axis=1)
-        moving = np.flatnonzero(turned > TURNED)
-        if moving.size:
-            late = np.sqrt(2 * TURNED * radius / variant.acceleration)
-            return float(trial.wheels.t[moving[0]] - late)
-    raise EstimateError(f"trial '{trial.name}': the start of the command cannot be found", "check its wheels")

@@ -19,10 +19,9 @@ from granite_lab.inference.conditions import PLAIN, Conditions, conditions_of
 from granite_lab.inference.constants import BIN
 from granite_lab.inference.noise import CUT, FAST, FLOOR, at_rest, errors
 from granite_lab.inference.observation import AFTER, BEFORE
-from granite_lab.inference.setup import variant_of_trial
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import duration, peak_velocity, velocities_at
-from granite_lab.parameters import Robot, Soil, Variant
+from granite_lab.parameters import Robot, Soil, Variant, load_variants
 from granite_lab.parameters.quantity import build, key_of, quantity
 
 SCHEMA = "granite-lab/design/2"
@@ -177,7 +176,7 @@ def _driven(residuals: Sequence[Residual], trials: Sequence[Trial]) -> tuple[Dri
         own = [r for r in residuals if r.trial == trial.name and np.isfinite(r.measured).any()]
         if own:
             info = dataclasses.replace(trial.info, v_desired=trial.info.v_desired or own[0].variant)
-            variant = variant_of_trial(dataclasses.replace(trial, info=info), None)
+            variant = variant_of_trial(dataclasses.replace(trial, info=info))
             groups.setdefault((variant, conditions_of(trial)), []).extend(own)
     found = []
     for (variant, conditions), own in groups.items():
@@ -189,6 +188,29 @@ def _driven(residuals: Sequence[Residual], trials: Sequence[Trial]) -> tuple[Dri
                    before=before, after=after, noise=tuple(noise))
         )  # fmt: skip
     return tuple(found)
+
+
+def variant_of_trial(trial: Trial) -> Variant:
+    """Return what was commanded: as the log says, or by Table 2.
+
+    Raises:
+        InputError: nothing says it.
+    """
+    info = trial.info
+    if info.v_desired is not None:
+        for known in load_variants():
+            if np.isclose(known.velocity, info.v_desired):
+                return Variant(
+                    velocity=known.velocity,
+                    acceleration=info.a_max or known.acceleration,
+                    distance=info.distance or known.distance,
+                )
+        if info.a_max is not None and info.distance is not None:
+            return Variant(velocity=info.v_desired, acceleration=info.a_max, distance=info.distance)
+    raise InputError(
+        f"trial '{trial.name}': velocity, acceleration and distance of the command are not known",
+        "add '# v_desired_mps = …', '# a_max_mps2 = …' and '# distance_m = …' to the log",
+    )
 
 
 def commanded_share(t: Array, variant: Variant) -> Array:

@@ -316,7 +316,7 @@ def test_the_stated_amplitude_of_changing_phase_is_seen_in_four_of_five_draws() 
     """Cosine and sine of a random phase in each of twelve trials; the gain is that of the best scale."""
     rng = np.random.default_rng(5)
     power = np.full((12, 4), 40.0)
-    amplitude = _by_noise_own(power, [0, 1], needed=5.2)
+    amplitude = _by_noise_own(power, [0, 1], needed=5.2, most=10.0)
     scales = np.geomspace(1e-3, 10, 40)
     gains = []
     for _ in range(400):

@@ -12,7 +12,6 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter, lsim
 
 from granite_lab.effects import get
-from granite_lab.errors import InputError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.inference.bench import ACCURACY, RAKED, SAND, SIGNALS
@@ -24,7 +23,6 @@ from granite_lab.inference.nuisances import SENSORS, TrialModel
 from granite_lab.inference.observation import Observation, bin_width, observe
 from granite_lab.inference.point import SHARED
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.setup import start_of, variant_of_trial
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, TrialInfo, WheelStream
 from granite_lab.model.effect import activate
 from granite_lab.model.instants import Accuracy
@@ -140,17 +138,6 @@ def test_slow_sensors_widen_the_bins() -> None:
     slow = WheelStream(whole.wheels.t[::5], whole.wheels.angle[::5])
     assert bin_width(whole, ROBOT) == pytest.approx(0.02)
     assert bin_width(dataclasses.replace(whole, wheels=slow), ROBOT) == pytest.approx(0.06)
-
-
-def test_the_start_is_found_from_the_wheels() -> None:
-    one = trial(np.random.default_rng(1))
-    assert start_of(one, None, VARIANT, ROBOT.wheels.radius) == pytest.approx(START, abs=0.06)
-
-
-def test_a_log_that_says_nothing_of_the_command_is_refused() -> None:
-    one = dataclasses.replace(trial(np.random.default_rng(1)), info=TrialInfo())
-    with pytest.raises(InputError, match="of the command are not known"):
-        variant_of_trial(one, None)
 
 
 @given(seed=st.integers(0, 10_000), samples=st.integers(2, 60), rows=st.integers(0, 40))

@@ -30,6 +30,7 @@ from granite_lab.planning.design import (
     commanded_share,
     load_design,
     save_design,
+    variant_of_trial,
 )
 from granite_lab.planning.plan import options, plan_next
 from granite_lab.planning.stage import question, trial_model, whitener_of
@@ -282,3 +283,8 @@ def test_a_channel_with_a_noise_of_nothing_has_the_floor_of_its_kind() -> None:
     observation = trial_model(0, SLOW, design.driven[0], design.robot).observation
     white = whitener_of(Noise(channel="wheel", rest=0.0), observation, 0.2)
     assert white(np.ones(observation.bins)) == pytest.approx(1 / FLOOR["wheel"])
+
+
+def test_a_log_that_says_nothing_of_the_command_is_refused() -> None:
+    with pytest.raises(InputError, match="of the command are not known"):
+        variant_of_trial(Trial("one", TrialInfo()))
