@@ -177,7 +177,8 @@ def _descended(
     The damping follows the drop over the promised one (H. B. Nielsen, Damping parameter in Marquardt's
     method, IMM-REP-1999-05, Technical University of Denmark). Differences are taken at the centre of each
     command. Numbers that each trial has of its own, as the phase of a wheel, may be far from that: where a
-    step fails, differences are then taken at each trial.
+    step fails, differences are then taken at each trial. Such numbers are many, and each may be as far from
+    the optimum as a single one.
 
     Args:
         problem: the trials.
@@ -189,10 +190,13 @@ def _descended(
     """
     fine = least <= LEAST
     good, trusted = (AS_GOOD, TRUSTED) if fine else (AS_GOOD_ROUGH, TRUSTED_ROUGH)
+    private = len(problem.parameters(state.point.effects, per_trial=True)) * len(problem.trials)
+    numbers = 1 + private if fine else 1
+    least, good = least * numbers, good * float(np.sqrt(numbers))
     damping, growth, pace, before = 0.0, 2.0, 1.0, np.inf  # `before`: what the last step promised
     failed = False  # with derivatives of the point, so that less damping is of no use
     since, stalled = np.inf, 0  # what the derivatives have brought; how often they brought nothing
-    alike, each = not problem.parameters(state.point.effects, per_trial=True), False
+    each = False
     for _ in range(rounds):
         here, aim, promised = _promise(problem, state, scales, damping)
         loud = scales.loud and not fine
@@ -215,7 +219,7 @@ def _descended(
         ratio = drop / (promised * pace * (2 - pace)) if promised > 0 else -np.inf
         near = promised < NEAR and damping == 0
         closer = fine and near and drop > -NEAR and promised < before / 2
-        other = away == 0 and not alike and not each and promised > NO_RANK
+        other = away == 0 and private > 0 and not each and promised > NO_RANK
         fresh, before = away == 0 and not other, promised if near and tried is not None else np.inf
         if tried is not None and (drop > 0 or closer):
             less = max(1 / 3, 1 - (2 * ratio - 1) ** 3)
@@ -235,7 +239,7 @@ def _descended(
         else:
             keep, each, since = False, each or other, np.inf if other else since
         if not keep:
-            stalled += since < (enough if fine else max(enough, NO_RANK))
+            stalled += since < max(enough, NO_FURTHER * private if fine else NO_RANK)
             if stalled > fine:  # a fine one may begin anew once
                 break
             renewed = _renewed(problem, state, central=fine, each=each)
@@ -245,7 +249,7 @@ def _descended(
         if not keep or near:
             scales = _learnt(problem, state, scales, 1)
     _, _, promised = _promise(problem, state, scales, 0.0)
-    return state, scales, bool(fine and away < good and promised < NO_FURTHER)
+    return state, scales, bool(fine and away < good and promised < NO_FURTHER * numbers)
 
 
 def _unlimited(problem: Problem, state: _State, scales: Scales, rounds: int) -> tuple[_State, Scales] | None:
