@@ -32,9 +32,16 @@ NO_FURTHER = CLOSE**2
 """The same where steps with new derivatives no longer lower the objective, for the integrator's errors are as
 large: no number is then further from the optimum than a tenth of its std."""
 
+STALLS = 2
+"""How often new derivatives may bring nothing before a fit ends."""
+
 NO_RANK = 2 * WORTH
 """Drop of the objective with new derivatives below which a rough fit ends: less than what a further effect
 must bring changes no rank of sets."""
+
+HALF = 0.5
+"""Drop over the promised one above which a fine fit doubles the share of a step of Gauss and Newton that it
+tries; convention."""
 
 TRUSTED, TRUSTED_ROUGH = 0.1, 0.4
 """How far from one the drop over the promised one may be for the derivatives to be kept, far from the
@@ -44,7 +51,7 @@ NEAR = 1.0
 """Promised drop below which a step of Gauss and Newton is taken although the objective does not fall: within
 a std it tells of kinks of the model and of derivatives at the centre of a command, not of the optimum."""
 
-AS_GOOD, AS_GOOD_ROUGH = CLOSE, NEAR
+AS_GOOD, AS_GOOD_ROUGH = CLOSE, 1.0
 """How far a fit may move, in std of the numbers, with derivatives that count as those of the point; a rough
 one."""
 
@@ -57,11 +64,21 @@ STRENGTH = ("cohesion", "friction_angle")
 """Numbers of the sand that say nothing where another limit of the shear stress rules in (10)."""
 
 WITHIN = REACH**2
-"""Promised drop below which a fine fit shortens a step in place of damping it: three std. Damping would keep
-numbers of little influence where they are."""
+"""Promised drop below which a fine fit shortens a step in place of damping it: three std."""
 
-LEAST_DAMPED = 0.1
-"""Damping of the first step that is damped; below it there is none. Convention."""
+LEAST_PACE = 1 / 8
+"""Least share of a step of Gauss and Newton that a fine fit tries. Damping would keep numbers of little
+influence where they are."""
+
+LEAST_DAMPED = 0.01
+"""Damping below which there is none."""
+
+MOST_DAMPED = 1e3
+"""Damping at which a fit ends: steps are then a thousandth of those of Gauss and Newton."""
+
+SETTLED = 0.02
+"""Change of the logarithm of a scale at which scales and numbers are at their joint optimum: the numbers then
+hardly move."""
 
 ROUNDS = 40
 """Most steps of a fit; convention."""
@@ -194,21 +211,20 @@ def _descended(
     numbers = 1 + private if fine else 1
     least, good = least * numbers, good * float(np.sqrt(numbers))
     damping, growth, pace, before = 0.0, 2.0, 1.0, np.inf  # `before`: what the last step promised
-    failed = False  # with derivatives of the point, so that less damping is of no use
     since, stalled = np.inf, 0  # what the derivatives have brought; how often they brought nothing
     each = False
     for _ in range(rounds):
         here, aim, promised = _promise(problem, state, scales, damping)
         loud = scales.loud and not fine
         enough = LEAST_OF_LOUD * here if loud else least
-        if (loud and promised < enough and (away == 0 or damping > 0)) or (failed and promised < least):
+        if loud and promised < enough and (away == 0 or damping > 0):
             break
         if damping > 0 and promised < least:
             damping = 0.0
             continue
         if promised < least and away < good:
             new = _learnt(problem, state, scales)
-            settled, scales = change(scales, new) < CLOSE, new
+            settled, scales = change(scales, new) < (SETTLED if fine else CLOSE), new
             if settled:
                 return state, scales, True
             continue
@@ -222,25 +238,24 @@ def _descended(
         other = away == 0 and private > 0 and not each and promised > NO_RANK
         fresh, before = away == 0 and not other, promised if near and tried is not None else np.inf
         if tried is not None and (drop > 0 or closer):
-            less = max(1 / 3, 1 - (2 * ratio - 1) ** 3)
-            damping, growth = damping * less if damping * less > LEAST_DAMPED else 0.0, 2.0
+            damping *= max(1 / 3, 1 - (2 * ratio - 1) ** 3)
+            damping, growth = damping if damping > LEAST_DAMPED else 0.0, 2.0
             state, away, since = tried, away + pace * float(np.sqrt(promised)), since + drop
-            failed = False
             keep = away < good if near else abs(ratio - 1) < trusted
-            pace = min(1.0, 2 * pace) if less < 1 else pace
+            pace = min(1.0, 2 * pace) if ratio > HALF else pace
         elif fresh and fine and damping == 0 and promised < WITHIN:
             pace, keep = pace / 2, True
-            if pace * float(np.sqrt(promised)) < AS_GOOD:
+            if pace < LEAST_PACE:
                 break
         elif fresh:
-            damping, growth, keep, failed = max(growth * damping, LEAST_DAMPED), 2 * growth, True, True
-            if not fine and promised < NEAR:
+            damping, growth, keep = max(growth * damping, 10 * LEAST_DAMPED), 2 * growth, True
+            if damping > MOST_DAMPED or (not fine and promised < NEAR):
                 break
         else:
             keep, each, since = False, each or other, np.inf if other else since
         if not keep:
             stalled += since < max(enough, NO_FURTHER * private if fine else NO_RANK)
-            if stalled > fine:  # a fine one may begin anew once
+            if stalled >= (STALLS if fine else 1):
                 break
             renewed = _renewed(problem, state, central=fine, each=each)
             if renewed is None:
