@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import casadi as ca
-
-from granite_lab.model.command import V_FLOOR, magnitude
+from granite_lab.model.command import magnitude, relaxed
 from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
 from granite_lab.model.symbols import ModelParameters
 
@@ -44,6 +42,4 @@ class ContactAngleActualSpeed(Effect):
     def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
         """Let the average follow with the travel; below V_FLOOR as with that speed."""
         v = axles[0].state.velocity
-        actual = magnitude(v, ROUND)
-        travelling = ca.sqrt(v**2 + V_FLOOR**2)
-        return {"speed": (actual - own.x["speed"]) * travelling / own.p["length"]}
+        return {"speed": relaxed(magnitude(v, ROUND), own.x["speed"], v, own.p["length"])}

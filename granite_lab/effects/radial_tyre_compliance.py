@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 
-from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
+from granite_lab.model.contact import ContactAngles, WheelForces, WheelState, normal_force
 from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import Soil
@@ -75,10 +75,10 @@ class RadialTyreCompliance(Effect):
     ) -> WheelForces:
         """Let the soil's share of (17) damp the tread, which goes down by less than the axle; move (15)."""
         in_tyre = own.p["damped"] * own.p["compliance"] * self._load_rate(forces, state, own)
-        damping, touching = own.model.chassis.contact_damping, ca.if_else(state.sinkage > 0, 1, 0)
-        normal = ca.fmax(0, forces.vertical + damping * (state.sinkage_rate - in_tyre))
+        damping, rate = own.model.chassis.contact_damping, state.sinkage_rate - in_tyre
+        normal = normal_force(state.sinkage, forces.vertical, damping, rate)
         longer = (1 - own.p["lever"]) * state.shortened / state.radius
-        return replace(forces, normal=touching * normal, moment=forces.moment * (1 + longer))
+        return replace(forces, normal=normal, moment=forces.moment * (1 + longer))
 
     def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
         """Let the load that deflects the tyre follow that of the soil."""

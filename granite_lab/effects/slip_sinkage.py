@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import casadi as ca
-
-from granite_lab.model.command import V_FLOOR, magnitude
+from granite_lab.model.command import magnitude, relaxed
 from granite_lab.model.contact import WheelState
 from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
 from granite_lab.model.symbols import ModelParameters
@@ -49,6 +47,6 @@ class SlipSinkage(Effect):
         """Let the mean slip follow with the travel; below V_FLOOR as with that speed."""
         states = {"front": axles[0].state, "rear": axles[1].state}
         return {
-            name: (state.slip - own.x[name]) * ca.sqrt(state.speed**2 + V_FLOOR**2) / own.p["length"]
+            name: relaxed(state.slip, own.x[name], state.speed, own.p["length"])
             for name, state in states.items()
         }

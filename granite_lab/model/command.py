@@ -39,6 +39,11 @@ def magnitude(x: Any, rounding: float) -> Any:
     return ca.sqrt(x**2 + rounding**2) - rounding
 
 
+def relaxed(target: Any, mean: Any, speed: Any, length: Any) -> Any:
+    """Return the rate of a mean over a length of travel [m] that follows a target; see `V_FLOOR` [m/s]."""
+    return (target - mean) * ca.sqrt(speed**2 + V_FLOOR**2) / length
+
+
 def peak_velocity(variant: Variant) -> float:
     """Return the largest desired velocity [m/s]; below v_Ru where the distance is too short for it."""
     if isinstance(variant, Course):

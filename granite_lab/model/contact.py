@@ -228,8 +228,13 @@ def wheel_forces(
     W, R, F, S = (total[k] for k in range(4))
     M = -state.radius * S  # (15)
     touching = ca.if_else(state.sinkage > 0, 1, 0)
-    normal = touching * ca.fmax(0, W + damping * state.sinkage_rate)  # (17)
+    normal = normal_force(state.sinkage, W, damping, state.sinkage_rate)
     return WheelForces(touching * W, touching * R, touching * F, touching * M, normal)
+
+
+def normal_force(sinkage: Any, load: Any, damping: Any, rate: Any) -> Any:
+    """Return F_Tz of (17) [N], never pulling, by sinkage [m], static load [N], c_t [N s/m] and rate [m/s]."""
+    return ca.if_else(sinkage > 0, 1, 0) * ca.fmax(0, load + damping * rate)
 
 
 def _over(f: Callable[[Any], Any], low: Any, high: Any, scale: Any) -> Any:
