@@ -48,7 +48,7 @@ def sentence(
         text = "something is missing from the model. No candidate explains it for certain."
     else:
         text = "something is missing from the model. No candidate explains it, no term describes it."
-    likely = [e for e in description if not e.empirical and e.probability >= 1 - e.probability]
+    likely = [e for e in description if not e.empirical and e.probability >= 0.5]  # it acts rather than not
     if likely and verdict != "none":
         text += (
             f" Likely, but not sure: {', '.join(f'{_name(e)} ({chance(e.probability)})' for e in likely)}."
