@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from granite_lab.discovery.heldout import Equations, shared_step, units
 from granite_lab.inference.bench import RAKED, SAND
+from granite_lab.inference.constants import TINY
 from granite_lab.inference.fit import Fit
-from granite_lab.inference.normal import JITTER
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
@@ -121,7 +121,7 @@ def _of_velocity(trial: TrialModel, error: Array, moving: NDArray[np.bool_]) -> 
     first, last = np.flatnonzero(moving)[[0, -1]]
     drift = np.interp(np.arange(velocity.size), [first, last], velocity[[first, last]])
     desired = np.gradient(distances_at(o.t + o.width / 2, o.variant), o.width)
-    return float(np.mean((velocity - drift)[moving] ** 2) / max(np.mean(desired[moving] ** 2), JITTER))
+    return float(np.mean((velocity - drift)[moving] ** 2) / max(np.mean(desired[moving] ** 2), TINY))
 
 
 def _stacked(rows: Sequence[Array | None]) -> Array | None:

@@ -15,10 +15,10 @@ from scipy.special import ndtri
 from granite_lab.discovery.finding import Ceiling, Push
 from granite_lab.discovery.pushes import Places, Pushes
 from granite_lab.discovery.where import intervals
-from granite_lab.inference.constants import CLOSE, CREDIBLE, NOTHING, UNSEEN
+from granite_lab.inference.constants import CLOSE, CREDIBLE, NOTHING, TINY, UNSEEN
 from granite_lab.inference.fit import ROUNDS, Fit
 from granite_lab.inference.gap import beyond, tolerated
-from granite_lab.inference.normal import JITTER, Normal, Posterior, posterior
+from granite_lab.inference.normal import Normal, Posterior, posterior
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.latent import PUSHES
@@ -107,7 +107,7 @@ class _Solver:
             squares = found.step[-self.kind.size :] ** 2
             new = np.array(
                 [
-                    np.sqrt(squares[self.kind == q].sum() / max(known[self.kind == q].sum(), JITTER))
+                    np.sqrt(squares[self.kind == q].sum() / max(known[self.kind == q].sum(), TINY))
                     for q in range(sizes.size)
                 ]
             )
