@@ -21,7 +21,7 @@ from granite_lab.estimate import Kind, Part
 from granite_lab.estimation import error_model as model
 from granite_lab.estimation.error_model import BA, BG, BM, PD, TAU, TH, C, D, G, K, Noise, P, S, V, X
 from granite_lab.estimation.nodes import Nodes
-from granite_lab.estimation.smoother import Smoothed, Solution, adjoint, widening
+from granite_lab.estimation.smoother import GYRO_SCALE, STEADY_SLIP, Smoothed, Solution, adjoint, widening
 from granite_lab.logs.sensors.standstill import ZERO_VELOCITY
 from granite_lab.logs.trial import Array
 
@@ -30,7 +30,6 @@ WHITE, RATE, COUNTS = "accelerometer noise", "gyro noise", "encoder counts and s
 VARYING, SHAKING = "slip that varies along the way", "vibration of the frame"
 SOFT, SCALE = "compliance between wheels and body", "scale error of the accelerometer"
 LATE = "time offset of encoders and IMU"
-STEADY_SLIP = "steady slip that no standstill shows"
 
 MEASURED = {
     "specific_force": WHITE, "zero_rate": RATE, "wheel": COUNTS, "zero_velocity": "standstill not perfect",
@@ -67,7 +66,8 @@ def slip_parts(
     towards[[D, X, P]] = (1.0 - slip) / length, -slip / length, slip / length
     widened = widening(smoothed.innovations)  # as `smooth` did
     variances = {name: widened * v for name, v in _variances(nodes, smoothed, towards, i, j).items()}
-    variances[STEADY_SLIP] = float(towards @ (smoothed.common[j] - smoothed.common[i])) ** 2
+    for name, error in smoothed.common.items():
+        variances[name] = float(towards @ (error[j] - error[i])) ** 2
     sources = _sources(nodes, noise, scatter)
     parts = []
     for name, variance in sorted(variances.items(), key=lambda item: -item[1]):
@@ -92,6 +92,7 @@ def _sources(nodes: Nodes, noise: Noise, scatter: float) -> Mapping[str, tuple[K
         COUNTS: ("B", "m", float(np.median(ticks)) if ticks.size else 0.0),
         VARYING: ("A", "1", scatter),
         STEADY_SLIP: ("B", "1", model.ANY_SLIP),
+        GYRO_SCALE: ("B", "1", noise.gyro_scale),
         SHAKING: ("A", "m/s²", noise.vibration),
         LATE: ("B", "s", float(start[TAU])),
         SOFT: ("B", "s²", float(start[C])),

@@ -67,7 +67,7 @@ class Noise:
         accel_stamps: what the stamps' scatter makes of vibration; the larger of it and `accel_motion` counts.
         accel_bias, gyro_bias: std before the first standstill [m/s^2], [rad/s]; the former with tilt.
         accel_walk, gyro_walk: random walk of the biases [m/s^2/sqrt(s)], [rad/s/sqrt(s)].
-        accel_scale: std of the accelerometer's scale error [-].
+        accel_scale, gyro_scale: std of the scale errors of accelerometer and pitch gyro [-].
         pitch: std of the pitch at the start [rad].
         motion_bias: std of a bias that is there only in motion [m/s^2].
         vibration: rms of the frame's vibration along x in motion [m/s^2] at `vibration_speed` [m/s].
@@ -96,6 +96,7 @@ class Noise:
     gyro_motion: float = 0.0
     accel_level: float = 0.0
     gyro_level: float = 0.0
+    gyro_scale: float = 0.0
 
     @property
     def vibration_omega(self) -> float:
@@ -114,6 +115,7 @@ class Noise:
             "accel_bias_walk_mps2_per_sqrts": self.accel_walk,
             "gyro_bias_walk_radps_per_sqrts": self.gyro_walk,
             "accel_scale_error_prior": self.accel_scale,
+            "gyro_scale_error_prior": self.gyro_scale,
             "motion_bias_prior_mps2": self.motion_bias,
             "vibration_mps2": self.vibration,
             "vibration_frequency_hz": self.vibration_frequency,

@@ -24,7 +24,7 @@ from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.sensors.faults import UNSEEN
 from granite_lab.logs.sensors.mounting import BodyImu
 from granite_lab.logs.sensors.stamps import spread_of
-from granite_lab.logs.sensors.standstill import COAST, MOVING, WINDOW, ZERO_VELOCITY
+from granite_lab.logs.sensors.standstill import COAST, GENTLE, MOVING, WINDOW, ZERO_VELOCITY
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY
 
@@ -54,6 +54,9 @@ ORIGIN = 10.0
 
 FREE = 10.0
 """Distance that wheels which spin on the spot may roll between two nodes [m]."""
+
+BAND = 0.05
+"""The wheels run steadily within this share of their speed."""
 
 MOST = 60_000
 """More nodes than this are thinned; the IMU is integrated at its own rate all the same."""
@@ -122,11 +125,10 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
         none = np.zeros(t.size)
         return Pace(speed, speed, none, none, none > 0)
     path = np.interp(grid, stamps, rolling.mean[finite])
-    growth = np.where(pace < 0, -1.0, 1.0) * derivative_of(path, window, 3, 2)
-    # std of the second derivative of a cubic through n samples that span T: sqrt(720/n) sigma / T^2
     sample_std = rolling.speed_std * period if rolling.by_rate else rolling.mean_std
-    sigma = np.interp(grid, stamps, sample_std[finite]) * np.sqrt(720 * period / (window * GRID))
-    beyond = np.maximum(np.abs(growth) - 0.05 - 3.0 * sigma / (window * GRID) ** 2, 0.0)
+    density = np.interp(grid, stamps, sample_std[finite]) * np.sqrt(period)
+    growth, beyond = growth_of(path, density, np.maximum(np.abs(pace), 0.1), window)
+    growth *= np.where(pace < 0, -1.0, 1.0)
     # the slip ratio goes on changing for some tenths of a second after the wheels have settled
     relative = beyond / np.maximum(np.abs(pace), 0.1)
     memory = np.exp(-np.arange(0, 2.0, GRID) / 0.4)
@@ -140,6 +142,27 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
         growth=np.interp(t, grid, np.where(beyond > 0, growth, 0.0)),
         steady=steady,
     )
+
+
+def growth_of(path: Array, density: Array, pace: Array, window: int) -> tuple[Array, Array]:
+    """Return the acceleration (K,) of a path on the `GRID` [m/s^2], and by how much it is beyond chance.
+
+    A `window` of samples is widened by two, and again, where noise hides more than `GENTLE` and than a change
+    of the `pace` (K,) [m/s] by `BAND`: coarse counts show over half a second a ramp that they hide over
+    0.16 s. The narrowest window that shows one counts. `density` (K,) is the std of the path's noise times
+    the root of its period [m sqrt(s)].
+    """
+    growth, beyond, clear = np.zeros(path.size), np.zeros(path.size), np.zeros(path.size, dtype=bool)
+    while 3 * window < path.size and not clear.all():
+        seen, span = derivative_of(path, window, 3, 2), window * GRID
+        # std of the second derivative of a cubic through n samples that span T: sqrt(720/n) sigma / T^2
+        hidden = 3.0 * density * np.sqrt(720.0 / span) / span**2
+        left = ~clear & (beyond == 0.0)
+        growth = np.where(left, seen, growth)
+        beyond = np.where(left, np.maximum(np.abs(seen) - GENTLE - hidden, 0.0), beyond)
+        clear |= (hidden < GENTLE) | (hidden * span < BAND * pace)
+        window = 2 * window + 1
+    return growth, beyond
 
 
 def lasting_speed(t: Array, speed: Array, moving: np.ndarray) -> Array:

@@ -183,6 +183,7 @@ def identify(imu: BodyImu, rolling: Rolling | None, robot: Robot, rests: Sequenc
         vibration_damping=damping,
         accel_level=accel_level,
         gyro_level=gyro_level,
+        gyro_scale=grade.gyro_scale if imu.has_pitch_rate else 0.0,
     )
 
 

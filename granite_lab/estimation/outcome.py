@@ -16,7 +16,7 @@ from granite_lab.estimation.clock import LATENCY
 from granite_lab.estimation.commanded import commanded
 from granite_lab.estimation.error_model import PD, TH, V_FLOOR, D, G, P, S, V, X, std_of
 from granite_lab.estimation.motion import NAN, BodyMotion, Health, Motion, PhaseName, Totals, WheelMotion
-from granite_lab.estimation.nodes import QUICK
+from granite_lab.estimation.nodes import BAND, QUICK
 from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.rest import find_rests
 from granite_lab.estimation.smoother import Smoothed, Solution
@@ -43,9 +43,6 @@ ENTRY = 0.5
 
 CLEAR = 5.0
 """Speeds this many std from those at rest are motion."""
-
-BAND = 0.05
-"""The wheels run steadily within this share of their plateau."""
 
 FEWEST_OF_IMU = 8
 """Samples of an IMU from which on it says something of the body."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from itertools import islice
 from typing import Any
 
@@ -12,7 +13,7 @@ from scipy.linalg import blas
 from scipy.special import gammaincinv
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.error_model import ANY_SLIP, BA, BG, SIZE, TAU, TH, C, D, Places, S, Updates
+from granite_lab.estimation.error_model import ANY_SLIP, BA, BG, SIZE, TAU, TH, C, D, Places, S, Updates, V, X
 from granite_lab.estimation.nodes import Nodes, build, pace_of
 from granite_lab.estimation.nominal import AT_REST, Nominal, Start, integrate, quieten
 from granite_lab.estimation.problem import Problem
@@ -33,6 +34,9 @@ PASSES = 4
 
 WANDERS = 3.0
 """Slow innovations of the wheels whose mean square is this many times the predicted one are no chance."""
+
+STEADY_SLIP, GYRO_SCALE = "steady slip that no standstill shows", "scale error of the gyro"
+"""Sources of errors that the filter leaves out."""
 
 NOISY = ("wheel", "specific_force", "zero_rate", "reference_v", "reference_x")
 """Measurements whose noise grows where they miss their prediction. A standstill or a tape is exact: there the
@@ -89,19 +93,21 @@ class Smoothed(Filtered):
     Attributes:
         gains: (K, 14, 14) smoother gains; the covariance of nodes i < j is
             gains[i] ... gains[j - 1] P[j], but for `common`.
-        common: (K, 14) one std of an error that all nodes share and the filter does not know; in P already.
+        common: by its source, (K, 14) one std of an error that all nodes share and the filter does not know;
+            in P already.
     """
 
     gains: Array
-    common: Array
+    common: Mapping[str, Array] = field(default_factory=dict)
 
     def cross(self, i: int, j: int) -> Array:
         """(14, 14) covariance of the states at nodes i <= j."""
         total = np.eye(SIZE)
         for k in range(i, j):
             total = total @ self.gains[k]
-        first, second = self.common[i], self.common[j]
-        return np.asarray(total @ (self.P[j] - np.outer(second, second)) + np.outer(first, second))
+        shared = np.reshape([error[[i, j]] for error in self.common.values()], (-1, 2, SIZE))
+        first, second = shared[:, 0], shared[:, 1]
+        return np.asarray(total @ (self.P[j] - second.T @ second) + first.T @ second)
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +258,7 @@ def backward(nodes: Nodes, by_filter: Filtered) -> Smoothed:
         gains[part][:-1] = gain[:-1]
         _smooth(P[part], gain[:-1], F[1:], Q[1:])
     P = 0.5 * (P + P.transpose(0, 2, 1))
-    return Smoothed(x, P, by_filter.innovations, gains, common=np.zeros_like(x))
+    return Smoothed(x, P, by_filter.innovations, gains)
 
 
 def _smooth(P: Array, gains: Array, F: Array, Q: Array) -> None:
@@ -274,20 +280,41 @@ def _inverses(covariances: Array) -> Array:
     return np.asarray(np.linalg.inv(covariances * weight) * weight)
 
 
-def with_steady_slip(nodes: Nodes, smoothed: Smoothed) -> Smoothed:
-    """Add the effect of a steady slip ratio, std `ANY_SLIP`, which the filter leaves out (Schmidt 1966).
-
-    The estimate is linear in its measurements: it is made again from those that the error alone would give,
-    and what it misses of the error is added to the covariance.
-    """
+def with_steady_slip(solution: Solution) -> Solution:
+    """Add the effect of a steady slip ratio, std `ANY_SLIP`, which the filter leaves out."""
+    nodes = solution.nodes
     error = np.zeros((nodes.t.size, SIZE))
     error[:, S] = ANY_SLIP
     slipped = np.where(nodes.moving, nodes.w, 0.0) * np.diff(nodes.t, prepend=nodes.t[0])
     error[:, D] = ANY_SLIP * np.cumsum(slipped)
-    given = nodes.updates
+    return with_common(solution, STEADY_SLIP, error)
+
+
+def with_gyro_scale(solution: Solution, scale: float) -> Solution:
+    """Add the effect of a scale error of the pitch gyro, of the std `scale` [-], which the filter leaves out.
+
+    The pitch is off by this share of its change since the start, by which gravity drives the velocity.
+    """
+    nodes, pitch = solution.nodes, solution.nominal.pitch[solution.nodes.index]
+    error = np.zeros((nodes.t.size, SIZE))
+    error[:, TH] = scale * (pitch - pitch[0])
+    middle = 0.5 * (error[1:, TH] + error[:-1, TH])
+    error[1:, V] = np.cumsum(nodes.F[1:, V, TH] * middle)
+    error[1:, X] = np.cumsum(nodes.F[1:, X, TH] * middle + nodes.F[1:, X, V] * error[:-1, V])
+    return with_common(solution, GYRO_SCALE, error)
+
+
+def with_common(solution: Solution, source: str, error: Array) -> Solution:
+    """Add the effect of an `error` (K, 14), one std of it, that the filter leaves out (Schmidt 1966).
+
+    The estimate is linear in its measurements: it is made again from those that the error alone would give,
+    and what it misses of the error is added to the covariance.
+    """
+    nodes, smoothed, given = solution.nodes, solution.smoothed, solution.nodes.updates
     updates = replace(given, z=np.vecdot(given.H, error[given.node]))
     missed = smoothed_states(nodes, forward(replace(nodes, updates=updates, x0=np.zeros((SIZE, 1))))) - error
-    return replace(smoothed, P=smoothed.P + missed[:, :, None] * missed[:, None, :], common=missed)
+    P = smoothed.P + missed[:, :, None] * missed[:, None, :]
+    return replace(solution, smoothed=replace(smoothed, P=P, common={**smoothed.common, source: missed}))
 
 
 def nominal_of(problem: Problem, offset: float, start: Start = AT_REST) -> Nominal:

@@ -18,7 +18,7 @@ from granite_lab.estimation.problem import Problem, Sensors
 from granite_lab.estimation.reference import readings_of
 from granite_lab.estimation.rest import coasts, find_rests, refuse_moved, turning_of
 from granite_lab.estimation.slip import identify_scatter, with_jumps
-from granite_lab.estimation.smoother import Solution, settle, smooth, with_steady_slip
+from granite_lab.estimation.smoother import Solution, settle, smooth, with_gyro_scale, with_steady_slip
 from granite_lab.estimation.wheels import Rolling, rolling_of
 from granite_lab.logs.sensors import mounting
 from granite_lab.logs.sensors.doubt import Doubt
@@ -180,8 +180,10 @@ def smoothed(problem: Problem, clock: Clock, soil: Soil, distance: Estimate | No
         offset = agreed(clock.shown, solution.offset, solution.compliance)
     applied = 0.0 if problem.far else clock.expected.value
     solution = replace(solution, offset=offset, applied=applied)
+    if problem.noise.gyro_scale > 0.0:
+        solution = with_gyro_scale(solution, problem.noise.gyro_scale)
     if problem.far and soil.slip_std >= ANY_SLIP:
-        solution = replace(solution, smoothed=with_steady_slip(solution.nodes, solution.smoothed))
+        solution = with_steady_slip(solution)
     return solution
 
 

@@ -89,6 +89,7 @@ class ImuGrade:
     gyro_instability: float = quantity("rad/s", 0, 1, "bias instability of the gyroscope (std, slow)")
     instability_time: float = quantity("s", 1, 1e5, "correlation time of the bias instability", default=100.0)
     accel_scale: float = quantity("", 0, 0.1, "std of the accelerometer's scale error", default=0.002)
+    gyro_scale: float = quantity("", 0, 0.1, "std of the gyroscope's scale error", default=0.02)
     accel_range: float = quantity("m/s^2", 1, 10000, "largest acceleration that can be read", default=157.0)
     gyro_range: float = quantity("rad/s", 0.1, 1000, "largest rate that can be read", default=34.9)
     accel_step: float = quantity("m/s^2", 0, 1, "resolution of the accelerometer", default=0.0)

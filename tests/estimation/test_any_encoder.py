@@ -9,7 +9,10 @@ import pandas as pd
 import pytest
 
 from granite_lab.estimation.motion import Motion
+from granite_lab.estimation.nodes import pace_of
+from granite_lab.estimation.wheels import rolling_of
 from granite_lab.logs import read_trial
+from granite_lab.logs.trial import WheelStream
 from granite_lab.parameters import load_robot
 from tests.logs import make
 from tests.truth.motion import estimate
@@ -145,3 +148,23 @@ def test_without_an_accelerometer_along_x_only_the_wheels_are_known(
     assert motion.health.grade == "poor"
     assert "No accelerometer along the robot's x axis" in motion.health.verdict
     assert motion.distance_wheels.value == pytest.approx(2.5, abs=0.001)
+
+
+@pytest.mark.parametrize("per_rev", [64, 100, 256, 4096])
+def test_ramps_of_coarse_encoders_are_seen(per_rev: int) -> None:
+    """Slip changes in ramps: where they are not seen, the body is taken to follow the wheels through them."""
+    rest, ramp, top, radius = 2.0, 0.8, 0.4, load_robot("granite").wheels.radius
+    corners = np.cumsum([0.0, rest, ramp, 4.0, ramp, rest])
+    t = np.arange(0.0, corners[-1], 0.01)
+    speed = np.interp(t, corners, [0.0, 0.0, top, top, 0.0, 0.0])
+    angle = np.cumsum(speed) * 0.01 / radius
+    phase = np.random.default_rng(per_rev).random(4)
+    step = TURN / per_rev
+    ticks = np.floor(angle[:, None] / step + phase) * step
+    rolling = rolling_of(WheelStream(t, ticks, resolution=(step,) * 4), load_robot("granite"))
+    pace = pace_of(rolling, 0.0, t)
+    for begin, end in ((corners[1], corners[2]), (corners[3], corners[4])):
+        assert not pace.steady[(t > begin) & (t < end)].any()
+        # the slip ratio may change by as much as the speed does: by all of it
+        assert pace.unrest[(t > begin) & (t < end)].mean() > 0.5 / ramp
+    assert pace.steady[(t > corners[2] + 1.2) & (t < corners[3] - 1.2)].all()
