@@ -81,7 +81,9 @@ def simulated(problem: Problem, base: Fit) -> list[Array]:
     """Return the inputs of each trial as the model without effects moves."""
     found = []
     front, rear, body = (SIGNALS.index(name) for name in ("enc_f_rad", "enc_r_rad", "v_mps"))
-    for t, response, x in zip(problem.trials, base.responses, base.point.trials, strict=True):
+    responses = problem.respond([problem.task(base.point, i) for i, _ in enumerate(problem.trials)])
+    assert responses is not None, "a fit has a solution"
+    for t, response, x in zip(problem.trials, responses, base.point.trials, strict=True):
         wheel = t.radius * np.gradient((response[front] + response[rear]) / 2, t.t)
         at = t.observation.t - x[RAKED]
         rows = (wheel, wheel - response[body], np.gradient(response[body], t.t))

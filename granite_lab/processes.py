@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import multiprocessing
 import os
@@ -173,6 +174,22 @@ def shared_out(
 
 def _of_kept(call: Callable[[X, int], Y], k: int) -> Y:
     return call(_kept[-1], k)
+
+
+_MMAP_THRESHOLD, _DEFAULT = -3, 128 * 1024
+"""Option of the GNU C library, and its default [bytes]: larger blocks are mapped, and unmapped when freed."""
+
+
+def give_back() -> None:
+    """Let the GNU C library return large arrays to the system when they are freed.
+
+    Left to itself it raises the size from which blocks are mapped to that of the largest one freed so far, up
+    to 32 MB; smaller ones then lie between others and stay (mallopt(3), M_MMAP_THRESHOLD). Once it is set the
+    size stays as it is. Other C libraries are left alone.
+    """
+    if sys.platform == "linux":
+        with suppress(AttributeError):  # musl has no such option
+            ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _DEFAULT)
 
 
 @contextmanager

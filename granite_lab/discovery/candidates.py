@@ -15,6 +15,7 @@ from granite_lab.inference.normal import Normal, Posterior, posterior
 from granite_lab.inference.point import Further, stacked
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import LEAST_OWN
+from granite_lab.inference.shelf import Shelved
 from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
@@ -58,19 +59,29 @@ class Screen:
         posterior: of the model without them; its `rest` holds the columns, first `probes`, then per trial
             those of `own`, then the residual.
         marginal: the normal equations it is of, and the log determinant of the discrepancy.
-        normal: from which both follow under other scales.
         trials: number of trials.
-        raw: of the first trial of each command, its (C n, k) columns before whitening: the trial's own
-            parameters, the shared ones, `probes`, then the trial's columns of `own`.
+        large: `normal` and `raw`.
     """
 
     probes: tuple[Probe, ...]
     own: Mapping[str, tuple[Probe, ...]]
     posterior: Posterior
     marginal: tuple[Array, float]
-    normal: Normal
     trials: int
-    raw: Mapping[int, Array]
+    large: Shelved[tuple[Normal, Mapping[int, Array]]]
+
+    @property
+    def normal(self) -> Normal:
+        """Equations from which `posterior` and `marginal` follow under other scales."""
+        return self.large.value[0]
+
+    @property
+    def raw(self) -> Mapping[int, Array]:
+        """Of the first trial of each command, its (C n, k) columns before whitening.
+
+        They are by the trial's own parameters, the shared ones, `probes`, then the trial's columns of `own`.
+        """
+        return self.large.value[1]
 
     def columns_of(self, trial: int) -> Array:
         """Return the places of the candidates' columns that a trial has, in the order of `raw`."""
@@ -170,9 +181,8 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int | None =
         tuple(probes[k] for k in shared),
         {id_: tuple(probes[k] for k in group) for id_, group in own.items()},
         *_reduced(problem, normal, fit),
-        normal,
         len(problem.trials),
-        raw,
+        Shelved((normal, raw)),
     )
 
 

@@ -13,7 +13,7 @@ from typing import ClassVar, Self, TypeVar
 import numpy as np
 
 from granite_lab.errors import EstimateError, InputError
-from granite_lab.inference.constants import RAKING
+from granite_lab.inference.constants import MEMORY, RAKING
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active, Effect, activate
 from granite_lab.model.instants import Accuracy
@@ -47,6 +47,9 @@ ACCURACY = Accuracy(relative=1e-5, absolute=2e-8, travel=0.0018, lean=True, orde
 """Errors of a bin of at most 4e-4 m/s^2, 5e-6 rad/s, 3e-5 rad and 7e-4 A, those of the instants included. Of
 five times the errors the differences of neighbouring runs, which are derivatives, were too rough for a fit
 to end twice at the same numbers."""
+
+REMEMBERED = MEMORY / 8
+"""Bytes of signals of a call at most that are remembered: those of all differences of long runs take more."""
 
 Values = tuple[float, ...]
 Setting = tuple[tuple[str, Values], ...]
@@ -216,7 +219,8 @@ class Bench:
 
         Args:
             tasks: what to simulate; the same task is simulated once.
-            keep: remember the signals for the next two calls: a fit tries a step, and may go back.
+            keep: remember the signals for the next two calls, if they are not larger than `REMEMBERED`: a fit
+                tries a step, and may go back.
 
         Raises:
             LabError: a process died.
@@ -233,7 +237,8 @@ class Bench:
         self.runs += len(fresh)
         self._tick(len(fresh))
         known = self._known | dict(zip(fresh, found, strict=True))
-        if keep:
+        size = sum(run.nbytes for t in {*tasks} if (run := known[t]) is not None)
+        if keep and size <= REMEMBERED:
             self._known = {task: known[task] for task in (*self._last, *tasks) if task in known}
             self._last = tuple(tasks)
         return [known[task] for task in tasks]

@@ -146,7 +146,8 @@ accelerometer [-], angle of the wheels at rest [rad], their radius [-] and its d
 straight over a metre. A command is stamped as late as a sensor."""
 
 MEMORY = 4e8
-"""Bytes that one table may take: a fifth of the 2 GB that a search may."""
+"""Bytes that one table may take: a fifth of the 2 GB that a search may. Half of it may be held of fits, an
+eighth of simulations."""
 
 DRAWS = 4000
 """Random draws of a probability; they determine one of 0.9 to 0.005."""

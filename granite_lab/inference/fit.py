@@ -21,6 +21,7 @@ from granite_lab.inference.scales import (
     own_scales,
     posterior_at,
 )
+from granite_lab.inference.shelf import Shelved
 from granite_lab.logs.trial import Array
 
 LEAST, LEAST_OF_ROUGH = 0.002, 0.2
@@ -83,6 +84,9 @@ hardly move."""
 ROUNDS = 40
 """Most steps of a fit; convention."""
 
+NONE = Normal((), 0, 0)
+"""Normal equations of a state whose derivatives are new."""
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -91,10 +95,8 @@ class Fit:
     Attributes:
         point: where.
         scales: learnt there.
-        slopes: derivatives of the responses near the point.
-        responses: per trial the (8, M) response.
+        large: derivatives of the responses near the point, and the normal equations at it.
         residuals: per trial (C, n) measured minus predicted, NaN where nothing was measured.
-        normal: the normal equations at the point.
         posterior: of the parameters.
         evidence: logarithm of the marginal likelihood with the priors of the scales, up to a constant; at the
             point, so that nothing is credited that was not reached.
@@ -106,14 +108,22 @@ class Fit:
 
     point: Point
     scales: Scales
-    slopes: Slopes
-    responses: tuple[Array, ...]
+    large: Shelved[tuple[Slopes, Normal]]
     residuals: tuple[Array, ...]
-    normal: Normal
     posterior: Posterior
     evidence: float
     promised: float
     converged: bool
+
+    @property
+    def slopes(self) -> Slopes:
+        """The derivatives of the responses near the point."""
+        return self.large.value[0]
+
+    @property
+    def normal(self) -> Normal:
+        """The normal equations at the point."""
+        return self.large.value[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,38 +162,46 @@ def fit(
     """
     fine, away = least <= LEAST, 0.0 if slopes is None else AS_GOOD
     scales = replace(scales, priors={**own_scales(problem, start, start.vector), **scales.priors})
-    slopes = slopes or problem.slopes(start, central=fine)
+    states = [_begun(problem, start, slopes, central=fine)]  # taken from here, so that nobody else holds one
+    converged = False
+    if rounds:
+        scales = _learnt(problem, states[0], scales, 1)
+        state, scales, converged = _descended(problem, states.pop(), scales, rounds, least, away)
+        if fine and (other := _unlimited(problem, state, scales, rounds)) is not None:
+            (state, scales), converged = other, True
+    else:
+        state = states.pop()
+    post = posterior_at(problem, state.point, state.normal, scales)
+    evidence = post.evidence + log_prior(problem, scales, bool(state.point.effects))
+    if rounds:  # nothing is credited beyond a bound, nor what the derivatives promise and was not found
+        evidence -= post.promised / 2
+    return Fit(
+        point=state.point,
+        scales=scales,
+        large=Shelved((state.slopes, state.normal.alone())),  # without what was kept for a next step
+        residuals=state.residuals,
+        posterior=post,
+        evidence=evidence,
+        promised=_promise(problem, state, scales, 0.0)[2],
+        converged=converged and fine,
+    )
+
+
+def _begun(problem: Problem, start: Point, slopes: Slopes | None, *, central: bool) -> _State:
+    """Return the state at which a fit begins.
+
+    Raises:
+        EstimateError: a simulation has no solution.
+    """
     responses = simulated(problem, start)
+    slopes = slopes or problem.slopes(start, central=central)
     if slopes is None or responses is None:
         raise EstimateError(
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
         )
     residuals = problem.residuals(start, responses)
     normal = problem.normal(start, slopes, residuals)
-    state = _State(start, slopes, responses, residuals, problem.white(residuals), normal)
-    converged = False
-    if rounds:
-        scales = _learnt(problem, state, scales, 1)
-        state, scales, converged = _descended(problem, state, scales, rounds, least, away)
-        if fine and (other := _unlimited(problem, state, scales, rounds)) is not None:
-            (state, scales), converged = other, True
-    post = posterior_at(problem, state.point, state.normal, scales)
-    evidence = post.evidence + log_prior(problem, scales, bool(state.point.effects))
-    if rounds:  # nothing is credited beyond a bound, nor what the derivatives promise and was not found
-        evidence -= post.promised / 2
-    slopes, normal = replace(state.slopes), state.normal.alone()  # without what was kept for a next step
-    return Fit(
-        point=state.point,
-        scales=scales,
-        slopes=slopes,
-        responses=state.responses,
-        residuals=state.residuals,
-        normal=normal,
-        posterior=post,
-        evidence=evidence,
-        promised=_promise(problem, state, scales, 0.0)[2],
-        converged=converged and fine,
-    )
+    return _State(start, slopes, responses, residuals, problem.white(residuals), normal)
 
 
 def _descended(
@@ -257,10 +275,11 @@ def _descended(
             stalled += since < max(enough, NO_FURTHER * private if fine else NO_RANK)
             if stalled >= (STALLS if fine else 1):
                 break
-            renewed = _renewed(problem, state, central=fine, each=each)
-            if renewed is None:
+            slopes = problem.slopes(state.point, central=fine, each=each)
+            if slopes is None:
                 break
-            state, away, since = renewed, 0.0, 0.0
+            state, tried = replace(state, slopes=slopes, normal=NONE), None  # the old ones are given up first
+            state, away, since = _weighed(problem, state), 0.0, 0.0
         if not keep or near:
             scales = _learnt(problem, state, scales, 1)
     _, _, promised = _promise(problem, state, scales, 0.0)
@@ -282,10 +301,11 @@ def _unlimited(problem: Problem, state: _State, scales: Scales, rounds: int) -> 
     rise, there = _tried(
         problem, state, scales, here, replace(state.point, shared=shared, trials=tuple(trials))
     )
-    there = _renewed(problem, there, central=True) if there is not None and rise > -NEAR else None
-    if there is None:
+    slopes = problem.slopes(there.point, central=True) if there is not None and rise > -NEAR else None
+    if there is None or slopes is None:
         return None
-    other, theirs, converged = _descended(problem, there, scales, rounds, LEAST)
+    there = replace(there, slopes=slopes, normal=NONE)
+    other, theirs, converged = _descended(problem, _weighed(problem, there), scales, rounds, LEAST)
     better = converged and _evidence(problem, other, theirs) > _evidence(problem, state, scales)
     return (other, theirs) if better else None
 
@@ -326,12 +346,9 @@ def _tried(
     return here - there, _State(aim, state.slopes, responses, residuals, white, state.normal.at(white))
 
 
-def _renewed(problem: Problem, state: _State, *, central: bool, each: bool = False) -> _State | None:
-    """Return a state with the derivatives at its point, None where a run has no solution."""
-    slopes = problem.slopes(state.point, central=central, each=each)
-    if slopes is None:
-        return None
-    return replace(state, slopes=slopes, normal=problem.normal(state.point, slopes, state.residuals))
+def _weighed(problem: Problem, state: _State) -> _State:
+    """Return a state with the normal equations by its derivatives."""
+    return replace(state, normal=problem.normal(state.point, state.slopes, state.residuals))
 
 
 def under(problem: Problem, fitted: Fit, scales: Scales) -> Fit:
