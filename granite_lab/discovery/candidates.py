@@ -135,7 +135,10 @@ def sizes(p: EffectParameter) -> tuple[float, ...]:
 
 
 def probes_of(problem: Problem, id_: str, most: int | None = None) -> list[Probe]:
-    """List the sizes of a candidate, one strength at a time, `most` of each, all by default."""
+    """List the sizes of a candidate, one strength at a time, `most` of each, all by default.
+
+    Of a strength that moves its trace none is left out: no small size shows what a larger one does.
+    """
     parameters = problem.parameters_of(id_)
     starts = [(p.prior_low, p.prior_high) if p.two_kinds else (p.neutral,) for p in parameters]
     return [
@@ -143,7 +146,7 @@ def probes_of(problem: Problem, id_: str, most: int | None = None) -> list[Probe
         for about in itertools.product(*starts)
         for k, p in enumerate(parameters)
         if not p.shape
-        for size in sizes(p)[:most]
+        for size in sizes(p)[: None if p.moving else most]
     ]
 
 
@@ -272,7 +275,8 @@ def _shared(problem: Problem, screened: Screen, id_: str) -> Score:
                     p, size = probe.parameter, probe.size * float(amount)
                     allowed &= p.low <= p.neutral + size <= p.high or abs(size) > abs(p.high - p.neutral)
                     allowed &= p.low < p.neutral or size > 0
-                    values[probe.place] = float(np.clip(p.neutral + size, p.low, p.high))
+                    start = probe.size if p.moving else size  # at another size the trace is another
+                    values[probe.place] = float(np.clip(p.neutral + start, p.low, p.high))
                 if allowed and value > best.gain:
                     best = Score(id_, value, tuple(values))
     return best

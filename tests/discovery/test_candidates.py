@@ -1,0 +1,47 @@
+"""Screening of an effect whose trace comes at another time with another size, on trials in closed form."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from granite_lab.discovery.candidates import scores, screen
+from granite_lab.inference.bench import ACCURACY, Task, World
+from granite_lab.inference.constants import FEW, WORTH
+from granite_lab.inference.fit import LEAST_OF_ROUGH, fit
+from granite_lab.logs.trial import Array
+from granite_lab.model.effect import EffectParameter
+from granite_lab.model.instants import instants
+from tests.inference.stub import EFFECTS, MadeUp, Respond, measure, moving, problem_of
+
+PLAY = EffectParameter("size", "N", "size", 0.0, 20.0, 0.0, 0.1, 3.0, moving=True)
+
+
+@dataclass(frozen=True)
+class Late(Respond):
+    """The robot gets a blow, the later the larger the size, whatever its size."""
+
+    def one(self, world: World, task: Task) -> Array | None:
+        others = tuple((id_, values) for id_, values in task.setting if id_ != "blow")
+        out = super().one(world, replace(task, setting=others))
+        sizes = [values[0] for id_, values in task.setting if id_ == "blow"]
+        if out is not None and sizes:
+            variant = world.variants[task.variant]
+            t = instants(variant, ACCURACY)
+            share = -np.expm1(-sizes[0] / 0.05)
+            out[0] += 2 * share * moving(t, variant) * np.exp(-0.5 * ((t - 0.5 - 0.3 * sizes[0]) / 0.15) ** 2)
+        return out
+
+
+@pytest.mark.parametrize("true", [0.3, 0.9, 1.7, 2.7])
+def test_an_effect_that_moves_with_its_size_is_found_from_where_a_few_small_sizes_do_not_show_it(
+    true: float,
+) -> None:
+    problem = problem_of(respond=Late(), effects=EFFECTS | {"blow": MadeUp("blow", PLAY)})
+    rng = np.random.default_rng(3)
+    measure(problem, problem.with_effect(problem.neutral(), "blow", (true,)), rng)
+    base = fit(problem, problem.neutral())
+    (score,) = scores(problem, screen(problem, base, ["blow"], most=FEW))
+    assert score.gain > WORTH
+    found = fit(problem, problem.with_effect(base.point, "blow", score.values), least=LEAST_OF_ROUGH)
+    assert found.point.common[0] == pytest.approx(true, abs=0.02)
