@@ -157,13 +157,18 @@ def _squares(weights: Array, precision: Array, shape: tuple[int, ...]) -> Array:
 
 
 def _variance(covariance: Array, weights: Array) -> Array:
-    """Return (B, R) variances of Σ_j w_j x_{i+j}, by the band of the covariance (B, m, k + 1)."""
+    """Return (B, R) variances of Σ_j w_j x_{i+j}, by the band of the covariance (B, m, k + 1).
+
+    At rest neighbours are so alike that their difference may vanish in the rounding errors of its terms: it
+    is known no better than these.
+    """
     n = covariance.shape[1] - weights.size + 1
     total = np.zeros((covariance.shape[0], n))
     for a, first in enumerate(weights):
         for b, second in enumerate(weights):
             total += first * second * covariance[:, min(a, b) : min(a, b) + n, abs(a - b)]
-    return total
+    rounding = np.finfo(np.float64).eps * float(weights @ weights) * covariance[:, :n, 0]
+    return np.asarray(np.maximum(total, rounding))
 
 
 def _band_of_inverse(factor: Array) -> Array:

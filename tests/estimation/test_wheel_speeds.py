@@ -90,3 +90,9 @@ def test_gaps_and_lost_wheels_leave_the_others_their_speed() -> None:
     assert np.isnan(std[~known]).all()
     steady = known & ((t > 1.7) & (t < 3.9))[:, None]
     assert np.abs(found - speed[:, None])[steady].max() < 5e-3
+
+
+def test_a_difference_of_numbers_that_are_alike_to_the_last_digit_has_a_variance() -> None:
+    covariance = np.stack([np.full((1, 6), 2.0), np.full((1, 6), np.nextafter(2.0, 3.0))], axis=2)
+    found = wheel_speeds._variance(covariance, np.array([-1.0, 1.0]))
+    assert found == pytest.approx(np.full((1, 5), 4 * np.finfo(float).eps))
