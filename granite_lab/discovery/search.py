@@ -16,6 +16,7 @@ from granite_lab.discovery.sets import attempts, fit_sets, set_of
 from granite_lab.inference.constants import DRAWS, EFFECT_ODDS, FEW, LEFT, RIVAL, TOLERANCE, TRIED, WORTH
 from granite_lab.inference.fit import LEAST, ROUNDS, Fit, under
 from granite_lab.inference.gap import moved
+from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FIRST, FORMULAS
@@ -130,6 +131,7 @@ class _Steps:
         small: sets that are not the best, see `stays` and `guard`.
         predictions: fits to what they predict of trials that are left out.
         again: sets that were fitted from the files' sand, too.
+        returned: sets that were fitted from where a larger one had ended, too.
         named: effects beside which is searched; `MOST` where they are exchanged.
     """
 
@@ -142,6 +144,7 @@ class _Steps:
     small: set[tuple[str, ...]] = field(default_factory=set)
     predictions: dict[Fit, Predicted] = field(default_factory=dict)
     again: set[tuple[str, ...]] = field(default_factory=set)
+    returned: set[tuple[str, ...]] = field(default_factory=set)
     named: int = 0
 
     def path(self, model: Model) -> tuple[Model, list[_Extension]]:
@@ -149,12 +152,36 @@ class _Steps:
         taken: list[_Extension] = []
         while len(model.effects) < MOST:
             best, tried = self.extended(model)
-            if best is not model:
+            if best is model:
+                best = self.afresh(model)
+                if best is model:
+                    break
+            elif (other := self.behind(model, best)) is not model:
+                best = other
+            else:
                 taken.append(_Extension(model, best, tried))
-            elif (best := self.afresh(model)) is model:
-                break
             model = best
         return model, taken
+
+    def behind(self, model: Model, larger: Model) -> Model:
+        """Return a set fitted again from where one with a further effect ended, if that is likelier.
+
+        Full fits change what candidates promise by factors of up to two. One that brings more than that
+        shows that the set beside which it stands had missed its optimum; what else stood beside that is
+        fitted anew.
+        """
+        (id_,) = set(larger.effects) - set(model.effects)
+        promised = max(p.gain for p in leaders(self.looks[model.effects]) if p.score.candidate == id_)
+        brought = larger.fit.evidence - model.fit.evidence
+        if not model.effects or model.effects in self.returned or brought <= 2 * promised:
+            return model
+        self.returned.add(model.effects)
+        other = self.refitted(model, self.problem.without_effect(larger.fit.point, id_), larger.fit.scales)
+        if other is not model:
+            old = {k for k in self.models if set(k) > set(model.effects)}
+            self.models = {k: m for k, m in self.models.items() if k not in old}
+            self.small -= old
+        return other
 
     def afresh(self, model: Model) -> Model:
         """Return a set that leaves a discrepancy fitted again from the files' sand, if that is likelier.
@@ -164,9 +191,12 @@ class _Steps:
         if not model.effects or model.effects in self.again or self.settled(model):
             return model
         self.again.add(model.effects)
+        return self.refitted(model, at_files(model.fit.point), FIRST)
+
+    def refitted(self, model: Model, start: Point, scales: Scales) -> Model:
+        """Return a set fitted again from another start, if that is likelier."""
         self.tell(f"fitting {_words(model.effects)}", self.named)
-        starts = [(at_files(model.fit.point), FIRST)]
-        found = attempts(self.problem, starts).get(model.effects)
+        found = attempts(self.problem, [(start, scales)]).get(model.effects)
         other = model if found is None else _model(model.effects, found)
         if other.log_posterior <= model.log_posterior + WORTH:
             return model

@@ -368,6 +368,33 @@ def test_a_set_that_ends_below_a_part_is_fitted_again_from_it(monkeypatch: pytes
     assert found.point.common[0] == pytest.approx(0.7, abs=0.05)
 
 
+def test_a_set_that_missed_its_optimum_is_fitted_again_from_a_larger_one_that_brings_too_much(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The second effect must not be credited with what the first one has not reached."""
+    rng = np.random.default_rng(0)
+    problem = problem_of(SIX)
+    point = problem.with_effect(
+        problem.with_effect(drawn(problem, rng, common=0.3), "push", (0.3,)), "pull", (0.1,)
+    )
+    measure(problem, point, rng, 0.004)
+    base = fit(problem, problem.neutral())
+    told: dict[tuple[str, ...], float] = {}
+
+    def missed(problem: Problem, at: Point, scales: Scales, *, rounds: int, least: float) -> Fit:
+        found = fit(problem, at, scales, rounds=rounds, least=least)
+        told.setdefault(tuple(sorted(at.effects)), found.evidence)
+        early = at.effects == ("push",) and ("pull", "push") not in told
+        return replace(found, evidence=(found.evidence + base.evidence) / 2) if early else found
+
+    monkeypatch.setattr("granite_lab.discovery.sets.fit", missed)
+    found = search(problem, base, ("pull", "push"), TOLERANCE)
+    alone = found.model(("push",))
+    assert found.best.effects == ("pull", "push")
+    assert alone is not None
+    assert alone.fit.evidence > told["push",] - 1
+
+
 def test_of_several_starts_the_best_fit_is_kept() -> None:
     rng = np.random.default_rng(4)
     problem = problem_of((0, 0, 1, 1))
