@@ -171,7 +171,8 @@ class _Steps:
         fitted anew.
         """
         (id_,) = set(larger.effects) - set(model.effects)
-        promised = max(p.gain for p in leaders(self.looks[model.effects]) if p.score.candidate == id_)
+        looks = self.looks[model.effects]
+        promised = max(s.gain for look in looks for s in look.scores if s.candidate == id_)
         brought = larger.fit.evidence - model.fit.evidence
         if not model.effects or model.effects in self.returned or brought <= 2 * promised:
             return model
