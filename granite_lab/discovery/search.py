@@ -130,8 +130,7 @@ class _Steps:
         looks: sets to the screens beside them.
         small: sets that are not the best, see `stays` and `guard`.
         predictions: fits to what they predict of trials that are left out.
-        again: sets that were fitted from the files' sand, too.
-        returned: sets that were fitted from where a larger one had ended, too.
+        from_files, from_larger: sets that were also fitted from the files' sand; from where a larger one ended.
         named: effects beside which is searched; `MOST` where they are exchanged.
     """
 
@@ -143,8 +142,8 @@ class _Steps:
     looks: dict[tuple[str, ...], tuple[Look, ...]] = field(default_factory=dict)
     small: set[tuple[str, ...]] = field(default_factory=set)
     predictions: dict[Fit, Predicted] = field(default_factory=dict)
-    again: set[tuple[str, ...]] = field(default_factory=set)
-    returned: set[tuple[str, ...]] = field(default_factory=set)
+    from_files: set[tuple[str, ...]] = field(default_factory=set)
+    from_larger: set[tuple[str, ...]] = field(default_factory=set)
     named: int = 0
 
     def path(self, model: Model) -> tuple[Model, list[_Extension]]:
@@ -156,27 +155,28 @@ class _Steps:
                 best = self.afresh(model)
                 if best is model:
                     break
-            elif (other := self.behind(model, best)) is not model:
+            elif (other := self.after_larger(model, best)) is not model:
                 best = other
             else:
                 taken.append(_Extension(model, best, tried))
             model = best
         return model, taken
 
-    def behind(self, model: Model, larger: Model) -> Model:
+    def after_larger(self, model: Model, larger: Model) -> Model:
         """Return a set fitted again from where one with a further effect ended, if that is likelier.
 
         Full fits change what candidates promise by factors of up to two. One that brings more than that
         shows that the set beside which it stands had missed its optimum; what else stood beside that is
         fitted anew.
         """
+        if not model.effects or model.effects in self.from_larger:
+            return model
         (id_,) = set(larger.effects) - set(model.effects)
         looks = self.looks[model.effects]
         promised = max(s.gain for look in looks for s in look.scores if s.candidate == id_)
-        brought = larger.fit.evidence - model.fit.evidence
-        if not model.effects or model.effects in self.returned or brought <= 2 * promised:
+        if larger.fit.evidence - model.fit.evidence <= 2 * promised:
             return model
-        self.returned.add(model.effects)
+        self.from_larger.add(model.effects)
         other = self.refitted(model, self.problem.without_effect(larger.fit.point, id_), larger.fit.scales)
         if other is not model:
             old = {k for k in self.models if set(k) > set(model.effects)}
@@ -189,9 +189,9 @@ class _Steps:
 
         Sand that stood in for effects which have been found since may lie beside another optimum.
         """
-        if not model.effects or model.effects in self.again or self.settled(model):
+        if not model.effects or model.effects in self.from_files or self.settled(model):
             return model
-        self.again.add(model.effects)
+        self.from_files.add(model.effects)
         return self.refitted(model, at_files(model.fit.point), FIRST)
 
     def refitted(self, model: Model, start: Point, scales: Scales) -> Model:

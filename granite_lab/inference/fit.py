@@ -304,8 +304,8 @@ def _unlimited(problem: Problem, state: _State, scales: Scales, rounds: int) -> 
     slopes = problem.slopes(there.point, central=True) if there is not None and rise > -NEAR else None
     if there is None or slopes is None:
         return None
-    there = replace(there, slopes=slopes, normal=NONE)
-    other, theirs, converged = _descended(problem, _weighed(problem, there), scales, rounds, LEAST)
+    there = _weighed(problem, replace(there, slopes=slopes))
+    other, theirs, converged = _descended(problem, there, scales, rounds, LEAST)
     better = converged and _evidence(problem, other, theirs) > _evidence(problem, state, scales)
     return (other, theirs) if better else None
 
