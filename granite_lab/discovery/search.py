@@ -130,7 +130,7 @@ class _Steps:
         looks: sets to the screens beside them.
         small: sets that are not the best, see `stays` and `guard`.
         predictions: fits to what they predict of trials that are left out.
-        from_files, from_larger: sets that were also fitted from the files' sand; from where a larger one ended.
+        from_files, from_larger: sets also fitted from the files' sand; from where a larger one ended.
         named: effects beside which is searched; `MOST` where they are exchanged.
     """
 
