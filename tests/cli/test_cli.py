@@ -1,7 +1,6 @@
 """The command line as a user meets it: output, errors, exit codes, of whole processes where that matters."""
 
 import json
-import resource
 import subprocess
 import sys
 import time
@@ -27,15 +26,6 @@ def process(*args: object) -> Done:
     command = [sys.executable, "-W", "ignore", "-c", MAIN, *map(str, args)]
     done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False)
     return Done(done.returncode, done.stdout, done.stderr)
-
-
-def cost(*command: object) -> float:
-    """Return the processor time of a process [s]."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    words = [sys.executable, "-W", "ignore", "-c", *map(str, command)]
-    subprocess.run(words, capture_output=True, check=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def test_help_and_version() -> None:
@@ -137,14 +127,13 @@ def test_a_good_run_is_green_on_one_screen(sample: Path) -> None:
     assert max(map(len, done.out.splitlines())) <= 80
 
 
-def test_a_check_takes_a_few_seconds() -> None:
-    """Of a processor's time: the check itself less than 3 s; a process less than 5 s, with its imports."""
-
+def test_a_check_takes_hardly_longer_than_the_estimate_on_which_it_rests() -> None:
     gl.check(SAMPLE)
-    start = time.process_time()
+    begin = time.process_time()
     gl.check(SAMPLE)
-    assert time.process_time() - start < 3
-    assert any(cost(MAIN, "check", SAMPLE) < 5 for _ in range(5))
+    checked = time.process_time()
+    gl.ingest(SAMPLE)
+    assert checked - begin < 1.5 * (time.process_time() - checked)
 
 
 def held(column: str, value: float) -> Callable[[pd.DataFrame], pd.DataFrame]:
