@@ -32,8 +32,9 @@ def remainder(
 ) -> tuple[Judgement, Ceiling | None]:
     """Describe what the library leaves, and say how much any force could close beside the likeliest model.
 
-    Terms are looked for where more is left than the errors of the formulas may leave. They stand beside what
-    is named; effects that are not sure stay only if they predict as well as the terms in their place.
+    Terms are looked for where more is left than the errors of the formulas may leave; where nothing is named,
+    those of effects that are not sure count for nothing. Terms stand beside what is named; effects that are
+    not sure stay only if they predict as well as the terms in their place.
 
     Args:
         problem, tolerance: as in `judge`.
@@ -45,7 +46,9 @@ def remainder(
         the judgement with the description, and the ceiling; None where nothing remains to be closed.
     """
     alone = search.model(())
-    if alone is None or judgement.verdict == "none" or good(problem, judgement.model.fit, tolerance):
+    if alone is None or judgement.verdict == "none":
+        return judgement, None
+    if judgement.named and good(problem, judgement.model.fit, tolerance):
         return judgement, None
     pushes: Pushes | None = None
     if not judgement.remainder <= LEFT**2:
