@@ -282,6 +282,23 @@ def _shared(problem: Problem, screened: Screen, id_: str) -> Score:
     return best
 
 
+def around(problem: Problem, score: Score) -> list[Score]:
+    """Return a score, and the same at the probed sizes next to it of a strength that moves its trace.
+
+    The likelihood has an optimum wherever an edge of such a trace falls on one of the residual, and the gains
+    are linear about a fit that lacks it: of sizes side by side, the one that promises most is often not the
+    one whose fit ends best.
+    """
+    found = [score]
+    for k, p in enumerate(problem.parameters_of(score.candidate)):
+        if p.moving:
+            probed = [p.neutral + size for size in sizes(p)]
+            at = int(np.argmin(np.abs(np.array(probed) - score.values[k])))
+            for other in (*probed[max(at - 1, 0) : at], *probed[at + 1 : at + 2]):
+                found.append(replace(score, values=(*score.values[:k], other, *score.values[k + 1 :])))
+    return found
+
+
 def rivals(screened: Screen, id_: str) -> list[str]:
     """Return the candidates that may stand for another one, linear about the fit.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from granite_lab.discovery.candidates import Score
+from granite_lab.discovery.candidates import Score, around
 from granite_lab.discovery.carrying import carried, filed, worse
 from granite_lab.discovery.heldout import Predicted, predict, predicts_better
 from granite_lab.discovery.leaders import Look, Promise, at_files, leaders, origins, screened
@@ -291,9 +291,13 @@ class _Steps:
         return leaders(self.looks[model.effects])
 
     def fit(self, model: Model, group: Sequence[Promise]) -> None:
-        """Fit some leaders beside a model."""
-        starts = [_with(self.problem, o.point, score) for p in group for o, score in p.starts]
-        self.fitted([(start, model.fit) for start in starts])
+        """Fit some leaders beside a model, from each start once."""
+        starts: dict[tuple[Point, str, tuple[float, ...], int], Point] = {}
+        for origin, score in (start for promise in group for start in promise.starts):
+            for other in around(self.problem, score):
+                key = origin.point, other.candidate, other.values, id(other.own)
+                starts.setdefault(key, _with(self.problem, origin.point, other))
+        self.fitted([(start, model.fit) for start in starts.values()])
 
     def fitted(self, starts: Sequence[tuple[Point, Fit]], rounds: int = ROUNDS) -> None:
         """Fit the sets of some points that are not fitted yet, each with the scales of a fit nearby."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from granite_lab.discovery.candidates import scores, screen
+from granite_lab.discovery.candidates import Score, around, scores, screen, sizes
 from granite_lab.inference.bench import ACCURACY, Task, World
 from granite_lab.inference.constants import FEW, WORTH
 from granite_lab.inference.fit import LEAST_OF_ROUGH, fit
@@ -19,7 +19,9 @@ PLAY = EffectParameter("size", "N", "size", 0.0, 20.0, 0.0, 0.1, 3.0, moving=Tru
 
 @dataclass(frozen=True)
 class Late(Respond):
-    """The robot gets a blow, the later the larger the size, whatever its size."""
+    """The robot gets a blow of a duration [s], the later the larger the size, whatever its size."""
+
+    duration: float = 0.15
 
     def one(self, world: World, task: Task) -> Array | None:
         others = tuple((id_, values) for id_, values in task.setting if id_ != "blow")
@@ -29,7 +31,12 @@ class Late(Respond):
             variant = world.variants[task.variant]
             t = instants(variant, ACCURACY)
             share = -np.expm1(-sizes[0] / 0.05)
-            out[0] += 2 * share * moving(t, variant) * np.exp(-0.5 * ((t - 0.5 - 0.3 * sizes[0]) / 0.15) ** 2)
+            out[0] += (
+                2
+                * share
+                * moving(t, variant)
+                * np.exp(-0.5 * ((t - 0.5 - 0.3 * sizes[0]) / self.duration) ** 2)
+            )
         return out
 
 
@@ -45,3 +52,23 @@ def test_an_effect_that_moves_with_its_size_is_found_from_where_a_few_small_size
     assert score.gain > WORTH
     found = fit(problem, problem.with_effect(base.point, "blow", score.values), least=LEAST_OF_ROUGH)
     assert found.point.common[0] == pytest.approx(true, abs=0.02)
+
+
+@pytest.mark.parametrize("off", [-1, 1])
+def test_of_starts_at_a_size_and_the_sizes_next_to_it_the_best_ends_at_the_true_size(off: int) -> None:
+    true = 0.9
+    problem = problem_of(respond=Late(duration=0.04), effects=EFFECTS | {"blow": MadeUp("blow", PLAY)})
+    rng = np.random.default_rng(4)
+    measure(problem, problem.with_effect(problem.neutral(), "blow", (true,)), rng)
+    base = fit(problem, problem.neutral())
+    nearest = int(np.argmin(np.abs(np.array(sizes(PLAY)) - true)))
+    promised = Score("blow", 1.0, (sizes(PLAY)[nearest + off],))
+    starts = around(problem, promised)
+    assert [s.values[0] for s in starts] == [sizes(PLAY)[nearest + off + k] for k in (0, -1, 1)]
+    ends = [
+        fit(problem, problem.with_effect(base.point, "blow", s.values), least=LEAST_OF_ROUGH) for s in starts
+    ]
+    best = max(ends, key=lambda f: f.evidence)
+    assert best.point.common[0] == pytest.approx(true, abs=0.02)
+    assert best.evidence > ends[0].evidence + WORTH  # the size itself leads to another optimum
+    assert around(problem, replace(promised, candidate="push"))[1:] == []
