@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.inference.bench import Task
-from granite_lab.inference.constants import LINEAR, MEMORY
+from granite_lab.inference.constants import FEW, LINEAR, MEMORY
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Normal, Posterior, posterior
-from granite_lab.inference.point import Further, stacked
+from granite_lab.inference.point import Further, Point, stacked
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import LEAST_OWN
 from granite_lab.inference.shelf import Shelved
@@ -282,20 +282,26 @@ def _shared(problem: Problem, screened: Screen, id_: str) -> Score:
     return best
 
 
-def around(problem: Problem, score: Score) -> list[Score]:
-    """Return a score, and the same at the probed sizes next to it of a strength that moves its trace.
+def around(problem: Problem, point: Point, id_: str) -> list[Point]:
+    """Return a point with a strength of an effect that moves its trace at `FEW` smaller and larger sizes.
 
-    The likelihood has an optimum wherever an edge of such a trace falls on one of the residual, and the gains
-    are linear about a fit that lacks it: of sizes side by side, the one that promises most is often not the
-    one whose fit ends best.
+    The other numbers stay, and the sizes are those at which it is probed.
+
+    Args:
+        problem: the trials.
+        point: with the effect.
+        id_: of the effect.
     """
-    found = [score]
-    for k, p in enumerate(problem.parameters_of(score.candidate)):
-        if p.moving:
-            probed = [p.neutral + size for size in sizes(p)]
-            at = int(np.argmin(np.abs(np.array(probed) - score.values[k])))
-            for other in (*probed[max(at - 1, 0) : at], *probed[at + 1 : at + 2]):
-                found.append(replace(score, values=(*score.values[:k], other, *score.values[k + 1 :])))
+    found = []
+    for k, (effect, p) in enumerate(problem.parameters(point.effects, per_trial=False)):
+        if effect == id_ and p.moving:
+            size = point.common[k] - p.neutral
+            smaller = [s for s in sizes(p) if s < size * (1 - LINEAR)][-FEW:]
+            larger = [s for s in sizes(p) if s > size * (1 + LINEAR)][:FEW]
+            for other in (*smaller, *larger):
+                common = point.common.copy()
+                common[k] = p.neutral + other
+                found.append(replace(point, common=common))
     return found
 
 

@@ -177,7 +177,8 @@ class _Steps:
         if larger.fit.evidence - model.fit.evidence <= 2 * promised:
             return model
         self.from_larger.add(model.effects)
-        other = self.refitted(model, self.problem.without_effect(larger.fit.point, id_), larger.fit.scales)
+        start = self.problem.without_effect(larger.fit.point, id_)
+        other = self.refitted(model, [start], larger.fit.scales)
         if other is not model:
             old = {k for k in self.models if set(k) > set(model.effects)}
             self.models = {k: m for k, m in self.models.items() if k not in old}
@@ -192,12 +193,12 @@ class _Steps:
         if not model.effects or model.effects in self.from_files or self.settled(model):
             return model
         self.from_files.add(model.effects)
-        return self.refitted(model, at_files(model.fit.point), FIRST)
+        return self.refitted(model, [at_files(model.fit.point)], FIRST)
 
-    def refitted(self, model: Model, start: Point, scales: Scales) -> Model:
-        """Return a set fitted again from another start, if that is likelier."""
+    def refitted(self, model: Model, starts: Sequence[Point], scales: Scales) -> Model:
+        """Return a set fitted again from other starts, if that is likelier."""
         self.tell(f"fitting {_words(model.effects)}", self.named)
-        found = attempts(self.problem, [(start, scales)]).get(model.effects)
+        found = attempts(self.problem, [(start, scales) for start in starts]).get(model.effects)
         other = model if found is None else _model(model.effects, found)
         if other.log_posterior <= model.log_posterior + WORTH:
             return model
@@ -291,13 +292,23 @@ class _Steps:
         return leaders(self.looks[model.effects])
 
     def fit(self, model: Model, group: Sequence[Promise]) -> None:
-        """Fit some leaders beside a model, from each start once."""
-        starts: dict[tuple[Point, str, tuple[float, ...], int], Point] = {}
-        for origin, score in (start for promise in group for start in promise.starts):
-            for other in around(self.problem, score):
-                key = origin.point, other.candidate, other.values, id(other.own)
-                starts.setdefault(key, _with(self.problem, origin.point, other))
-        self.fitted([(start, model.fit) for start in starts.values()])
+        """Fit some leaders beside a model."""
+        starts = [_with(self.problem, o.point, score) for p in group for o, score in p.starts]
+        self.fitted([(start, model.fit) for start in starts])
+        for promise in group:
+            self.shifted(tuple(sorted((*model.effects, promise.score.candidate))), promise.score.candidate)
+
+    def shifted(self, key: tuple[str, ...], id_: str) -> None:
+        """Fit a set again from the sizes about that at which an effect ended, until none is likelier.
+
+        The likelihood has an optimum wherever an edge of a trace that moves with its strength falls on one of
+        the residual.
+        """
+        for _ in range(MOST):
+            model = self.models.get(key)
+            points = around(self.problem, model.fit.point, id_) if model else []
+            if model is None or not points or self.refitted(model, points, model.fit.scales) is model:
+                break
 
     def fitted(self, starts: Sequence[tuple[Point, Fit]], rounds: int = ROUNDS) -> None:
         """Fit the sets of some points that are not fitted yet, each with the scales of a fit nearby."""

@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from granite_lab.discovery.candidates import Score, around, scores, screen, sizes
+from granite_lab.discovery.candidates import around, scores, screen, sizes
+from granite_lab.discovery.search import Model, _Steps
 from granite_lab.inference.bench import ACCURACY, Task, World
-from granite_lab.inference.constants import FEW, WORTH
+from granite_lab.inference.constants import FEW, TOLERANCE, WORTH
 from granite_lab.inference.fit import LEAST_OF_ROUGH, fit
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
@@ -55,20 +56,20 @@ def test_an_effect_that_moves_with_its_size_is_found_from_where_a_few_small_size
 
 
 @pytest.mark.parametrize("off", [-1, 1])
-def test_of_starts_at_a_size_and_the_sizes_next_to_it_the_best_ends_at_the_true_size(off: int) -> None:
+def test_from_a_size_that_leads_to_another_optimum_the_sizes_next_to_it_lead_to_the_true_one(
+    off: int,
+) -> None:
     true = 0.9
     problem = problem_of(respond=Late(duration=0.04), effects=EFFECTS | {"blow": MadeUp("blow", PLAY)})
     rng = np.random.default_rng(4)
     measure(problem, problem.with_effect(problem.neutral(), "blow", (true,)), rng)
     base = fit(problem, problem.neutral())
     nearest = int(np.argmin(np.abs(np.array(sizes(PLAY)) - true)))
-    promised = Score("blow", 1.0, (sizes(PLAY)[nearest + off],))
-    starts = around(problem, promised)
-    assert [s.values[0] for s in starts] == [sizes(PLAY)[nearest + off + k] for k in (0, -1, 1)]
-    ends = [
-        fit(problem, problem.with_effect(base.point, "blow", s.values), least=LEAST_OF_ROUGH) for s in starts
-    ]
-    best = max(ends, key=lambda f: f.evidence)
-    assert best.point.common[0] == pytest.approx(true, abs=0.02)
-    assert best.evidence > ends[0].evidence + WORTH  # the size itself leads to another optimum
-    assert around(problem, replace(promised, candidate="push"))[1:] == []
+    start = problem.with_effect(base.point, "blow", (sizes(PLAY)[nearest + off],))
+    missed = fit(problem, start, least=LEAST_OF_ROUGH)
+    assert abs(missed.point.common[0] - true) > 0.1
+    models = {(): Model((), base, base.evidence), ("blow",): Model(("blow",), missed, missed.evidence)}
+    steps = _Steps(problem, ("blow",), TOLERANCE, lambda *_: None, models)
+    steps.shifted(("blow",), "blow")
+    assert steps.models["blow",].fit.point.common[0] == pytest.approx(true, abs=0.02)
+    assert around(problem, problem.with_effect(base.point, "push", (0.3,)), "push") == []
