@@ -274,7 +274,7 @@ def _judge(verdict: str, names: Names, set_size: int, *, by_head: bool, somethin
     if verdict == "unknown" or not (names.right or names.wrong):
         return "abstained"
     if names.missed:
-        pairs = [any(near(head, name) for name in names.missed) for head in names.wrong]
+        pairs = [any(frozenset((head, name)) in TWINS for name in names.missed) for head in names.wrong]
         if len(pairs) == len(names.missed) and all(pairs):
             return "near_twin"
         return "partial" if names.right and not names.wrong else "wrong_name"
@@ -283,11 +283,6 @@ def _judge(verdict: str, names: Names, set_size: int, *, by_head: bool, somethin
     if set_size > LARGEST_SET:
         return "vague"
     return "right" if by_head else "twin_set"
-
-
-def near(a: str, b: str) -> bool:
-    """Tell whether two effects are near twins by the catalogue."""
-    return frozenset((a, b)) in TWINS
 
 
 def _number(value: object) -> float | None:
