@@ -205,10 +205,10 @@ def _closed_withheld(answer: Mapping[str, Any], finding: Path) -> float | None:
         return None
     hidden = answer["withheld"]
     motion = {"v": hidden["velocity"], "a": hidden["acceleration"], "distance": hidden["distance"]}
-    known = load_model(saved)
-    paper = simulate(**motion, robot=known.robot, soil=known.soil)
-    found = simulate(**motion, model=saved)
-    return share_closed(hidden, *(_velocity_and_current(run) for run in (paper, found)))
+    model = load_model(saved)
+    paper = simulate(**motion, robot=model.robot, soil=model.soil)
+    corrected = simulate(**motion, model=saved)
+    return share_closed(hidden, *(_velocity_and_current(run) for run in (paper, corrected)))
 
 
 def _velocity_and_current(run: Run) -> dict[str, Array]:

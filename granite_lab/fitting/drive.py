@@ -185,8 +185,8 @@ def _turned(motion: Motion, robot: Robot, split: Array | None) -> tuple[Estimate
         split: as `_split` returns it; None where the sides turn alike.
     """
     axles = [motion.v_wheel[:, :2], motion.v_wheel[:, 2:]]
-    spread = [motion.v_wheel_std[:, :2], motion.v_wheel_std[:, 2:]]
-    v, std = [mean_known(a) for a in axles], [mean_known(s) for s in spread]
+    stds = [motion.v_wheel_std[:, :2], motion.v_wheel_std[:, 2:]]
+    v, std = [mean_known(a) for a in axles], [mean_known(s) for s in stds]
     for k, other in ((0, 1), (1, 0)):  # an axle without encoders turns as the other
         if not np.isfinite(v[k]).any():
             v[k], std[k] = v[other], std[other]

@@ -171,13 +171,13 @@ def fit_k92(
         EstimateError: the trial has no steady slip ratio, or the simulation fails.
         InputError: the robot's file lacks chassis or drive.
     """
-    found, reason = _by_slip(motion, robot, soil, effects), "not asked for"
+    by_slip, reason = _by_slip(motion, robot, soil, effects), "not asked for"
     if trajectory:
         try:
-            return _with_trajectory(found, trial, motion, robot, soil, effects)
+            return _with_trajectory(by_slip, trial, motion, robot, soil, effects)
         except EstimateError as error:
             reason = error.message
-    return replace(found, notes=(*found.notes, f"trajectory not fitted: {reason}"))
+    return replace(by_slip, notes=(*by_slip.notes, f"trajectory not fitted: {reason}"))
 
 
 def _by_slip(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]) -> K92Fit:

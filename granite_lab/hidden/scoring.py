@@ -195,20 +195,20 @@ def score(
     if outcome == "abstained" and _idle(finding):
         outcome = "idle"
     right = outcome in ("right", "twin_set", "with_remainder") or (outcome == "abstained" and bool(outside))
-    found = {effect["id"]: effect.get("parameters") or {} for effect in effects}
+    parameters = {effect["id"]: effect.get("parameters") or {} for effect in effects}
     closed = {part: _closed(finding.get("gap") or {}, part) for part in ("train", "held_out")}
     return Score(
         outcome=outcome,
         right=right,
         verdict=finding["verdict"],
-        named=tuple(found),
+        named=tuple(parameters),
         hidden=hidden,
         set_size=set_size,
         parameters=tuple(
-            _parameter(effect["id"], name, true, found[effect["id"]][name])
+            _parameter(effect["id"], name, true, parameters[effect["id"]][name])
             for effect in answer["effects"]
             for name, true in effect["parameters"].items()
-            if effect["id"] in found and name in found[effect["id"]]
+            if effect["id"] in parameters and name in parameters[effect["id"]]
         ),
         gap_closed=closed if left is None else closed | {"held_out": 1 - left},
         names=names,

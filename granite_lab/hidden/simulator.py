@@ -80,7 +80,8 @@ def drive(truth: Truth, before: float, after: float) -> Body:
     Raises:
         RuntimeError: the integrator gave up, or the robot digs itself in.
     """
-    t = np.arange(-round(before / DT), round((truth.command.end + after) / DT) + 1) * DT
+    steps = np.arange(-round(before / DT), round((truth.command.end + after) / DT) + 1)
+    t = np.asarray(steps * DT)
     state = solve(truth, t, rtol=RELATIVE, atol=ABSOLUTE)
     body = body_from_states(truth, t, state)
     if not np.isfinite(state).all() or body.x[-1] < LEAST_WAY * truth.command.distance:

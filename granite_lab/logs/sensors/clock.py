@@ -205,8 +205,8 @@ def step_at(t: Array, cut: int) -> Step:
     near = np.diff(t[max(cut - _AROUND, 0) : cut + _AROUND])
     near = near[near > 0]
     period = float(np.median(near)) if len(near) else 0.0
-    spread = spread_of(near, period) if len(near) else np.inf
-    return Step(cut - 1, float(t[cut] - t[cut - 1]) - period, spread, period)
+    std = spread_of(near, period) if len(near) else np.inf
+    return Step(cut - 1, float(t[cut] - t[cut - 1]) - period, std, period)
 
 
 def goes_on(counts: Array, cut: int) -> bool:

@@ -152,10 +152,10 @@ def evened(t: Array) -> tuple[Array, float]:
     steps = np.diff(t)
     if len(steps) < 10 * _AHEAD:
         return t, 0.0
-    period, spread = float(np.median(steps)), spread_of(steps)
-    gaps = np.flatnonzero(steps > max(GAP_PERIODS * period, period + _BEYOND * spread)) + 1
+    period, std = float(np.median(steps)), spread_of(steps)
+    gaps = np.flatnonzero(steps > max(GAP_PERIODS * period, period + _BEYOND * std)) + 1
     ahead = spread_of(t[_AHEAD:] - t[:-_AHEAD])
-    if spread < _UNEVEN * period or ahead > _BOUNDED * spread * math.sqrt(_AHEAD):
+    if std < _UNEVEN * period or ahead > _BOUNDED * std * math.sqrt(_AHEAD):
         return t, 0.0
     even = t.copy()
     for begin, end in pairwise([0, *gaps, len(t)]):
@@ -163,7 +163,7 @@ def evened(t: Array) -> tuple[Array, float]:
             index = np.arange(end - begin)
             line = np.polyval(np.polyfit(index, t[begin:end], 1), index)
             even[begin:end] = line + uniform_filter1d(t[begin:end] - line, round(_LINE / period) | 1)
-    return even, spread / math.sqrt(2.0)
+    return even, std / math.sqrt(2.0)
 
 
 def spread_of(values: Array, centre: float | None = None) -> float:
