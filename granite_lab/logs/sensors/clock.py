@@ -194,7 +194,6 @@ def set_back(t: Array, values: Array) -> list[int]:
 class Step:
     """A step of a clock between two neighbouring samples of a sensor."""
 
-    before: int  # the last sample before it
     size: float  # by which the clock went on too far, negative: back [s]
     std: float  # of the size [s]
     period: float  # of the sensor [s]
@@ -206,7 +205,7 @@ def step_at(t: Array, cut: int) -> Step:
     near = near[near > 0]
     period = float(np.median(near)) if len(near) else 0.0
     std = spread_of(near, period) if len(near) else np.inf
-    return Step(cut - 1, float(t[cut] - t[cut - 1]) - period, std, period)
+    return Step(float(t[cut] - t[cut - 1]) - period, std, period)
 
 
 def goes_on(counts: Array, cut: int) -> bool:
