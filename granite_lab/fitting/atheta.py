@@ -111,11 +111,7 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
         notes.append(f"{left_out} values of k_92 <= 0 cannot enter the fit of log k_92.")
     laws, remarks = fit_laws(points)
     total, total_ci95, shared = _with_shared(fits if len(fits) == len(kept) else [], points, fit, ci95)
-    published, rows, sensitivities = (
-        load_paper().a_theta,
-        list(map(row_of, items)),
-        iter(fit.sensitivity.tolist()),
-    )
+    published, rows, each = load_paper().a_theta, list(map(row_of, items)), iter(fit.sensitivity.tolist())
     return AThetaFit(
         a_theta=a_theta,
         ci95=ci95,
@@ -128,7 +124,7 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
         laws=laws,
         notes=(*notes, *remarks),
         parts=fit.parts,
-        sensitivity=tuple(next(sensitivities) if usable(row) else 0.0 for row in rows) if stated else (),
+        sensitivity=tuple(next(each) if usable(row) else 0.0 for row in rows) if stated else (),
         virtual=any(isinstance(item, K92Fit) and item.virtual for item in items),
         total=total,
         total_ci95=total_ci95,
