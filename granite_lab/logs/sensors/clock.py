@@ -29,8 +29,8 @@ _WRAPS = (2.0**16, 2.0**24, 2.0**32)  # ranges of counters that loggers use as c
 _KINDS = ("acceleration", "rate", "wheels")  # sensors that show how the clock runs
 _AROUND = 50  # samples on either side of a step of the clock, by which its period is known
 _DISORDER = 0.1  # where a larger share of the rows comes late, order tells nothing of the clock
-_SEEN = 2  # samples that fall where others are; less than two periods back, sorting does no harm
-_STOOD = 0.3  # counters that turn by less than this share of what they should, did not over a gap
+_SEEN = 2  # so many samples fall where others are if a clock went back; sorting repairs a smaller step
+_STOOD = 0.3  # counters that go on over a gap by less than this share of their usual rate stood meanwhile
 _MOST_STEPS = 20  # a clock that is set more often is none
 _BEGINNING = 1.0  # a clock that goes back to this time after the first stamp starts over [s]
 
