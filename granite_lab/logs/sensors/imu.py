@@ -24,8 +24,8 @@ from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, Robot
 
 _WINDOW = 0.5  # length [s] of the windows over which vibration is averaged away
-# Angle by the gyroscope over that by gravity. Above it deg/s were read as rad/s; below a hundredth of it, rad/s
-# as deg/s.
+# Angle by the gyroscope over that by gravity. Above it deg/s were read as rad/s; below a hundredth of it,
+# rad/s were read as deg/s.
 _TURNED = 2.0
 _FASTEST = 60.0  # no ground robot's gyroscope reads more [rad/s]
 _OFF_AXIS = 45.0  # gravity at rest farther than this [deg] from the robot's z axis stands on another axis

@@ -25,8 +25,8 @@ LONGEST_BATCH = 0.1
 """Samples that share a stamp for longer are not spread [s]: half of it is the time in which the slowest of
 the robot's ramps is over."""
 _DIFFER = 0.02  # share of the neighbours with one stamp that hold different values, if they are no copies
-# Time since the last stamp over the time that the samples need: below the first number a sample is a copy, above
-# the second one some are lost.
+# Time since the last stamp over the time that the samples need. Below the first number a sample is a copy,
+# above the second one some are lost.
 _ROOM = 0.6, 2.0
 _ON_GRID = 1e-3  # stamps that are multiples of their spacing to this share of it are those of a slow clock
 _ROUNDED = 1 + 1e-6  # stamps every 0.1 s are not later for their rounding
