@@ -275,7 +275,7 @@ def _convert(
             return tuple(_interval(place, key, pair) for pair in value)
         if item is float:
             m = field.metadata
-            if len(value) != m.get("length", len(value)):
+            if tuple(value) != field.default and len(value) != m.get("length", len(value)):
                 raise InputError(f"{place}: {key} has {len(value)} numbers", f"expected {m['length']}")
             return tuple(
                 check_number(place, key, v, "", m.get("low", -1e9), m.get("high", 1e9)) for v in value
