@@ -124,8 +124,8 @@ class Column(Generic[R]):
 
     def of(self, part: Callable[[S], R]) -> Column[S]:
         """Return the column of a table whose rows hold the record that this one shows."""
-        column: Any = replace(self, value=lambda row: self.value(part(row)))
-        return cast("Column[S]", column)
+        column: Any = self
+        return cast("Column[S]", replace(column, value=lambda row: self.value(part(row))))
 
 
 class Table(Generic[R]):
