@@ -65,16 +65,16 @@ _MISUSED = cast("type[Exception]", typer.BadParameter.__bases__[0])
 
 
 @contextmanager
-def _told() -> Iterator[None]:
+def _as_usage_error() -> Iterator[None]:
     """Turn what the parser says of arguments into an error of this package."""
     try:
         yield
     except _MISUSED as error:
-        said: Any = error
-        if type(said).__name__ == "NoArgsIsHelpError":
+        misuse: Any = error
+        if type(misuse).__name__ == "NoArgsIsHelpError":
             raise
-        message, _, meant = said.format_message().rstrip(".").partition(". ")
-        path = said.ctx.command_path if said.ctx else "granite-lab"
+        message, _, meant = misuse.format_message().rstrip(".").partition(". ")
+        path = misuse.ctx.command_path if misuse.ctx else "granite-lab"
         hint = f"{meant[:1].lower()}{meant[1:]} " if meant else ""
         raise UsageError(f"{message[:1].lower()}{message[1:]}", f"{hint}{path} --help lists all") from None
 
@@ -90,12 +90,12 @@ class _Group(TyperGroup):
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         """Read the arguments before the command."""
-        with _told():
+        with _as_usage_error():
             return super().make_context(*args, **kwargs)
 
     def invoke(self, ctx: Any) -> Any:
         """Read the command with its arguments, and call it."""
-        with _told():
+        with _as_usage_error():
             return super().invoke(ctx)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002

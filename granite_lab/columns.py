@@ -17,16 +17,14 @@ as HTML, Markdown and LaTeX; `FilledTable.to_csv` writes the plain values.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Generic, TypeVar
+from dataclasses import dataclass, replace
+from typing import Any, Generic, TypeVar, cast
 
 from granite_lab.estimate import Estimate
-from granite_lab.files import cell_text
+from granite_lab.files import cell_text, csv_lines
 from granite_lab.rounding import NONE, chance, percent, plus_minus, significant, with_unit
 
 Raw = float | int | bool | str | None
@@ -126,10 +124,8 @@ class Column(Generic[R]):
 
     def of(self, part: Callable[[S], R]) -> Column[S]:
         """Return the column of a table whose rows hold the record that this one shows."""
-        return Column(
-            self.name, lambda row: self.value(part(row)), self.keys, self.unit, self.scale, self.digits,
-            self.form, self.shown,
-        )  # fmt: skip
+        column: Any = self
+        return cast("Column[S]", replace(column, value=lambda row: self.value(part(row))))
 
 
 class Table(Generic[R]):
@@ -186,13 +182,11 @@ class FilledTable:
 
         A text that a spreadsheet would run gets a leading quote.
         """
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
-        data = ["virtual"] if self.virtual else []
-        writer.writerow([key for column in self.columns for key in column.keys] + ["data"] * len(data))
-        for row in self.rows:
-            writer.writerow([_plain(value) for cell in row for value in cell.raw] + data)
-        return out.getvalue()
+        head = [key for column in self.columns for key in column.keys]
+        rows = [[_plain(value) for cell in row for value in cell.raw] for row in self.rows]
+        if self.virtual:
+            head, rows = [*head, "data"], [[*row, "virtual"] for row in rows]
+        return csv_lines([head, *rows])
 
 
 def _plain(value: Raw) -> str:

@@ -13,7 +13,7 @@ import os
 import re
 import secrets
 import stat
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -229,16 +229,17 @@ def csv_blocks(table: pd.DataFrame) -> Iterator[str]:
     Yields:
         whole lines ending in ``\n``, the header first.
     """
-    yield _lines([[cell_text(str(name))] for name in table.columns])
+    yield csv_lines([[cell_text(str(name)) for name in table.columns]])
     for begin in range(0, len(table), BLOCK):
         block = table.iloc[begin : begin + BLOCK]
-        yield _lines([_cells(block.iloc[:, place]) for place in range(block.shape[1])])
+        columns = [_cells(block.iloc[:, place]) for place in range(block.shape[1])]
+        yield csv_lines(zip(*columns, strict=True))
 
 
-def _lines(columns: Sequence[Sequence[str]]) -> str:
-    """Return the lines of columns of cells, those in quotes that need them."""
+def csv_lines(rows: Iterable[Sequence[str]]) -> str:
+    """Return rows of cells as lines of a CSV, cells in quotes where they need them."""
     out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerows(zip(*columns, strict=True) if columns else [()])
+    csv.writer(out, lineterminator="\n").writerows(rows)
     return out.getvalue()
 
 

@@ -23,7 +23,7 @@ RESTS = (("rest", "rests"), ("body-rest", "body_rests"))
 """Options that name standstills, and the fields of `TrialInfo` that hold them."""
 
 
-def _told(info: TrialInfo) -> dict[str, str | None]:
+def _texts_of(info: TrialInfo) -> dict[str, str | None]:
     """Return option to text of what else is known of a trial; None where nothing is said."""
     tape = None if info.distance_measured is None else f"{info.distance_measured:.9g}"
     if tape and info.distance_measured_std is not None:
@@ -115,7 +115,7 @@ class Options:
             "drive": None if self.drive == "auto" else self.drive,
         }
         info = self.info or TrialInfo()
-        named |= _told(info)
+        named |= _texts_of(info)
         rests = ((name, f"{a:.9g}:{b:.9g}") for name, field in RESTS for a, b in getattr(info, field))
         topics = tuple(("topic", f"{role}={topic}") for role, topic in self.topics)
         changes = (("set", f"{key}={value!r}") for key, value in info.changes)

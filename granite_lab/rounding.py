@@ -224,12 +224,12 @@ def decided(
         unit: as printed.
         scale: from the record's unit to the printed one.
     """
-    spread, scaled = abs(std * scale), [x * scale for x in (value, low, high)]
-    if math.isfinite(spread) and spread > 0:
-        decimals = decimals_for(spread)
+    scaled_std, scaled = abs(std * scale), [x * scale for x in (value, low, high)]
+    if math.isfinite(scaled_std) and scaled_std > 0:
+        decimals = decimals_for(scaled_std)
     elif math.isfinite(scaled[0]) and scaled[0]:
         decimals = 2 - _scientific(scaled[0], _DIGITS)[0]
     else:
         decimals = 0
     rounded = [round(x, decimals) + 0.0 if math.isfinite(x) else math.nan for x in scaled]
-    return Number(rounded[0], round(spread, decimals), rounded[1], rounded[2], unit, decimals)
+    return Number(rounded[0], round(scaled_std, decimals), rounded[1], rounded[2], unit, decimals)

@@ -21,9 +21,6 @@ from granite_lab.shown import Shown, frame
 if TYPE_CHECKING:
     import pandas as pd
 
-    from granite_lab.hidden.contact import Array
-    from granite_lab.model.run import Run
-
 
 @dataclass(frozen=True)
 class HiddenSet(Shown):
@@ -205,15 +202,12 @@ def _closed_withheld(answer: Mapping[str, Any], finding: Path) -> float | None:
         return None
     hidden = answer["withheld"]
     motion = {"v": hidden["velocity"], "a": hidden["acceleration"], "distance": hidden["distance"]}
-    known = load_model(saved)
-    paper = simulate(**motion, robot=known.robot, soil=known.soil)
-    found = simulate(**motion, model=saved)
-    return share_closed(hidden, *(_velocity_and_current(run) for run in (paper, found)))
-
-
-def _velocity_and_current(run: Run) -> dict[str, Array]:
-    current = 0.5 * (run["current_f_A"] + run["current_r_A"])
-    return {"t_s": run.t, "v_mps": run["v_mps"], "current": current}
+    model = load_model(saved)
+    paper = simulate(**motion, robot=model.robot, soil=model.soil)
+    runs = paper, simulate(**motion, model=saved)
+    currents = (0.5 * (run["current_f_A"] + run["current_r_A"]) for run in runs)
+    signals = zip(runs, currents, strict=True)
+    return share_closed(hidden, *({"t_s": r.t, "v_mps": r["v_mps"], "current": i} for r, i in signals))
 
 
 def _changed(folder: Path, answer: Mapping[str, Any]) -> list[str]:

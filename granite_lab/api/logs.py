@@ -20,7 +20,7 @@ from granite_lab.api.arguments import (
     options_of,
     refuse_outside,
 )
-from granite_lab.api.project import Chosen, choose
+from granite_lab.api.project import choose
 from granite_lab.api.records import Records
 from granite_lab.api.run_checks import Checked, check_run, unread
 from granite_lab.chain import analyse, blindly, corrected
@@ -129,7 +129,10 @@ def ingest(
         logs = files.pop("imu", ())
     execution = execution_of(jobs)
     chosen = choose(logs, options)
-    together, note = ({}, "") if files or rows else _halves(chosen)
+    from granite_lab.logs.halves import halves  # noqa: PLC0415, heavy
+
+    column_maps, of_bags = chosen.options.column_map, dict(chosen.options.topics)
+    together, note = ({}, "") if files or rows else halves(chosen.files, column_maps, of_bags)
     if together:
         files, chosen = together, replace(chosen, files=(together["imu"],))
     if len(chosen.files) > 1 and (files or variant):
@@ -139,19 +142,15 @@ def ingest(
         stated = TrialInfo(robot=options.robot, v_desired=variant)
         options = replace(options, info=over(stated, options.info or TrialInfo()))
     outcomes = each_trial(corrected, chosen.files, options, execution=execution, done=done)
-    alone = [path for path, outcome in zip(chosen.files, outcomes, strict=True) if _refers(outcome)]
-    blind = dict(zip(alone, each_trial(blindly, alone, options, execution=execution), strict=True))
-    pairs = zip(chosen.files, outcomes, strict=True)
+    pairs = list(zip(chosen.files, outcomes, strict=True))
+    estimated = [(path, outcome) for path, outcome in pairs if not isinstance(outcome, LabError)]
+    referred = [path for path, (trial, _, _) in estimated if trial.info.use_reference]
+    blind = dict(zip(referred, each_trial(blindly, referred, options, execution=execution), strict=True))
     records = [_ingested(path, outcome, against_reference, blind.get(path)) for path, outcome in pairs]
     ingested, failed = sifted(chosen.files, records, strict=strict)
     warnings = [f"{item.name}: {line}" for item in ingested for line in item.motion.warnings]
     origin = Origin(None, (*chosen.excluded, *failed), tuple([note, *warnings] if note else warnings))
     return Records(ingested, [item.name for item in ingested], origin)
-
-
-def _refers(outcome: tuple[Trial, Robot, Motion] | LabError) -> bool:
-    """Whether the reference of a trial entered its estimate."""
-    return not isinstance(outcome, LabError) and outcome[0].info.use_reference
 
 
 def _ingested(
@@ -174,13 +173,6 @@ def _ingested(
         return replace(ingested, judgement=estimation.judge(blind or ingested.motion, ingested.trial, 0.0))
     except EstimateError as error:
         return error
-
-
-def _halves(chosen: Chosen) -> tuple[dict[str, Any], str]:
-    """Return the files of a trial that was logged in two halves, and what to say of it."""
-    from granite_lab.logs.halves import halves  # noqa: PLC0415, heavy
-
-    return halves(chosen.files, chosen.options.column_map, dict(chosen.options.topics))
 
 
 def inspect(logs: Logs, *, column_map: File = None, topics: Topics = None, robot: File = None) -> Inspection:

@@ -82,8 +82,8 @@ def _model(
     refuse_outside("a-theta", a_theta, 0, 100)
     forget()
     base = load_model(Path(model), path(effects)) if model else None
-    known = library(None if model else effects)
-    switched = tuple(activate(get(name, known), values) for name, values in (active or {}).items())
+    of_file = library(None if model else effects)
+    switched = tuple(activate(get(name, of_file), values) for name, values in (active or {}).items())
     if not isinstance(robot, Robot):
         robot = base.machine if base and robot is None else load_robot(robot or "granite")
     if not isinstance(soil, Soil):
@@ -270,16 +270,16 @@ def wheel(
         if it.robot.chassis is None:
             raise UsageError("the load is not given", "add --load or --sinkage")
         load = it.robot.chassis.total_mass * GRAVITY / 4
-    one_wheel = SingleWheel(rim, ground, it.effects, it.robot.chassis)
+    single = SingleWheel(rim, ground, it.effects, it.robot.chassis)
     points = []
-    for one in [slip] if isinstance(slip, (int, float)) else slip:
-        motion = rolling(float(one), rim.radius, velocity=v)
+    for λ in [slip] if isinstance(slip, (int, float)) else slip:
+        motion = rolling(float(λ), rim.radius, velocity=v)
         if sinkage is not None:
-            points.append(one_wheel.at_sinkage(sinkage, motion, ratio))
+            points.append(single.at_sinkage(sinkage, motion, ratio))
         else:
-            points.append(one_wheel.at_load(load or 0.0, motion, ratio))
+            points.append(single.at_load(load or 0.0, motion, ratio))
     left_out = tuple(e.id for e in it.effects if not acts(e.effect))
-    return WheelRun(tuple(points), rim, ground, one_wheel.effects, left_out)
+    return WheelRun(tuple(points), rim, ground, single.effects, left_out)
 
 
 def params(robot: File = None, soil: File = None) -> Records[Provenance]:

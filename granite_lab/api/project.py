@@ -248,8 +248,8 @@ def results_folder(logs: Logs, name: str) -> Path:
 def _of_others(folder: Path, files: Sequence[Path]) -> bool:
     """Say whether a folder holds a report of a study to which none of the logs went in."""
     try:
-        held = json.loads((folder / "report.json").read_bytes())["provenance"]["inputs"]
-        hashes = {str(entry["sha256"]) for entry in held}
+        inputs = json.loads((folder / "report.json").read_bytes())["provenance"]["inputs"]
+        hashes = {str(entry["sha256"]) for entry in inputs}
         return bool(hashes) and all(path.is_file() and sha256(path) not in hashes for path in files)
     except (OSError, ValueError, KeyError, TypeError):  # no report, or not one of a study
         return False

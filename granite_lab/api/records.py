@@ -41,7 +41,7 @@ class Records(Shown, Sequence[T], Generic[T]):
     @property
     def left_out(self) -> tuple[tuple[str, str], ...]:
         """(trial, reason) of trials that are excluded or failed."""
-        return tuple((one.trial, one.reason) for one in self.origin.left_out)
+        return tuple((failure.trial, failure.reason) for failure in self.origin.left_out)
 
     @overload
     def __getitem__(self, index: int) -> T: ...

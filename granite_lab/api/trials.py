@@ -151,7 +151,7 @@ def fit_a_theta(
         fits = [result.fit for result in results]
     by_name = sorted(fits, key=lambda fit: fit.trial)  # sums do not depend on the order of the logs
     fit = fitting.fit_a_theta(by_name)
-    left_out = (f"{one.trial} left out: {one.reason}" for one in origin.left_out)
+    left_out = (f"{failure.trial} left out: {failure.reason}" for failure in origin.left_out)
     return replace(fit, notes=(*fit.notes, *left_out), origin=origin)
 
 
@@ -267,9 +267,9 @@ def _write(
     # A recording has an id of its own: the same study in another folder is not the same files.
     place = str(folder.resolve())
     key = digest_of(code(shows=True), content(result), content(options), recordings, place)
-    known: dict[str, str] | None = cache.get(key) if cache is not None else None
-    if known and all(fingerprint(folder / name) == sha for name, sha in known.items()):
-        model = folder / MODEL if MODEL in known else None
+    hashes: dict[str, str] | None = cache.get(key) if cache is not None else None
+    if hashes and all(fingerprint(folder / name) == sha for name, sha in hashes.items()):
+        model = folder / MODEL if MODEL in hashes else None
         return replace(result, written=Written(folder / "index.html", model, unchanged=True))
     if recordings:
         recorded = folder / RECORDINGS
@@ -277,8 +277,8 @@ def _write(
     progress("report", 0, 0)
     result = write(result, options, folder, failures=guard.lines, jobs=jobs)
     if cache is not None and not result.written.failures:
-        known = {file.relative_to(folder).as_posix(): fingerprint(file) for file in files_of(folder)}
-        cache.put(key, encode(((), known)))
+        hashes = {file.relative_to(folder).as_posix(): fingerprint(file) for file in files_of(folder)}
+        cache.put(key, encode(((), hashes)))
     return result
 
 
@@ -363,7 +363,7 @@ def discover(
     left_out = (*chosen.excluded, *failed)
     trials, motions = [trial for trial, _, _ in read], [motion for _, _, motion in read]
     finding = find_effect(trials, options, motions=motions, execution=execution, progress=progress)
-    notes = (*finding.notes, *(f"{one.trial} left out: {one.message}" for one in left_out))
+    notes = (*finding.notes, *(f"{failure.trial} left out: {failure.message}" for failure in left_out))
     lines = tuple(f"{trial.name}: {line}" for trial in trials for line in trial.warnings)
     origin = Origin(source_of("discover", chosen.files, trials, options), left_out, lines)
     finding = replace(finding, notes=notes, origin=origin)

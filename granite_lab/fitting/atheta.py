@@ -111,7 +111,7 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
         notes.append(f"{left_out} values of k_92 <= 0 cannot enter the fit of log k_92.")
     laws, remarks = fit_laws(points)
     total, total_ci95, shared = _with_shared(fits if len(fits) == len(kept) else [], points, fit, ci95)
-    published, rows, found = load_paper().a_theta, list(map(row_of, items)), iter(fit.sensitivity.tolist())
+    published, rows, each = load_paper().a_theta, list(map(row_of, items)), iter(fit.sensitivity.tolist())
     return AThetaFit(
         a_theta=a_theta,
         ci95=ci95,
@@ -124,7 +124,7 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
         laws=laws,
         notes=(*notes, *remarks),
         parts=fit.parts,
-        sensitivity=tuple(next(found) if usable(row) else 0.0 for row in rows) if stated else (),
+        sensitivity=tuple(next(each) if usable(row) else 0.0 for row in rows) if stated else (),
         virtual=any(isinstance(item, K92Fit) and item.virtual for item in items),
         total=total,
         total_ci95=total_ci95,
@@ -145,11 +145,11 @@ def _with_shared(
     if not names or not fit.a > 0 or not fit.sensitivity.size:
         return unknown
     table = [{s.name: s for s in f.shared} for f in fits]
-    if any(own.keys() != names.keys() for own in table):
+    if any(row.keys() != names.keys() for row in table):
         return unknown
     parts = []
     for name, std in names.items():
-        moves = [np.array([getattr(own[name], side) for own in table]) for side in ("up", "down")]
+        moves = [np.array([getattr(row[name], side) for row in table]) for side in ("up", "down")]
         ratios = [math.log(_with_shift(points, fit, shift) / fit.a) for shift in moves]
         whole = fit.a * math.sqrt(sum(r**2 for r in ratios) / 2)
         parts.append(Part(name, "B", "log-normal", "1", std, whole))
@@ -243,9 +243,9 @@ def _over_speeds(points: Points, a: float, within: float) -> _Weighted:
     The point is the weighted mean of the trials that are no bounds. Their relative scatter `within` speeds is
     that of k_92 by `a`, which is fitted to all trials.
     """
-    spread = within * np.exp(-a * points.v)
-    own = points.sigma**2 + spread**2
-    weight = np.where(points.inner, 1 / own, 0.0)
+    scatter = within * np.exp(-a * points.v)
+    variance = points.sigma**2 + scatter**2
+    weight = np.where(points.inner, 1 / variance, 0.0)
     group_of = np.empty(points.v.size, np.int64)
     for number, group in enumerate(points.by_speed().values()):
         group_of[group] = number
@@ -265,9 +265,9 @@ def _over_speeds(points: Points, a: float, within: float) -> _Weighted:
     return replace(
         speeds,
         scatter=within,
-        parts=(_between_trials(within, sensitivity * spread), departure),
+        parts=(_between_trials(within, sensitivity * scatter), departure),
         sensitivity=sensitivity,
-        covariance=np.diag(own) + shared,
+        covariance=np.diag(variance) + shared,
     )
 
 

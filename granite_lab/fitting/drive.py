@@ -185,8 +185,8 @@ def _turned(motion: Motion, robot: Robot, split: Array | None) -> tuple[Estimate
         split: as `_split` returns it; None where the sides turn alike.
     """
     axles = [motion.v_wheel[:, :2], motion.v_wheel[:, 2:]]
-    spread = [motion.v_wheel_std[:, :2], motion.v_wheel_std[:, 2:]]
-    v, std = [mean_known(a) for a in axles], [mean_known(s) for s in spread]
+    stds = [motion.v_wheel_std[:, :2], motion.v_wheel_std[:, 2:]]
+    v, std = [mean_known(a) for a in axles], [mean_known(s) for s in stds]
     for k, other in ((0, 1), (1, 0)):  # an axle without encoders turns as the other
         if not np.isfinite(v[k]).any():
             v[k], std[k] = v[other], std[other]
@@ -212,7 +212,9 @@ def _turned(motion: Motion, robot: Robot, split: Array | None) -> tuple[Estimate
     wanted = None
     if commanded:  # repetitions begin with it; wheels may turn a little before a start that is known so well
         start = min(motion.t_start.value, start + AHEAD)
-        wanted = replace(_course(motion.variant, motion.t_start.value - start), stamped=_stamped(motion))
+        # a command that is not logged is seen by the wheels alone, which follow it late
+        stamped = motion.variant_source == "logged"
+        wanted = replace(_course(motion.variant, motion.t_start.value - start), stamped=stamped)
     stretch = motion.steady[0] - start, motion.steady[1] - start
     course = turned(
         t[part] - start, (v[0][part], v[1][part]), (_std(std[0][part]), _std(std[1][part])),
@@ -220,11 +222,6 @@ def _turned(motion: Motion, robot: Robot, split: Array | None) -> tuple[Estimate
         split=None if split is None else (split[part, 0], split[part, 1]),
     )  # fmt: skip
     return Estimate(start, float(np.nan_to_num(motion.clock_offset.std))), course
-
-
-def _stamped(motion: Motion) -> bool:
-    """Say whether a log tells when the command was given; otherwise the wheels do, which follow it late."""
-    return motion.variant_source == "logged"
 
 
 def _course(variant: Variant, late: float) -> Course:

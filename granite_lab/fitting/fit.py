@@ -129,8 +129,8 @@ class K92Fit(Shown):
         """Difference of the two k_92 over the std of both together; NaN where either has none."""
         if self.status != "ok" or self.status_trajectory != "ok":
             return math.nan
-        spread = math.hypot(self.k92.std, self.k92_trajectory.std)
-        return abs(self.k92.value - self.k92_trajectory.value) / spread if spread > 0 else math.nan
+        std = math.hypot(self.k92.std, self.k92_trajectory.std)
+        return abs(self.k92.value - self.k92_trajectory.value) / std if std > 0 else math.nan
 
     @property
     def warnings(self) -> tuple[str, ...]:

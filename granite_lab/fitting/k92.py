@@ -23,7 +23,6 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import K92_BOUNDS, LEAST, FitStatus, K92Fit, Shift
 from granite_lab.inference.bench import RAKED, SAND, Bench, World
 from granite_lab.inference.constants import RAKING, SAND_STD, TOLERANCE
-from granite_lab.inference.fit import Fit
 from granite_lab.inference.point import SHARED
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.setup import baseline, trial_models
@@ -172,21 +171,21 @@ def fit_k92(
         EstimateError: the trial has no steady slip ratio, or the simulation fails.
         InputError: the robot's file lacks chassis or drive.
     """
-    found, reason = _by_slip(motion, robot, soil, effects), "not asked for"
+    by_slip, reason = _by_slip(motion, robot, soil, effects), "not asked for"
     if trajectory:
         try:
-            return _with_trajectory(found, trial, motion, robot, soil, effects)
+            return _with_trajectory(by_slip, trial, motion, robot, soil, effects)
         except EstimateError as error:
             reason = error.message
-    return replace(found, notes=(*found.notes, f"trajectory not fitted: {reason}"))
+    return replace(by_slip, notes=(*by_slip.notes, f"trajectory not fitted: {reason}"))
 
 
 def _by_slip(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]) -> K92Fit:
     """Fit k_92 to the steady slip ratio alone."""
     variant, measured = motion.variant, motion.slip_ratio
 
-    def slip_of(k92: float, on: Soil = soil) -> float:
-        return _slip_of(motion, robot, on, effects, k92)
+    def slip_of(k92: float, of: Robot = robot, on: Soil = soil) -> float:
+        return _slip_of(motion, of, on, effects, k92)
 
     curve = SlipCurve(slip_of)
     k92, status = curve.root(measured.value)
@@ -196,29 +195,32 @@ def _by_slip(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
             f"the slip ratio does not depend on k_92 over the stretch of {motion.trial} that is simulated",
             "look at the trial's wheel speeds and at the start of its command",
         )
+
+    def shift(name: str, std: float) -> Shift:
+        """Return how far an error of a number of the soil, or of the wheel radius, moves k_92."""
+        ends = []
+        for factor in (math.exp(std), math.exp(-std)):
+            # λ_R is measured with the radius of the robot's file, too
+            measured_more = (1 - measured.value) * (1 - 1 / factor) if name == "radius" else 0.0
+            simulated_more = slip_of(k92, *_scaled(robot, soil, name, factor)) - curve[k92]
+            ends.append((measured_more - simulated_more) / slope)
+        return Shift(SHARED_AS[name], std, *ends)
+
     for name, shown, step in zip(SAND[1:RAKED], RAKED_AS, RAKING[1:], strict=True):
         # the mean square of the steps to either side, because (10) has a kink
-        grounds = [replace(soil, **{name: getattr(soil, name) * math.exp(s)}) for s in (step, -step)]
-        shifts = [(slip_of(k92, ground) - curve[k92]) / slope for ground in grounds]
-        whole = math.sqrt(sum(s**2 for s in shifts) / 2)
+        raked = shift(name, step)
+        whole = math.sqrt((raked.up**2 + raked.down**2) / 2)
         sand.append(Part(shown, "B", "log-normal", "1", step, whole))
     std_sand, std_measurement = math.hypot(*(part.contribution for part in sand)), measured.std / abs(slope)
     std = math.hypot(std_measurement, std_sand)
     sources = motion.slip_parts or (Part("λ_R as measured", "B", "normal", "1", measured.std, measured.std),)
-    notes, known = [], math.isfinite(std)
-    if status != "ok":
-        low, high = curve[K92_BOUNDS[1]], curve[K92_BOUNDS[0]]
-        side = "above" if status == "at_lower_bound" else "below"
-        beyond = abs(measured.value - curve[k92]) / measured.std if measured.std > 0 else math.inf
-        notes.append(
-            f"k_92 {status.replace('_', ' ')}: λ_R = {measured.value:.2%} is {side} the "
-            f"{low:.2%} to {high:.2%} that the model attains ({beyond:.1f} std)."
-        )
+    known, notes = math.isfinite(std), [] if status == "ok" else [_beyond_reach(status, measured, curve)]
     notes.append(
         f"Std of k_92: {std_measurement:.4f} from λ_R, {std_sand:.4f} from the scatter of the sand."
         if known
         else "The std of k_92 is unknown: λ_R has none."
     )
+    stds = dict(zip(SAND[1:], sand_std(soil)[1:], strict=True)) | {"radius": radius_std(robot)}
     # the likelihood of k_92 needs the curve near the root
     near = np.clip([k92 + n * std for n in (-4, -2, -1, 1, 2, 4)] if known else [], *K92_BOUNDS)
     return K92Fit(
@@ -236,7 +238,26 @@ def _by_slip(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
         std_measurement=std_measurement,
         parts=(*(part.times(1 / slope) for part in sources), *sand) if known else (),
         curve=tuple(sorted({k: curve[k] for k in (*curve, *near.tolist())}.items())),
-        shared=_shared(motion, robot, soil, effects, curve, k92),
+        shared=tuple(shift(name, std) for name, std in stds.items()),
+    )
+
+
+def _scaled(robot: Robot, soil: Soil, name: str, factor: float) -> tuple[Robot, Soil]:
+    """Return robot and soil, of which one number of the soil, or the wheel radius, is multiplied."""
+    if name == "radius":
+        wheels = replace(robot.wheels, radius=factor * robot.wheels.radius)
+        return replace(robot, wheels=wheels), soil
+    return robot, replace(soil, **{name: factor * getattr(soil, name)})
+
+
+def _beyond_reach(status: FitStatus, measured: Estimate, curve: SlipCurve) -> str:
+    """Return the note on a λ_R that the model does not attain."""
+    high, low = (curve[bound] for bound in K92_BOUNDS)
+    side, end = ("above", high) if status == "at_lower_bound" else ("below", low)
+    beyond = abs(measured.value - end) / measured.std if measured.std > 0 else math.inf
+    return (
+        f"k_92 {status.replace('_', ' ')}: λ_R = {measured.value:.2%} is {side} the {low:.2%} to {high:.2%} "
+        f"that the model attains ({beyond:.1f} std)."
     )
 
 
@@ -250,43 +271,6 @@ def _slip_of(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
     return simulated_slip(run, interval)
 
 
-def _trajectory(
-    trial: Trial, motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
-) -> tuple[Problem, Fit]:
-    """Fit the whole time history of a trial; errors as `_with_trajectory`."""
-    models, variants = trial_models([trial], robot, [motion], least=COARSE)
-    with one_thread(), Bench(World(robot, soil, variants, {}, tuple(effects))) as bench:
-        problem = Problem(models, bench, (WIDE, *SAND_STD[1:]))
-        return problem, baseline(problem)
-
-
-def _shared(
-    motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active], curve: SlipCurve, k92: float
-) -> tuple[Shift, ...]:
-    """Return how far errors of the soil's numbers and of the wheel radius move the k_92 of a trial.
-
-    λ_R is measured with the radius of the robot's file, too.
-    """
-    slope, shifts = curve.slope(k92), []
-
-    def slip_of(factor: float, name: str) -> float:
-        of, on = robot, soil
-        if name == "radius":
-            of = replace(robot, wheels=replace(robot.wheels, radius=factor * robot.wheels.radius))
-        else:
-            on = replace(soil, **{name: factor * getattr(soil, name)})
-        return _slip_of(motion, of, on, effects, k92)
-
-    stds = dict(zip(SAND[1:], sand_std(soil)[1:], strict=True)) | {"radius": radius_std(robot)}
-    for name, std in stds.items():
-        moved = []
-        for factor in (math.exp(std), math.exp(-std)):
-            seen = (1 - motion.slip_ratio.value) * (1 - 1 / factor) if name == "radius" else 0.0
-            moved.append((seen - (slip_of(factor, name) - curve[k92])) / slope)
-        shifts.append(Shift(SHARED_AS[name], std, *moved))
-    return tuple(shifts)
-
-
 def _with_trajectory(
     by_slip: K92Fit, trial: Trial, motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
 ) -> K92Fit:
@@ -297,7 +281,10 @@ def _with_trajectory(
     """
     if not np.isfinite(motion.t_start.value):
         raise EstimateError(f"{motion.trial}: the start of the motion is unknown")
-    problem, fit = _trajectory(trial, motion, robot, soil, effects)
+    models, variants = trial_models([trial], robot, [motion], least=COARSE)
+    with one_thread(), Bench(World(robot, soil, variants, {}, tuple(effects))) as bench:
+        problem = Problem(models, bench, (WIDE, *SAND_STD[1:]))
+        fit = baseline(problem)
     x = fit.point.vector + fit.posterior.step
     common = fit.point.trials[0].size
     late = common + SHARED.index("latency")

@@ -78,8 +78,8 @@ class Points:
     def negative_log_likelihood(self, mean: Array, std: Array) -> float:
         """Return -log L for normal errors; a censored point counts as 'beyond its bound'."""
         z, side = (self.k - mean) / std, self.censored
-        known = 0.5 * z**2 + np.log(std) + 0.5 * math.log(2 * math.pi)
-        return float(np.where(side == 0, known, -log_ndtr(-side * z)).sum())
+        inner = 0.5 * z**2 + np.log(std) + 0.5 * math.log(2 * math.pi)
+        return float(np.where(side == 0, inner, -log_ndtr(-side * z)).sum())
 
     def exponential(self, a: Array) -> tuple[Array, Array]:
         """Return k_92 by (27) and its derivative by a_θ."""
@@ -246,12 +246,12 @@ def _fit(
     # maximum likelihood understates a scatter by the parameters it fitted
     dof, count = n - p, p + 1
     weighted = slopes / std(θ, math.exp(float(best.x)) ** 2 * (n / dof if dof else math.nan))[:, None]
-    spread = np.sqrt(np.diag(np.linalg.inv(weighted.T @ weighted))) if dof else np.full(p, math.nan)
+    stds = np.sqrt(np.diag(np.linalg.inv(weighted.T @ weighted))) if dof else np.full(p, math.nan)
     more = 2 * count * (1 + (count + 1) / (n - count - 1)) if n > count + 1 else math.nan
     return Law(
         id=id_,
         formula=formula(θ),
-        parameters=dict(zip(units, map(Estimate, θ.tolist(), spread.tolist()), strict=True)),
+        parameters=dict(zip(units, map(Estimate, θ.tolist(), stds.tolist()), strict=True)),
         units=units,
         n_parameters=p,
         rms=rms,

@@ -140,8 +140,8 @@ class Limited(Integrating):
         """Return the voltages before and after their limits [V]."""
         wanted = self.gains["p"] * self.error(t, y) + y[self.summed]
         back, most = self.emf * self.shaft(y)[1], self.drive.resistance * self.gains["current"]
-        held = np.minimum(np.maximum(wanted, back - most), back + most)
-        return wanted, self.bounded(held, self.drive.voltage_min)
+        limited = np.minimum(np.maximum(wanted, back - most), back + most)
+        return wanted, self.bounded(limited, self.drive.voltage_min)
 
     def voltage(self, t: float, y: Array) -> Array:
         """Return the motor voltages [V]."""

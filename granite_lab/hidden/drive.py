@@ -27,18 +27,18 @@ class DrivetrainFriction(Influence):
     def setup(self) -> None:
         """Claim the bristles' deflections, as shares of the sliding friction."""
         super().setup()
-        self.held = self.claim(2)
+        self.bristles = self.claim(2)
 
     def torque(self, y: Array) -> Array:
         """Take the friction off."""
         sizes = self.sizes[DrivetrainFriction.id]
-        return super().torque(y) - sizes["coulomb"] * y[self.held] - sizes["viscous"] * y[OMEGA]
+        return super().torque(y) - sizes["coulomb"] * y[self.bristles] - sizes["viscous"] * y[OMEGA]
 
     def rates(self, t: float, y: Array, wheel: Contact) -> Array:
         """Add the rate of the bristles."""
         dy, rate = super().rates(t, y, wheel), y[OMEGA]
         limit = 1 + 0.3 * np.exp(-((rate / 0.3) ** 2))
-        dy[self.held] = (rate - np.abs(rate) * y[self.held] / limit) / 0.003
+        dy[self.bristles] = (rate - np.abs(rate) * y[self.bristles] / limit) / 0.003
         return dy
 
 

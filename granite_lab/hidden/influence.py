@@ -70,15 +70,15 @@ class Influence(Truth):
         Each `amplitude_<axle>` is split into `cos_<axle>` and `sin_<axle>` under a random phase: a trial
         begins with the wheels as they stand.
         """
-        found = dict(sizes)
+        changed = dict(sizes)
         for size in cls.declared:
             if size.kind == "amplitude":
                 phase, axle = rng.uniform(0, 2 * np.pi), size.name.removeprefix("amplitude_")
-                found[f"cos_{axle}"] = sizes[size.name] * float(np.cos(phase))
-                found[f"sin_{axle}"] = sizes[size.name] * float(np.sin(phase))
+                changed[f"cos_{axle}"] = sizes[size.name] * float(np.cos(phase))
+                changed[f"sin_{axle}"] = sizes[size.name] * float(np.sin(phase))
         if cls.phased:
-            found["phase"] = float(rng.uniform(0, 2 * np.pi))
-        return found
+            changed["phase"] = float(rng.uniform(0, 2 * np.pi))
+        return changed
 
     def drag(self, y: Array, force: float | Array) -> Array:
         """Return the push of a resistance [N] along R's x at wheel-centre height; none on a robot at rest."""

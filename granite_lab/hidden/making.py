@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -29,7 +30,7 @@ from granite_lab.hidden.mixture import (
 from granite_lab.hidden.model import Setup
 from granite_lab.hidden.parts import exponential_k92
 from granite_lab.hidden.sensors import louder, read_currents, read_imu, read_wheels
-from granite_lab.hidden.simulator import DT, Body, body_from_states, solve
+from granite_lab.hidden.simulator import DT, Body, drive
 from granite_lab.hidden.vehicle import ClockOffset
 from granite_lab.hidden.wish import Wish, chosen, drawn, raked, sand
 from granite_lab.logs.trial import CurrentStream, ImuStream, Series, Trial, TrialInfo, WheelStream
@@ -44,9 +45,6 @@ AS_FAST = 0.8, 1.1
 
 LOGGED = 50.0
 """Rate at which a desired velocity is logged, as far as the encoders' rate allows [Hz]."""
-
-RELATIVE, ABSOLUTE = 3e-6, 1e-7
-"""Tolerances of the integration: the velocity is then within 0.05 mm/s of that at 1e-9."""
 
 
 @dataclass(frozen=True)
@@ -100,12 +98,10 @@ def make_set(
     lab = lab_of(wish.lab, wish.seed, robot, soil)
     for plans, off, counts in _draws(wish, lab):
         made = []
-        for one in shared_out(_make, plans, len(plans), "made a trial", jobs=jobs):
-            if one is None:
-                break
-            made.append(one)
-            done(one[0].name)
-        if len(made) == len(plans):
+        with suppress(RuntimeError):  # the robot digs itself in
+            for trial, motion in shared_out(_make, plans, len(plans), "made a trial", jobs=jobs):
+                made.append((trial, motion))
+                done(trial.name)
             answer = _answer(wish, off, plans)
             return made, answer | _of_mixture(plans[0], off, counts) if counts else answer
     raise EstimateError(
@@ -138,25 +134,16 @@ def _draws(wish: Wish, lab: Lab) -> Iterator[tuple[list[Plan], dict[str, float],
 def _reopened(plans: list[Plan]) -> dict[str, float]:
     """Return what each cause reopens in the first and the middle trial; empty where the robot digs in."""
     pair = plans[0], plans[len(plans) // 2]
+
+    def under(active: Sequence[str]) -> list[Trial]:
+        """Make both trials under some of the causes alone."""
+        alone = [replace(plan, sizes={name: plan.sizes[name] for name in active}) for plan in pair]
+        return [make_trial(plan)[0] for plan in alone]
+
     try:
-        return reopened(
-            lambda active: [_under(plan, active) for plan in pair],
-            tuple(plans[0].sizes), plans[0].lab.robot.filed,
-        )  # fmt: skip
+        return reopened(under, tuple(plans[0].sizes), plans[0].lab.robot.filed)
     except RuntimeError:
         return {}
-
-
-def _under(plan: Plan, active: Sequence[str]) -> Trial:
-    """Make a trial under some of its causes alone.
-
-    Raises:
-        RuntimeError: the robot digs itself in.
-    """
-    made = make_trial(replace(plan, sizes={name: plan.sizes[name] for name in active}))
-    if made is None:
-        raise RuntimeError("the robot digs itself in")
-    return made[0]
 
 
 def _plans(wish: Wish, lab: Lab, ground: Soil, sizes: Mapping[str, Mapping[str, float]]) -> list[Plan]:
@@ -206,24 +193,19 @@ def _of_mixture(plan: Plan, off: Mapping[str, float], counts: Mapping[str, float
     return {"reopens": dict(counts), "withheld": motion_of(truth, variant)}
 
 
-def _make(plans: list[Plan], k: int) -> tuple[Trial, pd.DataFrame] | None:
+def _make(plans: list[Plan], k: int) -> tuple[Trial, pd.DataFrame]:
     return make_trial(plans[k])
 
 
-def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame] | None:
-    """Simulate and log one trial, with its true motion; None if the robot digs itself in."""
+def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame]:
+    """Simulate and log one trial, with its true motion.
+
+    Raises:
+        RuntimeError: the robot digs itself in.
+    """
     rng, lab, command = lot(*plan.seed, 1), plan.lab, plan.command
     truth = model_of(tuple(plan.sizes), plan.setup, command, plan.sizes)
-    before, after = rng.uniform(*lab.before), rng.uniform(*lab.after)
-    steps = np.arange(-round(before / DT), round((command.end + after) / DT) + 1)
-    t = np.asarray(steps * DT)
-    try:
-        state = solve(truth, t, rtol=RELATIVE, atol=ABSOLUTE)
-    except RuntimeError:
-        return None
-    body = body_from_states(truth, t, state)
-    if not np.isfinite(state).all() or body.x[-1] < 0.35 * command.distance:
-        return None
+    body = drive(truth, rng.uniform(*lab.before), rng.uniform(*lab.after))
     rig, wrong = louder(lab.robot.real, plan.wish.noise), truth.misreading()
     imu, *_ = read_imu(rng, body, rig, lab.logger, wrong)
     wheels = read_wheels(rng, body, rig, -wrong.late, wrong.encoder / (1.0 if lab.rolls else plan.radii))

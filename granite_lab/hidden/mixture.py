@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +12,7 @@ from granite_lab.hidden.catalogue import influence
 from granite_lab.hidden.chance import lot
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.model import Truth
-from granite_lab.hidden.simulator import DT, body_from_states, solve
+from granite_lab.hidden.simulator import DT, drive
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import Robot, Variant
 
@@ -78,28 +78,24 @@ def _apart(one: Trial, other: Trial, robot: Robot) -> float:
 
     What differs at standstill is taken off, as every analysis does: a tilt of the IMU alone is no gap.
     """
-    assert one.imu is not None
-    assert other.imu is not None
-    assert one.wheels is not None
-    assert other.wheels is not None
-    pairs: list[tuple[Array, Array, Array, Array, float]] = [
-        (one.imu.t, one.imu.specific_force, other.imu.t, other.imu.specific_force, robot.imu.vibration),
-        (one.imu.t, one.imu.angular_rate, other.imu.t, other.imu.angular_rate, robot.imu.vibration_rate),
-    ]
-    if one.currents is not None and other.currents is not None:
-        pairs.append(
-            (one.currents.t, one.currents.current, other.currents.t, other.currents.current,
-             robot.currents.noise)
-        )  # fmt: skip
-    speed, before = (np.gradient(w.angle, w.t, axis=0) for w in (one.wheels, other.wheels))
-    step = 2 * np.pi / robot.encoders.counts / float(np.median(np.diff(one.wheels.t)))
-    pairs.append((one.wheels.t, speed, other.wheels.t, before, step))
     total = 0.0
-    for t, values, u, others, noise in pairs:
+    for (t, values, noise), (u, others, _) in zip(_signals(one, robot), _signals(other, robot), strict=True):
         there = np.stack([np.interp(t, u, column) for column in others.T], axis=1)
         away = (values - there) / noise
         total += float(np.nansum((away - np.nanmean(away[t < t[0] + STILL], axis=0)) ** 2))
     return total
+
+
+def _signals(trial: Trial, robot: Robot) -> Iterator[tuple[Array, Array, float]]:
+    """Yield stamps (N,) [s], values (N, K) and noise of each sensor; of the wheels their rates."""
+    if trial.imu is not None:
+        yield trial.imu.t, trial.imu.specific_force, robot.imu.vibration
+        yield trial.imu.t, trial.imu.angular_rate, robot.imu.vibration_rate
+    if trial.currents is not None:
+        yield trial.currents.t, trial.currents.current, robot.currents.noise
+    if trial.wheels is not None:
+        t, count = trial.wheels.t, 2 * np.pi / robot.encoders.counts
+        yield t, np.gradient(trial.wheels.angle, t, axis=0), count / float(np.median(np.diff(t)))
 
 
 def withheld_variant(seed: int, variants: Sequence[Variant]) -> Variant:
@@ -115,13 +111,10 @@ def withheld_variant(seed: int, variants: Sequence[Variant]) -> Variant:
 
 def motion_of(truth: Truth, variant: Variant) -> Mapping[str, Any]:
     """Return the true motion under its command: velocity [m/s] and mean current [A] over time [s]."""
-    steps = np.arange(-round(0.5 / DT), round((truth.command.end + 0.5) / DT) + 1)
-    t = np.asarray(steps * DT, dtype=np.float64)
-    body = body_from_states(truth, t, solve(truth, t, rtol=3e-6, atol=1e-7))
-    step = round(SPACING / DT)
+    body, step = drive(truth, 0.5, 0.5), round(SPACING / DT)
     return {
         "velocity": variant.velocity, "acceleration": variant.acceleration, "distance": variant.distance,
-        "t": t[::step].round(3).tolist(),
+        "t": (body.t - body.start)[::step].round(3).tolist(),
         "v": body.v[::step].round(5).tolist(),
         "current": body.current.mean(axis=1)[::step].round(4).tolist(),
     }  # fmt: skip

@@ -258,10 +258,10 @@ class Truth:
         def unbalanced(u: Array) -> Array:
             return self.derivative(-1.0, standing(u))[[VZ, Q]]
 
-        found = scipy.optimize.root(unbalanced, [height, pitch], options={"xtol": 1e-13})
-        if np.abs(found.fun).max() > 1e-6:
-            raise RuntimeError(f"no equilibrium at rest: {found.message}")
-        return standing(found.x)
+        solution = scipy.optimize.root(unbalanced, [height, pitch], options={"xtol": 1e-13})
+        if np.abs(solution.fun).max() > 1e-6:
+            raise RuntimeError(f"no equilibrium at rest: {solution.message}")
+        return standing(solution.x)
 
     def cruise(self) -> tuple[Array, float]:
         """Return the state of steady motion by algebra alone, with its slip ratio λ_R.

@@ -195,20 +195,20 @@ def score(
     if outcome == "abstained" and _idle(finding):
         outcome = "idle"
     right = outcome in ("right", "twin_set", "with_remainder") or (outcome == "abstained" and bool(outside))
-    found = {effect["id"]: effect.get("parameters") or {} for effect in effects}
+    parameters = {effect["id"]: effect.get("parameters") or {} for effect in effects}
     closed = {part: _closed(finding.get("gap") or {}, part) for part in ("train", "held_out")}
     return Score(
         outcome=outcome,
         right=right,
         verdict=finding["verdict"],
-        named=tuple(found),
+        named=tuple(parameters),
         hidden=hidden,
         set_size=set_size,
         parameters=tuple(
-            _parameter(effect["id"], name, true, found[effect["id"]][name])
+            _parameter(effect["id"], name, true, parameters[effect["id"]][name])
             for effect in answer["effects"]
             for name, true in effect["parameters"].items()
-            if effect["id"] in found and name in found[effect["id"]]
+            if effect["id"] in parameters and name in parameters[effect["id"]]
         ),
         gap_closed=closed if left is None else closed | {"held_out": 1 - left},
         names=names,
@@ -274,7 +274,7 @@ def _judge(verdict: str, names: Names, set_size: int, *, by_head: bool, somethin
     if verdict == "unknown" or not (names.right or names.wrong):
         return "abstained"
     if names.missed:
-        pairs = [any(near(head, name) for name in names.missed) for head in names.wrong]
+        pairs = [any(frozenset((head, name)) in TWINS for name in names.missed) for head in names.wrong]
         if len(pairs) == len(names.missed) and all(pairs):
             return "near_twin"
         return "partial" if names.right and not names.wrong else "wrong_name"
@@ -283,11 +283,6 @@ def _judge(verdict: str, names: Names, set_size: int, *, by_head: bool, somethin
     if set_size > LARGEST_SET:
         return "vague"
     return "right" if by_head else "twin_set"
-
-
-def near(a: str, b: str) -> bool:
-    """Tell whether two effects are near twins by the catalogue."""
-    return frozenset((a, b)) in TWINS
 
 
 def _number(value: object) -> float | None:

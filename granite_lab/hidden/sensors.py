@@ -80,8 +80,8 @@ def resonance(rng: np.random.Generator, size: int, frequency: float, quality: fl
     rho = np.exp(-0.5 * w / quality)
     warm_up = int(10 * quality / (frequency * DT))
     shocks = rng.standard_normal(size + warm_up)
-    found = scipy.signal.lfilter([1.0], [1.0, -2 * rho * np.cos(w), rho**2], shocks)[warm_up:]
-    return np.asarray(found / found.std())
+    ringing = scipy.signal.lfilter([1.0], [1.0, -2 * rho * np.cos(w), rho**2], shocks)[warm_up:]
+    return np.asarray(ringing / ringing.std())
 
 
 def vibration(rng: np.random.Generator, body: Body, robot: Robot) -> tuple[Array, Array]:

@@ -16,6 +16,13 @@ DT = 0.001
 """Spacing of the truth [s]."""
 
 
+RELATIVE, ABSOLUTE = 3e-6, 1e-7
+"""Tolerances of the integration: the velocity is then within 0.05 mm/s of that at 1e-9."""
+
+LEAST_WAY = 0.35
+"""Share of the commanded distance that a robot covers unless it digs itself in."""
+
+
 @dataclass(frozen=True, eq=False)
 class Body:
     """True motion at `t` (N,), evenly spaced by DT.
@@ -65,6 +72,21 @@ def solve(truth: Truth, t: Array, *, rtol: float = 1e-7, atol: float = 1e-9) -> 
         y = part.y[:, -1]
         pieces.append(part.y[:, :-1])
     return np.asarray(np.concatenate([*pieces, y[:, None]], axis=1).T)
+
+
+def drive(truth: Truth, before: float, after: float) -> Body:
+    """Return the motion under the truth's command, with standstills `before` and `after` it [s].
+
+    Raises:
+        RuntimeError: the integrator gave up, or the robot digs itself in.
+    """
+    steps = np.arange(-round(before / DT), round((truth.command.end + after) / DT) + 1)
+    t = np.asarray(steps * DT)
+    state = solve(truth, t, rtol=RELATIVE, atol=ABSOLUTE)
+    body = body_from_states(truth, t, state)
+    if not np.isfinite(state).all() or body.x[-1] < LEAST_WAY * truth.command.distance:
+        raise RuntimeError("the robot digs itself in")
+    return body
 
 
 def jacobian(truth: Truth, t: float, y: Array) -> Array:

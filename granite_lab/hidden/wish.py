@@ -124,7 +124,7 @@ def drawn(wish: Wish, names: Sequence[str], attempt: int = 0) -> dict[str, dict[
     Raises:
         UsageError: a given size belongs to none of them, or lies outside its bounds.
     """
-    rng, given, found = lot(wish.seed, 2, attempt), dict(wish.sizes), {}
+    rng, given, sizes_of = lot(wish.seed, 2, attempt), dict(wish.sizes), {}
     for name in names:
         sizes = {}
         for size in influence(name).declared:
@@ -133,14 +133,14 @@ def drawn(wish: Wish, names: Sequence[str], attempt: int = 0) -> dict[str, dict[
                 if key in given:
                     value = _within(size, key, given.pop(key))
             sizes[size.name] = value
-        found[name] = sizes
+        sizes_of[name] = sizes
     if given:
         known = [f"{name}.{size.name}" for name in names for size in influence(name).declared]
         raise UsageError(
             f"--size {next(iter(given))}: no hidden effect has such a parameter",
             f"known here: {', '.join(known)}" if known else "nothing is hidden, so there is no size",
         )
-    return found
+    return sizes_of
 
 
 def _draw(size: Size, rng: np.random.Generator, strength: float) -> float:

@@ -114,9 +114,9 @@ def _choose(
                 taken = f"{path.name}: topic {best} taken as {role}, not {others}"
                 doubts.append(f"{taken}; --topic {role}=… chooses another")
     if not set(chosen) & set(_INSTEAD):
-        held = ", ".join(sorted({str(info.msgtype) for info in topics.values()})) or "nothing"
+        types = ", ".join(sorted({str(info.msgtype) for info in topics.values()})) or "nothing"
         imu, joints, odometry = (ROLES[role][0] for role in _INSTEAD)
-        raise InputError(f"{path}: no topic with {imu}, {joints} or {odometry}", f"the bag holds: {held}")
+        raise InputError(f"{path}: no topic with {imu}, {joints} or {odometry}", f"the bag holds: {types}")
     if "odom" in chosen:
         taken = f"no joint states: the wheels' velocity is that of odometry {chosen['odom']}"
         doubts.append(f"{path.name}: {taken}")
@@ -161,13 +161,13 @@ def _stands_still(stamps: Sequence[int], arrivals: Sequence[int]) -> bool:
 def _find(message: Any, names: Iterable[str]) -> Iterator[Field]:
     """Yield those fields that a message has: name, its covariance's, and how to get it."""
     for name in names:
-        held, path = message, list[str]()
+        part, path = message, list[str]()
         for step in name.split("."):
-            if step != "pose" or hasattr(held, step):
-                held, path = getattr(held, step, None), [*path, step]
-        if held is not None:
-            spread = f"{path[0]}_covariance"
-            yield name, spread if hasattr(message, spread) else "", attrgetter(".".join(path))
+            if step != "pose" or hasattr(part, step):
+                part, path = getattr(part, step, None), [*path, step]
+        if part is not None:
+            covariance = f"{path[0]}_covariance"
+            yield name, covariance if hasattr(message, covariance) else "", attrgetter(".".join(path))
 
 
 def _numbers(message: Any, fields: Iterable[Field]) -> Iterator[tuple[str, float]]:
@@ -181,8 +181,8 @@ def _numbers(message: Any, fields: Iterable[Field]) -> Iterator[tuple[str, float
             yield from ((f"{name}.{joint}", value) for joint, value in values if not math.isnan(value))
     if hasattr(message, "latitude") and message.status.status < 0:
         return
-    for name, spread, get in fields:
-        if not spread or getattr(message, spread)[0] != -1:
+    for name, covariance, get in fields:
+        if not covariance or getattr(message, covariance)[0] != -1:
             yield name, get(message)
 
 

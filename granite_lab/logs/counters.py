@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granite_lab.logs.trial import Array
+from granite_lab.rounding import plural
 
 Rows = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
@@ -19,6 +20,12 @@ def runs(flags: Mask) -> list[tuple[int, int]]:
     """Return the first sample of each stretch of flags, and the one behind its last."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(np.int8), [0]))))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def in_words(flags: Mask, t: Array, noun: str, seen: str) -> str:
+    """Return how many samples (N,) are flagged, what is seen of them, and the first times [s]."""
+    at = ", ".join(f"{t[begin]:.3f}" for begin, _ in runs(flags)[:3])
+    return f"{plural(int(np.count_nonzero(flags)), noun)} {seen} (t = {at} s)"
 
 
 def integral(t: Array, x: Array) -> Array:

@@ -123,8 +123,8 @@ def _time(guesses: Guesses, columns: Mapping[int, Array]) -> None:
         steps = np.diff(values[np.isfinite(values)])
         # A clock ticks about evenly and never back.
         if not clocks and len(steps) > 5 and (steps >= 0).mean() > 0.98 and np.median(steps) > 0:
-            spread = np.quantile(steps, 0.9) / np.median(steps)
-            if spread < 3 and (not guesses[place].to or spread < 1.5):
+            unevenness = np.quantile(steps, 0.9) / np.median(steps)
+            if unevenness < 3 and (not guesses[place].to or unevenness < 1.5):
                 clocks = [place]
                 _set(guesses, place, "s", "increases evenly", to=("t",), confidence=0.6, assumed=True)
     for place in clocks:

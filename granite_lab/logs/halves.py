@@ -11,7 +11,7 @@ from granite_lab.errors import InputError
 from granite_lab.logs.layouts import Maps, given_maps
 from granite_lab.logs.quantities import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.sensors.clock import row_stamps
-from granite_lab.logs.source import Source, read_source, recognise
+from granite_lab.logs.source import read_source, recognise
 
 _IN_COMMON = 0.5  # share of the shorter log in which both run, of two halves of a trial
 
@@ -30,7 +30,7 @@ def halves(
     try:
         layouts = given_maps(maps)
         sources = [read_source(recognise(file, layouts, topics)) for file in files]
-        spans = [_span(source) for source in sources]
+        stamps = [row_stamps(source) for source in sources]
     except InputError:  # which is told when the log is read
         return {}, ""
     imu = [bool(source.bindings(*ACCELERATION, *RATE)) for source in sources]
@@ -42,14 +42,8 @@ def halves(
         return {}, ""
     role = "encoders" if wheels[other] else "currents"
     message = f"{files[first].name} holds an IMU alone and {files[other].name} {role} alone"
-    (begin, end), (start, stop) = spans
+    (begin, end), (start, stop) = ((float(np.nanmin(t)), float(np.nanmax(t))) for t in stamps)
     if min(end, stop) - max(begin, start) < _IN_COMMON * min(end - begin, stop - start):
         typed = f"granite-lab ingest {files[first]} --{role} {files[other]}"
         return {}, f"{message}, at other times: read as two trials; as one: {typed}"
     return {"imu": files[first], role: files[other]}, f"{message}: read as one trial"
-
-
-def _span(source: Source) -> tuple[float, float]:
-    """Return the first and last stamp [s]."""
-    t = row_stamps(source)
-    return float(np.nanmin(t)), float(np.nanmax(t))

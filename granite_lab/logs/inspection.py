@@ -125,9 +125,9 @@ class Inspection(Shown):
     files: tuple[FileReport, ...]
 
     def __repr__(self) -> str:
-        said = [f.problem or f"{f.path.name}: {len(f.columns)} columns" for f in self.files[:3]]
+        lines = [f.problem or f"{f.path.name}: {len(f.columns)} columns" for f in self.files[:3]]
         more = [f"and {len(self.files) - 3} more"] * (len(self.files) > 3)
-        return f"Inspection({'; '.join([*said, *more])})"
+        return f"Inspection({'; '.join([*lines, *more])})"
 
     def to_map_toml(self, index: int = 0) -> str:
         """Return the column map of one of the files.
@@ -227,7 +227,7 @@ def _inspect(
         if not any("t" in column.to for column in entries):
             return replace(report, doubts=(*report.doubts, *_damage(table, cells, ())))
     try:
-        source = read_source(fit or _bound(report, table), held=cells)
+        source = read_source(fit or _bound(report, table), cells=cells)
         trial = assemble(path, [("", source)], robot, whole=False)
     except InputError as error:
         lines = (*report.doubts, error.message) if error.message != report.problem else report.doubts

@@ -46,7 +46,8 @@ def split(row: str, delimiter: str) -> list[str]:
         cells = _CELL.findall(row)
         quoted = [cell for cell in cells if cell[0] == '"']
         closed = all(len(cell) > 1 and cell[-1] == '"' for cell in quoted)
-        return [_unquoted(cell) for cell in cells] if closed else [row]
+        bare = [cell[1:-1].replace('""', '"') if cell[0] == '"' else cell for cell in cells]
+        return bare if closed else [row]
     lines = [f"{line}\n" for line in row.split("\n")]
     for strict in (True, False):
         try:
@@ -55,10 +56,6 @@ def split(row: str, delimiter: str) -> list[str]:
             if "unexpected end" in str(error):
                 break
     return [row]
-
-
-def _unquoted(cell: str) -> str:
-    return cell[1:-1].replace('""', '"') if cell[0] == '"' else cell
 
 
 def joined(lines: Sequence[str]) -> int:

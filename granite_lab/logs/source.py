@@ -132,9 +132,9 @@ def read_source(
     fit: Match,
     rows: str | None = None,
     beside: Path | None = None,
-    held: Cells | None = None,
+    cells: Cells | None = None,
 ) -> Source:
-    """Read the columns that a layout binds, unless they are among those `held`; of some rows, if asked for.
+    """Read the columns that a layout binds, unless `cells` holds them; of some rows, if asked for.
 
     Metadata in a further TOML file `beside` the log go before its own.
     """
@@ -144,10 +144,10 @@ def read_source(
     wanted = {b.place for b in fit.bindings}
     wanted |= {place for place in (selector[0] if selector else None, splitter) if place is not None}
     dates = {b.place for b in fit.bindings if b.unit.name == DATE}
-    if held is None or not wanted <= set(held.columns) or dates != set(filter(table.is_dated, wanted)):
-        held = load(table, sorted(wanted), sorted(dates))
-    columns = {place: held.columns[place] for place in wanted}
-    whole, damaged = held.whole(table, wanted)
+    if cells is None or not wanted <= set(cells.columns) or dates != set(filter(table.is_dated, wanted)):
+        cells = load(table, sorted(wanted), sorted(dates))
+    columns = {place: cells.columns[place] for place in wanted}
+    whole, damaged = cells.whole(table, wanted)
     doubts += damaged
     beside_it = dict.fromkeys((sidecar(table.path), beside))
     sides = [side for side in beside_it if side and side != table.path and side.is_file()]

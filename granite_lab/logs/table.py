@@ -225,7 +225,7 @@ def _matlab(path: Path) -> Table:
     refuse_special(path)
     again = "in MATLAB: s = table2struct(T, 'ToScalar', true); save('log.mat', '-struct', 's', '-v7')"
     try:
-        held = loadmat(path, simplify_cells=True)
+        content = loadmat(path, simplify_cells=True)
     except OSError as error:
         raise readable(error, path) from None
     except NotImplementedError:
@@ -234,7 +234,7 @@ def _matlab(path: Path) -> Table:
         message = " ".join(str(error).split())[:120] or type(error).__name__
         message = f"{path}: cannot be read as a MATLAB file: {message}"
         raise InputError(message, "copy or save it again") from None
-    vectors = dict(_vectors({key: value for key, value in held.items() if not key.startswith("__")}, ""))
+    vectors = dict(_vectors({key: value for key, value in content.items() if not key.startswith("__")}, ""))
     counts = Counter(map(len, vectors.values()))
     lengths = sorted(k for k, n in counts.items() if n > 1) or sorted(counts)
     if len(lengths) != 1:
@@ -250,9 +250,9 @@ def _matlab(path: Path) -> Table:
     return Table(path=path, headers=(names,), width=len(names), encoding="MATLAB", numbers=columns)
 
 
-def _vectors(held: dict[str, Any], prefix: str) -> Iterator[tuple[str, Array]]:
+def _vectors(content: dict[str, Any], prefix: str) -> Iterator[tuple[str, Array]]:
     """Yield the vectors in a MATLAB file or struct; a matrix is several, along its longer side."""
-    for key, value in held.items():
+    for key, value in content.items():
         if isinstance(value, dict):
             yield from _vectors(value, f"{prefix}{key}.")
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and max(value.shape) >= _FEWEST:

@@ -29,9 +29,9 @@ _PACKED = (".csv.gz", ".csv.zip")
 
 def part(record: R, keep: npt.NDArray[np.bool_] | slice) -> R:
     """Return a record of samples with some of them only: every array in it is cut, the rest stays."""
-    held: Any = record
-    arrays = {name: values[keep] for name, values in vars(held).items() if isinstance(values, np.ndarray)}
-    cut: R = replace(held, **arrays)
+    samples: Any = record
+    arrays = {name: values[keep] for name, values in vars(samples).items() if isinstance(values, np.ndarray)}
+    cut: R = replace(samples, **arrays)
     return cut
 
 

@@ -136,23 +136,16 @@ WHEEL_POINTS = Table[WheelPoint](
 
 
 def rolling(
-    slip: float,
-    radius: float,
-    *,
-    omega: float | None = None,
-    velocity: float | None = None,
-    speed: float = 0.1,
-    angle: float = 0.0,
+    slip: float, radius: float, *, velocity: float | None = None, speed: float = 0.1, angle: float = 0.0
 ) -> Rolling:
     """Return the motion with a slip ratio λ by (1).
 
     Args:
         slip: λ, from -1 to 1.
         radius: of the wheel [m].
-        omega: angular velocity [rad/s], or None.
         velocity: of the wheel's centre [m/s], or None.
-        speed: where neither is given, the larger of ω r and the velocity [m/s]. The equations (6)-(16)
-            do not depend on it above 0.02 m/s.
+        speed: where it is not given, the larger of ω r and the velocity [m/s]. The equations (6)-(16) do not
+            depend on it above 0.02 m/s.
         angle: of the wheel [rad].
 
     Raises:
@@ -160,21 +153,12 @@ def rolling(
     """
     if not -1 <= slip <= 1:
         raise UsageError(f"slip {slip:g} is out of range", "expected a number from -1 (locked) to 1")
-    if omega is not None and velocity is not None:
-        raise UsageError("--omega and --v exclude each other", "the other one follows from the slip")
-    given = [x for x in (omega, velocity, speed) if x is not None]
-    if not all(0 < x < math.inf for x in given):
-        raise UsageError("the speed of the wheel must be positive", "use a negative slip for braking")
-    if not math.isfinite(angle):
-        raise UsageError("the angle of the wheel is not a number", "expected a finite angle")
-    if (omega is not None and slip == -1) or (velocity is not None and slip == 1):
-        raise UsageError(
-            f"slip {slip:g} does not fit the given speed", "give --v at slip -1 and --omega at slip 1"
-        )
-    if omega is not None:
-        speed = omega * radius / min(1, 1 + slip)
-    elif velocity is not None:
+    if velocity is not None:
+        if slip == 1:
+            raise UsageError("slip 1 does not fit --v", "a wheel that spins on the spot has no velocity")
         speed = velocity / min(1, 1 - slip)
+    if not 0 < speed < math.inf:
+        raise UsageError("the speed of the wheel must be positive", "use a negative slip for braking")
     return Rolling(slip, speed * min(1, 1 - slip), speed * min(1, 1 + slip) / radius, speed, angle)
 
 

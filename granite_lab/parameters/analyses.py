@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from granite_lab.columns import Column, Table, words
 from granite_lab.parameters.catalogue import Provenance
 from granite_lab.parameters.quantity import key_of
-from granite_lab.parameters.records import Chassis, Drive
+from granite_lab.parameters.records import Chassis, Drive, Wheels
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -71,16 +71,18 @@ class Allowed:
         return pd.DataFrame([row | {"allowed": self.allowed}])
 
 
-def _keys(record: type[Any], table: str) -> tuple[str, ...]:
-    """Return the keys of a table without a default."""
-    fields = dataclasses.fields(record)
-    return tuple(f"{table}.{key_of(f)}" for f in fields if f.default is dataclasses.MISSING)
+def needed(record: type[Any]) -> tuple[str, ...]:
+    """Return the keys of a table that have no default: without one of them the table is refused."""
+    return tuple(key_of(f) for f in dataclasses.fields(record) if f.default is dataclasses.MISSING)
 
 
 @cache
 def analyses() -> tuple[Analysis, ...]:
     """Return all analyses, the one that needs the fewest numbers first."""
-    wheels, chassis, drive = ("wheels.radius_m",), _keys(Chassis, "chassis"), _keys(Drive, "drive")
+    wheels, chassis, drive = (
+        tuple(f"{table}.{key}" for key in needed(record))
+        for table, record in (("wheels", Wheels), *WHOLE.items())
+    )
     place = ("imu.x_m", "imu.z_m")
     width = ("wheels.width_m",)
     return (
@@ -128,8 +130,7 @@ def _listed(keys: Sequence[str]) -> str:
     named = []
     for table in tables:
         own = [key for key in keys if key.startswith(f"{table}.")]
-        whole = WHOLE.get(table)
-        complete = whole is not None and len(own) == len(_keys(whole, table))
+        complete = table in WHOLE and len(own) == len(needed(WHOLE[table]))
         named += [f"[{table}]"] if complete else own
     return ", ".join(named)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from granite_lab.columns import Column, Table, words
 from granite_lab.errors import InputError, UsageError, known_names
 from granite_lab.parameters.changes import OPTION, Changes, changed
-from granite_lab.parameters.quantity import build, check_number, key_of, read_toml
+from granite_lab.parameters.quantity import build, key_of, read_toml
 from granite_lab.parameters.records import WHEELS, ImuGrade, Paper, Published, Robot, Soil, Variant
 from granite_lab.rounding import tidy_unit
 
@@ -60,30 +60,16 @@ def load_robot(name: str | Path = "granite", grade: str | None = None, changes: 
     """
     path = find("robots", name)
     table = read_toml(path)
-    _refuse_other_wheels(table.get("wheels"), path)
-    robot = build(Robot, table, str(path))
-    if grade is not None or robot.imu_grade is None:
-        robot = dataclasses.replace(robot, imu_grade=load_grade(grade or robot.imu.grade))
-    return changed(robot, "robot", changes)
-
-
-def _refuse_other_wheels(wheels: Any, path: Path) -> None:
-    """Refuse a robot without four wheels, or with radii that are not those of four."""
-    if not isinstance(wheels, dict):
-        return
-    if (count := wheels.pop("count", len(WHEELS))) != len(WHEELS):
+    wheels = table.get("wheels")
+    if isinstance(wheels, dict) and (count := wheels.pop("count", len(WHEELS))) != len(WHEELS):
         raise InputError(
             f"{path}: [wheels]: count = {count}: robots with four wheels can be analysed, on two axles",
             "of one with six there is neither an estimate nor a model",
         )
-    radii = wheels.get("radii_m")
-    if isinstance(radii, list) and len(radii) != len(WHEELS):
-        raise InputError(
-            f"{path}: [wheels]: radii_m has {len(radii)} numbers", "expected four: fl, fr, rl, rr"
-        )
-    low, high = 0.01, 1.0  # as of radius_m
-    for radius in radii if isinstance(radii, list) else ():
-        check_number(f"{path}: [wheels]", "radii_m", radius, "m", low, high)
+    robot = build(Robot, table, str(path))
+    if grade is not None or robot.imu_grade is None:
+        robot = dataclasses.replace(robot, imu_grade=load_grade(grade or robot.imu.grade))
+    return changed(robot, "robot", changes)
 
 
 def forget() -> None:
@@ -198,16 +184,16 @@ VARIANTS = Table[Variant](
 )
 
 
-def in_force(robot: str, soil: str, grade: str | None = None, changes: Changes = ()) -> list[Provenance]:
+def in_force(robot: str, soil: str, changes: Changes = ()) -> list[Provenance]:
     """List every number of a robot and a soil with its unit, bounds and origin; `changes` as in `load_robot`.
 
     Raises:
-        UsageError: unknown robot, soil or IMU grade.
+        UsageError: unknown robot or soil.
         InputError: a file is wrong.
     """
     rows: list[Provenance] = []
     for group, record, path in (
-        ("robot", load_robot(robot, grade, changes), find("robots", robot)),
+        ("robot", load_robot(robot, changes=changes), find("robots", robot)),
         ("soil", load_soil(soil, changes), find("soils", soil)),
     ):
         rows += _list(record, group, _short(path), read_toml(path))

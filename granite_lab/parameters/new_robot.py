@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from granite_lab.errors import UsageError
-from granite_lab.parameters.analyses import analyses
+from granite_lab.parameters.analyses import analyses, needed
 from granite_lab.parameters.changes import quantities
 from granite_lab.parameters.quantity import key_of, toml_line
 from granite_lab.parameters.records import Chassis, Currents, Drive, Encoders, Imu, Robot, Wheels
@@ -75,7 +75,7 @@ def text_of(name: str, given: Mapping[str, float], like: Robot | None = None) ->
     ]  # fmt: skip
     for table, (record, purpose) in TABLES.items():
         rows = list(_rows(table, record, given, getattr(like, table, None), like))
-        gaps = [key for key, value, _ in rows if value is None and _needed(record, key)]
+        gaps = [key for key, value, _ in rows if value is None and key in needed(record)]
         lines += ["", f"# {purpose}"]
         if gaps:
             lines.append(f"# incomplete, so a comment: {', '.join(gaps)} not known")
@@ -103,8 +103,3 @@ def _rows(
         elif value is None and field.default is not dataclasses.MISSING:
             note = f"{note}; {field.default:g} by default"
         yield key, value, note
-
-
-def _needed(record: type[Any], key: str) -> bool:
-    """Say whether a table is refused without a key."""
-    return any(key_of(f) == key and f.default is dataclasses.MISSING for f in dataclasses.fields(record))

@@ -274,10 +274,11 @@ def _convert(
         if typing.get_origin(item) is tuple:
             return tuple(_interval(place, key, pair) for pair in value)
         if item is float:
-            numbers = tuple(check_number(place, key, v, "", -1e9, 1e9) for v in value)
-            length = field.metadata.get("length")
-            if length and len(numbers) != length:
-                raise InputError(f"{place}: {key} has {len(numbers)} numbers", f"expected {length}")
-            return numbers
+            m = field.metadata
+            if tuple(value) != field.default and len(value) != m.get("length", len(value)):
+                raise InputError(f"{place}: {key} has {len(value)} numbers", f"expected {m['length']}")
+            return tuple(
+                check_number(place, key, v, "", m.get("low", -1e9), m.get("high", 1e9)) for v in value
+            )
         return tuple(str(v) for v in value)
     raise AssertionError(f"field {field.name} has a type the reader does not know: {hint}")

@@ -28,8 +28,11 @@ class Wheels:
     radius_std: float = quantity("m", 0, 0.1, "std of the wheel radius (0: not stated)", "", 0.0)
     radii_m: tuple[float, ...] = field(
         default=(),
-        metadata={"meaning": "radius of each wheel [m], front left, front right, rear left, rear right"},
-    )
+        metadata={
+            "meaning": "radius of each wheel [m], front left, front right, rear left, rear right",
+            "length": 4, "low": 0.01, "high": 1.0,
+        },
+    )  # fmt: skip
 
     @property
     def uneven(self) -> float:

@@ -173,21 +173,21 @@ def _driven(residuals: Sequence[Residual], trials: Sequence[Trial]) -> tuple[Dri
     """
     groups: dict[tuple[Variant, Conditions], list[Residual]] = {}
     for trial in trials:
-        own = [r for r in residuals if r.trial == trial.name and np.isfinite(r.measured).any()]
-        if own:
-            info = dataclasses.replace(trial.info, v_desired=trial.info.v_desired or own[0].variant)
+        rows = [r for r in residuals if r.trial == trial.name and np.isfinite(r.measured).any()]
+        if rows:
+            info = dataclasses.replace(trial.info, v_desired=trial.info.v_desired or rows[0].variant)
             variant = variant_of_trial(dataclasses.replace(trial, info=info))
-            groups.setdefault((variant, conditions_of(trial)), []).extend(own)
-    found = []
-    for (variant, conditions), own in groups.items():
-        seen = np.concatenate([r.t[np.isfinite(r.measured)] for r in own])
-        noise = [_noise([r for r in own if r.channel == c], variant) for c in {r.channel: 0 for r in own}]
+            groups.setdefault((variant, conditions_of(trial)), []).extend(rows)
+    driven = []
+    for (variant, conditions), rows in groups.items():
+        seen = np.concatenate([r.t[np.isfinite(r.measured)] for r in rows])
+        noise = [_noise([r for r in rows if r.channel == c], variant) for c in {r.channel: 0 for r in rows}]
         before, after = -float(seen.min()), float(seen.max()) - duration(variant)
-        found.append(
-            Driven(variant=variant, conditions=conditions, count=len({r.trial for r in own}),
+        driven.append(
+            Driven(variant=variant, conditions=conditions, count=len({r.trial for r in rows}),
                    before=before, after=after, noise=tuple(noise))
         )  # fmt: skip
-    return tuple(found)
+    return tuple(driven)
 
 
 def variant_of_trial(trial: Trial) -> Variant:

@@ -291,7 +291,7 @@ def options(
 def _conditions(design: Design, effects: Collection[str]) -> list[tuple[Conditions, str, str]]:
     """List conditions with why and how."""
     level = f"by {RAMP:g}°, measured with a level"
-    found = [
+    listed = [
         (Conditions(slope=RAMP), "known force against the motion: more slip, same drives",
          f"raise the far end of the box {level}"),
         (Conditions(slope=-RAMP), "known force along the motion: less slip, same drives",
@@ -302,11 +302,11 @@ def _conditions(design: Design, effects: Collection[str]) -> list[tuple[Conditio
     if design.robot.chassis is not None:
         mass = float(f"{PAYLOAD * design.robot.chassis.total_mass:.1g}")
         how = f"fix {mass:g} kg at the centre of mass"
-        found.append((Conditions(payload=mass), "more load on the wheels, same drives", how))
+        listed.append((Conditions(payload=mass), "more load on the wheels, same drives", how))
     if "ground_slope" in effects:
         how = "turn the robot round and drive back over ground raked as before; do not move the IMU"
-        found.append((Conditions(turned=True), "slope with opposite sign, everything else unchanged", how))
+        listed.append((Conditions(turned=True), "slope with opposite sign, everything else unchanged", how))
     if "multi_pass" in effects:
         how = "drive once on raked sand, lift the robot back and drive again in the same rut"
-        found.append((Conditions(same_rut=True), "all wheels run in compacted sand from the start", how))
-    return found
+        listed.append((Conditions(same_rut=True), "all wheels run in compacted sand from the start", how))
+    return listed

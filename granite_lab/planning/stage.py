@@ -184,15 +184,15 @@ class Stage:
         point = self.point(problem, model)
         if (number, model) not in self._slopes:
             near = next((s for (n, _), s in self._slopes.items() if n == number), None)
-            if (found := problem.slopes(point, near, central=False)) is not None:
-                self._slopes[number, model] = found
+            if (slopes_there := problem.slopes(point, near, central=False)) is not None:
+                self._slopes[number, model] = slopes_there
         slopes = self._slopes.get((number, model))
         runs = problem.respond([problem.centre(self.point(problem, other), 0) for other in others])
         if slopes is None or runs is None:
             raise EstimateError("a proposed trial cannot be simulated", "check the effects")
         trial = problem.trials[0]
-        own = [whitener_of(n, trial.observation, peak_velocity(like.variant)) for n in like.noise]
-        problem.weigh([own] * count, point, slopes)
+        whiteners = [whitener_of(n, trial.observation, peak_velocity(like.variant)) for n in like.noise]
+        problem.weigh([whiteners] * count, point, slopes)
         changes = stacked([run - slopes.response[0] for run in runs], slopes.response[0])
         nothing = [np.zeros_like(trial.measured)] * count
         M, _ = problem.normal(point, slopes, nothing, further=Further((changes,))).marginal(self.scales)
@@ -240,15 +240,15 @@ def explanations(stage: Stage, asked: Question) -> tuple[Setting, ...]:
     """
     others, truth = asked.named[:-1], asked.named[-1:]
     if truth:
-        found = [asked.named]
+        models = [asked.named]
         guesses = [_imitating(stage, others, truth, id_) for id_ in asked.rivals[1:]]
     else:
-        found = [()] if asked.kind == "show" else []
+        models = [()] if asked.kind == "show" else []
         guesses = [_start(stage, (), i, gain=g) for i, g in zip(asked.rivals, asked.gains, strict=True)]
-    found += [(*others, guess) for guess in guesses if guess is not None]
-    if len(found) < 2:
+    models += [(*others, guess) for guess in guesses if guess is not None]
+    if len(models) < 2:
         raise EstimateError("no other explanation can be simulated on these trials", "check the effects")
-    return tuple(found)
+    return tuple(models)
 
 
 def _start(

@@ -83,9 +83,8 @@ def test_the_wheels_of_a_driving_robot_are_such_wheels() -> None:
     k = int(np.searchsorted(run.t, run.steady[1]))
     for axle in "fr":
         slip, rate = run[f"slip_{axle}"][k], run[f"omega_{axle}_radps"][k]
-        p = SingleWheel(RIM, SAND).at_sinkage(
-            run[f"sinkage_{axle}_m"][k], rolling(slip, R, omega=rate), Ratio(0.2)
-        )
+        motion = rolling(slip, R, speed=rate * R)
+        p = SingleWheel(RIM, SAND).at_sinkage(run[f"sinkage_{axle}_m"][k], motion, Ratio(0.2))
         assert p.load == pytest.approx(run[f"load_{axle}_N"][k], rel=1e-6)
         assert p.drawbar_pull == pytest.approx(run[f"force_x_{axle}_N"][k], rel=1e-6)
         assert p.torque == pytest.approx(-run[f"moment_{axle}_Nm"][k], rel=1e-6)
@@ -94,7 +93,6 @@ def test_the_wheels_of_a_driving_robot_are_such_wheels() -> None:
 @pytest.mark.parametrize("slip", [-1.0, -0.5, 0.0, 0.3, 1.0])
 def test_speeds_belong_to_the_slip(slip: float) -> None:
     motions = [rolling(slip, R, speed=0.3)]
-    motions += [rolling(slip, R, omega=2.0)] if slip > -1 else []
     motions += [rolling(slip, R, velocity=0.2)] if slip < 1 else []
     for m in motions:
         rim = m.rate * R
@@ -151,7 +149,7 @@ def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(UsageError, match="sinkage 60 mm"):
         it.at_sinkage(0.06, rolling(0.2, 0.05), Ratio(0.3))
     with pytest.raises(UsageError, match="does not fit"):
-        rolling(-1.0, 0.05, omega=1.0)
+        rolling(1.0, 0.05, velocity=1.0)
 
 
 def test_a_dollar_in_the_name_of_a_soil_begins_no_formula(tmp_path: Path) -> None:

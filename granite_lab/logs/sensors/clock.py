@@ -29,8 +29,8 @@ _WRAPS = (2.0**16, 2.0**24, 2.0**32)  # ranges of counters that loggers use as c
 _KINDS = ("acceleration", "rate", "wheels")  # sensors that show how the clock runs
 _AROUND = 50  # samples on either side of a step of the clock, by which its period is known
 _DISORDER = 0.1  # where a larger share of the rows comes late, order tells nothing of the clock
-_SEEN = 2  # samples that fall where others are; less than two periods back, sorting does no harm
-_STOOD = 0.3  # counters that turn by less than this share of what they should, did not over a gap
+_SEEN = 2  # so many samples fall where others are if a clock went back; sorting repairs a smaller step
+_STOOD = 0.3  # counters that go on over a gap by less than this share of their usual rate stood meanwhile
 _MOST_STEPS = 20  # a clock that is set more often is none
 _BEGINNING = 1.0  # a clock that goes back to this time after the first stamp starts over [s]
 
@@ -194,7 +194,6 @@ def set_back(t: Array, values: Array) -> list[int]:
 class Step:
     """A step of a clock between two neighbouring samples of a sensor."""
 
-    before: int  # the last sample before it
     size: float  # by which the clock went on too far, negative: back [s]
     std: float  # of the size [s]
     period: float  # of the sensor [s]
@@ -205,8 +204,8 @@ def step_at(t: Array, cut: int) -> Step:
     near = np.diff(t[max(cut - _AROUND, 0) : cut + _AROUND])
     near = near[near > 0]
     period = float(np.median(near)) if len(near) else 0.0
-    spread = spread_of(near, period) if len(near) else np.inf
-    return Step(cut - 1, float(t[cut] - t[cut - 1]) - period, spread, period)
+    std = spread_of(near, period) if len(near) else np.inf
+    return Step(float(t[cut] - t[cut - 1]) - period, std, period)
 
 
 def goes_on(counts: Array, cut: int) -> bool:

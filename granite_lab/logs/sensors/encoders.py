@@ -9,14 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.counters import Mask, integral, powers, quantum, runs, unwrap
+from granite_lab.logs.counters import Mask, in_words, integral, powers, quantum, runs, unwrap
 from granite_lab.logs.layouts import Column
 from granite_lab.logs.quantities import Unit
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.stamps import GAP_PERIODS
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import Robot
-from granite_lab.rounding import plural
 
 _TURN = 2 * math.pi
 _FASTEST_WHEEL = 300.0  # no wheel of a ground robot turns faster [rad/s]; a step that needs more is a fault
@@ -223,9 +222,7 @@ def _without_jumps(t: Array, angle: Array, fastest: float, doubts: list[Doubt]) 
     lost = caught_up(t, angle)
     if not lost.any():
         return _joined(t, angle, fastest, doubts)
-    at = ", ".join(f"{t[a]:.3f}" for a, _ in runs(lost)[:3])
-    n = int(np.count_nonzero(lost))
-    doubts.append(Doubt(f"{plural(n, 'reading')} that repeat the last one (t = {at} s)", remedy="left out"))
+    doubts.append(Doubt(in_words(lost, t, "reading", "that repeat the last one"), remedy="left out"))
     known = np.full(len(angle), np.nan)
     known[~lost] = _joined(t[~lost], angle[~lost], fastest, doubts)
     return known
@@ -256,9 +253,7 @@ def _joined(t: Array, angle: Array, fastest: float, doubts: list[Doubt]) -> Arra
         (wild, "from which the counter starts anew", "joined to what was before"),
     ):
         if flags.any():
-            at = ", ".join(f"{x:.3f}" for x in t[1:][flags][:3])
-            n = int(np.count_nonzero(flags))
-            doubts.append(Doubt(f"{plural(n, 'reading')} {kind} (t = {at} s)", remedy=done))
+            doubts.append(Doubt(in_words(flags, t[1:], "reading", kind), remedy=done))
     return angle - np.concatenate(([0.0], np.cumsum(np.where(wild, steps - usual, 0.0))))
 
 
@@ -277,9 +272,7 @@ def _measured(t: Array, rate: Array, step: float, wheel: Wheel, doubts: list[Dou
     stuck = _repeated(t, rate, step) & ~wild
     for flags, kind in ((wild, "thrown off or 0 for a lost sample"), (stuck, "that repeat the last one")):
         if flags.any():
-            at = ", ".join(f"{t[a]:.3f}" for a, _ in runs(flags)[:3])
-            n = int(np.count_nonzero(flags))
-            doubts.append(Doubt(f"{plural(n, 'reading')} {kind} (t = {at} s)", remedy="left out"))
+            doubts.append(Doubt(in_words(flags, t, "reading", kind), remedy="left out"))
     return np.where(wild | stuck, np.nan, rate)
 
 

@@ -24,7 +24,8 @@ from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, Robot
 
 _WINDOW = 0.5  # length [s] of the windows over which vibration is averaged away
-# Angle of the gyroscope over that of gravity: more is deg/s read as rad/s, a hundredth of it the opposite.
+# Angle by the gyroscope over that by gravity. Above it deg/s were read as rad/s; below a hundredth of it,
+# rad/s were read as deg/s.
 _TURNED = 2.0
 _FASTEST = 60.0  # no ground robot's gyroscope reads more [rad/s]
 _OFF_AXIS = 45.0  # gravity at rest farther than this [deg] from the robot's z axis stands on another axis
@@ -40,9 +41,9 @@ class Windows(NamedTuple):
 
     period: float  # of the samples [s]
     mean: Array  # (K, 3) specific force [m/s^2]
-    spread: Array  # (K,) of the specific force [m/s^2]
+    std: Array  # (K,) of the specific force [m/s^2]
     turned: Array  # (K-1, 3) turning from one window to the next [rad]
-    noise: Array  # (K,) spread of the rates [rad/s]
+    noise: Array  # (K,) std of the rates [rad/s]
 
 
 def check_units(imu: ImuStream, log: Log) -> tuple[ImuStream, ImuStream]:
@@ -144,8 +145,8 @@ def _acceleration(imu: ImuStream, seen: Windows, log: Log) -> tuple[float, bool]
     """Compare the mean specific force with gravity; return its factor to SI and whether gravity is out."""
     removed = imu.gravity_removed
     norm = np.linalg.norm(seen.mean, axis=1)
-    calm = seen.spread <= np.quantile(seen.spread, 0.3)
-    g, spread = float(np.median(norm[calm])), float(np.median(seen.spread[calm]))
+    calm = seen.std <= np.quantile(seen.std, 0.3)
+    g, std = float(np.median(norm[calm])), float(np.median(seen.std[calm]))
     if abs(g / STANDARD_GRAVITY - 1) < 0.12:
         if removed:
             log.doubt(
@@ -162,7 +163,7 @@ def _acceleration(imu: ImuStream, seen: Windows, log: Log) -> tuple[float, bool]
     change = sizes[unit or declared] / sizes[declared]
     reads = f"the accelerometer, declared in {declared}, reads {raw:.4g} at rest"
     # In the right unit vibration at the calmest stays below gravity.
-    if unit and spread * change < 0.5 * STANDARD_GRAVITY:
+    if unit and std * change < 0.5 * STANDARD_GRAVITY:
         log.convert(ACCELERATION, unit, f"{reads}: it is in {unit}")
         return change, False
     if g < 0.8:

@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from granite_lab.logs.counters import Mask, runs
+from granite_lab.logs.counters import Mask, in_words, runs
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.stamps import evened
 from granite_lab.logs.sensors.standstill import FALSE_ALARM
 from granite_lab.logs.trial import Array, ImuStream, part
-from granite_lab.rounding import plural
 
 _FEW = 20  # readings that change, by which the others are judged
 _FALLS = 0.3  # no wheeled robot loses so much of gravity as to feel this share of it
@@ -28,8 +27,7 @@ def without_blanks(imu: ImuStream, doubts: list[Doubt]) -> ImuStream:
     size = np.linalg.norm(force[~blank], axis=1)
     if size.min() < _FALLS * np.median(size):
         return imu
-    count = int(np.count_nonzero(blank))
-    seen = f"{plural(count, 'sample')} of 0 on all axes (t = {imu.t[blank][0]:.3f} s first)"
+    seen = in_words(blank, imu.t, "sample", "of 0 on all axes")
     doubts.append(Doubt(seen, "accelerometer", "taken for missing"))
     return part(imu, ~blank)
 
@@ -63,18 +61,17 @@ def without_held(imu: ImuStream, rolls: Mask) -> tuple[ImuStream, Doubt | None]:
     keep, moving = np.ones(len(imu.t), dtype=bool), rolls[1:] & rolls[:-1]
     for values in (imu.specific_force, imu.angular_rate):
         equal = _equal(values)
-        held = equal.all(axis=1) & moving
-        changing = moving & ~held
+        repeated = equal.all(axis=1) & moving
+        changing = moving & ~repeated
         if equal.shape[1] == 0 or np.count_nonzero(changing) < _FEW:
             continue
         chance = _chance(equal[changing])
-        for a, b in runs(held):
-            if len(held) * chance ** (b - a) < FALSE_ALARM:
+        for a, b in runs(repeated):
+            if len(repeated) * chance ** (b - a) < FALSE_ALARM:
                 keep[a + 1 : b + 1] = False
     if keep.all():
         return imu, None
-    at = ", ".join(f"{imu.t[a]:.3f}" for a, _ in runs(~keep)[:3])
-    seen = f"{plural(int(np.count_nonzero(~keep)), 'sample')} that repeat the last one (t = {at} s)"
+    seen = in_words(~keep, imu.t, "sample", "that repeat the last one")
     return part(imu, keep), Doubt(seen, "IMU", "taken for missing")
 
 

@@ -25,16 +25,16 @@ LONGEST_BATCH = 0.1
 """Samples that share a stamp for longer are not spread [s]: half of it is the time in which the slowest of
 the robot's ramps is over."""
 _DIFFER = 0.02  # share of the neighbours with one stamp that hold different values, if they are no copies
-_ROOM = (
-    0.6,
-    2.0,
-)  # time since the last stamp over what the samples need: below, a copy; above, some are lost
+# Time since the last stamp over the time that the samples need. Below the first number a sample is a copy,
+# above the second one some are lost.
+_ROOM = 0.6, 2.0
 _ON_GRID = 1e-3  # stamps that are multiples of their spacing to this share of it are those of a slow clock
 _ROUNDED = 1 + 1e-6  # stamps every 0.1 s are not later for their rounding
 _FEWEST = 3  # stamps of a clock that runs
 _UNEVEN = 0.1  # scatter of the steps, as a share of the period, that motion sees
-_AHEAD = 10  # stamps so many samples apart ...
-_BOUNDED = 0.5  # ... scatter by less than this share of what steps that add up would
+# If each stamp is late by itself, differences of stamps `_AHEAD` samples apart scatter as single steps do. If
+# the steps themselves are uneven, the scatter grows by the root of `_AHEAD`. `_BOUNDED` of that is the limit.
+_AHEAD, _BOUNDED = 10, 0.5
 _BEYOND = 8.0  # a step this many std longer than usual is a gap
 _LINE = 1.0  # length of the line about which stamps scatter [s]: clocks keep their rate meanwhile
 _UNSTEADY = 0.1  # share of the batches for which there may have been too little or too much time
@@ -152,10 +152,10 @@ def evened(t: Array) -> tuple[Array, float]:
     steps = np.diff(t)
     if len(steps) < 10 * _AHEAD:
         return t, 0.0
-    period, spread = float(np.median(steps)), spread_of(steps)
-    gaps = np.flatnonzero(steps > max(GAP_PERIODS * period, period + _BEYOND * spread)) + 1
+    period, std = float(np.median(steps)), spread_of(steps)
+    gaps = np.flatnonzero(steps > max(GAP_PERIODS * period, period + _BEYOND * std)) + 1
     ahead = spread_of(t[_AHEAD:] - t[:-_AHEAD])
-    if spread < _UNEVEN * period or ahead > _BOUNDED * spread * math.sqrt(_AHEAD):
+    if std < _UNEVEN * period or ahead > _BOUNDED * std * math.sqrt(_AHEAD):
         return t, 0.0
     even = t.copy()
     for begin, end in pairwise([0, *gaps, len(t)]):
@@ -163,7 +163,7 @@ def evened(t: Array) -> tuple[Array, float]:
             index = np.arange(end - begin)
             line = np.polyval(np.polyfit(index, t[begin:end], 1), index)
             even[begin:end] = line + uniform_filter1d(t[begin:end] - line, round(_LINE / period) | 1)
-    return even, spread / math.sqrt(2.0)
+    return even, std / math.sqrt(2.0)
 
 
 def spread_of(values: Array, centre: float | None = None) -> float:

@@ -56,8 +56,8 @@ WINDOW = 0.2
 """Length of the window in which stillness is judged [s]."""
 
 SWING, SAMPLES, CALM = 0.5, 5, 0.3
-"""Length of the window in which a swing of 2 Hz or faster on the tyres shows [s]; means in it; probability
-with which such a window at rest is not calm: it takes one within reach that is."""
+"""A swing of 2 Hz or faster on the tyres shows in a window of this length [s], by so many means of samples.
+At rest a window is called restless with the last probability; one calm window nearby is enough."""
 
 GENTLE = 0.05
 """A robot that sets off more gently than this [m/s^2] needs 10 s for 0.5 m/s."""
