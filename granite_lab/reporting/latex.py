@@ -29,8 +29,8 @@ TALL = 420.0
 """Height of the rows above which a table may run over pages [pt]; a page has 592 pt, with title and note."""
 
 TYPES = (
-    ("small", 10.0, 5.0, 9.0),
-    ("footnotesize", 9.25, 4.0, 9.0),
+    ("small", 10.0, 5.0, 13.0),
+    ("footnotesize", 9.25, 4.0, 13.0),
     ("scriptsize", 8.5, 3.0, 9.0),
     ("scriptsize", 8.5, 3.0, 0.0),
 )
