@@ -337,7 +337,9 @@ def _depends(views: Sequence[View]) -> str:
     if (wide := by.get("uncertain")) is not None:
         most = next(part.name for part in wide.parts if part.name != TRIALS).replace(",", "")
         ends = interval(*wide.ci95, "s/m")
-        text += f" With the uncertainty of soil and wheel radius (most of it from {most}), the interval is {ends}."
+        text += (
+            f" With the uncertainty of soil and wheel radius, most of it from {most}, the interval is {ends}."
+        )
     if (augmented := by.get("found")) is not None:
         number = decided(augmented.a_theta.value, augmented.a_theta.std, *augmented.ci95)
         text += (
