@@ -57,7 +57,7 @@ def test_the_first_screen_says_what_is_missing_and_how_far_to_trust_it(findings:
         ("missing", "from slip sinkage."),
         ("closes", "93 %. Gap on trials that were left out of the fit"),
         ("closes", ": 3.10 with the paper's model, 1.15 with what was found. 1 means that noise and"),
-        ("trust", "With care."), ("trust", "finding: 97 %"), ("trust", "compaction cannot be told from"),
+        ("trust", "With care."), ("trust", "finding: 97 %"), ("trust", "compaction may be slip sinkage"),
         ("trust", "12 of 12 trials and 4 of 4 speeds left out of the fit are predicted"),
         ("trust", "1 trial left out because no model fits"),
         ("next", "granite-lab plan-next reports/mine"),
@@ -153,7 +153,7 @@ def test_what_is_left_is_said_with_its_size_and_that_nothing_describes_it() -> N
     found = {a.id: a.text for a in report_of(made_up_finding()).answers.questions}
     assert "Still beyond the tolerance: " in found["closes"]
     assert "pitch rate (1.10 times)" in found["closes"]
-    assert found["missing"].endswith("It is a physical effect, not only a description.")
+    assert found["missing"].endswith("It is an effect, not a description.")
 
 
 def test_histories_show_measured_and_both_models(findings: dict[str, Finding]) -> None:
