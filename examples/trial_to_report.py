@@ -14,11 +14,11 @@ import granite_lab as gl
 
 
 def virtual_trials(folder: Path) -> list[Path]:
-    """Let the model drive over scattered sand, and write what its sensors would log."""
+    """Let the model drive, and write what its sensors would log."""
     logs = []
     for number, velocity in enumerate((0.2, 0.3, 0.5, 0.7)):
         log = folder / f"virtual_v{velocity:g}.csv"
-        gl.simulate(velocity, log=log, scatter=True, seed=number)
+        gl.simulate(velocity, log=log, seed=number)
         logs.append(log)
     return logs
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, overload
 
 from granite_lab.origin import NOWHERE, Origin
+from granite_lab.rounding import plural
 from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ class Records(Shown, Sequence[T], Generic[T]):
         return len(self._items)
 
     def __repr__(self) -> str:
-        lines = [f"{len(self)} records", *(f"{item!r:.200}" for item in self._items[:SHOWN])]
+        lines = [plural(len(self), "record"), *(f"{item!r:.200}" for item in self._items[:SHOWN])]
         lines += [f"and {len(self) - SHOWN} more"] * (len(self) > SHOWN)
         return "\n  ".join([*lines, *(f"left out: {trial}: {reason}" for trial, reason in self.left_out)])
 

@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from granite_lab.api.verification import Verification
+    from granite_lab.planning.plan import Option as Proposed
     from granite_lab.planning.plan import Plan, Proposal
 
 MOST, PROPOSALS = 20, 8
@@ -356,32 +357,40 @@ def plan_next(
 
 def show_plan(plan: Plan, shown: Console) -> None:
     """Print a plan so that it fits 80 columns."""
-    say = reporting.table.say
+    say, names = reporting.table.say, reporting.names
     sharpens = plan.question.kind == "sharpen"
 
-    def size(value: float) -> str:
+    def change(p: Proposal) -> str:
+        before, after = plan.now[p.improves], p.after[p.improves]
         if sharpens:
-            return f"{significant(100 * value, 2)} %"
-        return f"{value:.0f}" if value >= 9.95 else f"{value:.1f}"
+            return f"{significant(100 * before, 2)} % → {significant(100 * after, 2)} %"
+        return f"{after - before:+.{0 if after - before >= 9.95 else 1}f}".replace("-", "−")
+
+    def command(o: Proposed) -> str:
+        v, under = o.variant, o.conditions.words
+        words = f"{v.velocity:g} m/s, {v.acceleration:g} m/s², {v.distance:g} m"
+        return f"{words}, {under}" if under else words
 
     def cells(k: int, p: Proposal) -> tuple[str, ...]:
-        v, under, why = p.option.variant, p.option.conditions.words, p.option.why
-        command = f"{v.velocity:g} m/s, {v.acceleration:g} m/s², {v.distance:g} m"
-        change = f"{size(plan.now[p.improves])} → {size(p.after[p.improves])}"
-        because = f"{p.improves}: {why}" if len(plan.now) > 1 else why
-        return (str(k), f"{command}, {under}" if under else command, change, because)
+        because = f"{names.outlook(p.improves)}: {p.option.why}" if len(plan.now) > 1 else p.option.why
+        return (str(k), command(p.option), change(p), because)
 
     count = sum(int(d.count) for d in plan.design.driven)
     trials = f"the {count} trials at hand" if count > 1 else "the one trial at hand"
-    known = ", ".join(f"{name} {size(value)}" for name, value in plan.now.items())
-    what = "Relative standard deviation" if sharpens else "Expected log Bayes factors"
     say(shown, asked(plan) + (" (virtual data)" if plan.design.virtual else ""), "bold")
-    say(shown, f"{what} with {trials}: {known}.")
     if sharpens:
-        share = reporting.search_tables.FORMULA
+        ((name, std),) = plan.now.items()
         say(
             shown,
-            f"The error of a formula, {share}, is not part of it: no trial lowers it. The report adds it.",
+            f"Relative standard deviation with {trials}: {names.outlook(name)} {significant(100 * std, 2)} "
+            f"%. The error of a formula, {reporting.search_tables.FORMULA}, is not part of it: no trial "
+            "lowers it. The report adds it.",
+        )
+    else:
+        say(
+            shown,
+            f"Adds: expected gain of the logarithm of the Bayes factor between two of them, over {trials}, "
+            "if their formulas are exact. 3 decides (20 to 1).",
         )
     if not plan.worth:
         why = "none lowers the std by a fifth" if sharpens else "none adds 3 to a log Bayes factor (20 to 1)"
@@ -391,14 +400,14 @@ def show_plan(plan: Plan, shown: Console) -> None:
         "Proposals",
         Column("", lambda row: row[0], "rank"),
         Column("next trial", lambda row: row[1]),
-        Column("std" if sharpens else "log Bayes factor", lambda row: row[2], "change"),
+        Column("std" if sharpens else "adds", lambda row: row[2], "change"),
         Column("because", lambda row: row[3]),
     )
     rows = (cells(k, p) for k, p in enumerate(plan.proposals[:PROPOSALS], 1))
     reporting.table.show_table(table.fill(rows), shown)
     if plan.worth:
         best = plan.proposals[0].option
-        say(shown, f"First choice: {best.how}.")
+        say(shown, f"First choice, {command(best)}: {best.how}.")
         if best.conditions.lines:
             lines = ", ".join(f"'{line}'" for line in best.conditions.lines)
             say(shown, f"Write {lines} into its log, so that discover knows.")
@@ -408,9 +417,10 @@ def show_plan(plan: Plan, shown: Console) -> None:
 
 def asked(plan: Plan) -> str:
     """Return the question."""
-    rivals = plan.question.rivals
+    names = reporting.names
+    rivals = [names.plain(rival) for rival in plan.question.rivals]
     if plan.question.kind == "apart":
-        return f"Which trial distinguishes {', '.join(rivals[:-1])} and {rivals[-1]}?"
+        return f"Which trial distinguishes {names.listed(rivals)}?"
     if plan.question.kind == "show":
-        return f"Which trial shows {' or '.join(rivals)}, if it is present?"
+        return f"Which trial shows {names.listed(rivals, 'or')}, if it is present?"
     return "Which trial lowers the largest relative standard deviation of a strength?"

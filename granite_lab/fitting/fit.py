@@ -97,7 +97,7 @@ class K92Fit(Shown):
         variant: the trapezoid that was simulated.
         k92: by the steady slip ratio, as in the paper; an inner optimum where `status` is "ok".
         k92_trajectory: by the whole time history of all sensors and the law (5), at the steady desired
-            velocity; its status is `status_trajectory`.
+            velocity; its status is `status_trajectory`. It has no std where the fit did not converge.
         t_start: start of the command by the trajectory fit [s, the log's time, as the IMU stamps it].
         slip_measured, slip_simulated: λ_R as measured, and as simulated with `k92`.
         std_measurement: the part of the std of `k92` that comes from the measured slip ratio.
@@ -163,11 +163,10 @@ class K92Fit(Shown):
         return slips.get(high, math.nan), slips.get(low, math.nan)
 
     def __repr__(self) -> str:
-        return (
-            f"K92Fit('{self.trial}'{', virtual' if self.virtual else ''}: {self.variant.velocity:g} m/s, "
-            f"k_92 {self.k92.value:.4f} ± {self.k92.std:.4f} ({self.status}), by the trajectory "
-            f"{self.k92_trajectory.value:.4f} ± {self.k92_trajectory.std:.4f} ({self.status_trajectory}))"
-        )
+        pairs = ((self.k92, self.status), (self.k92_trajectory, self.status_trajectory))
+        slip, trajectory = (f"{plus_minus(value)} ({STATUS_NAMES[status]})" for value, status in pairs)
+        name = f"'{self.trial}'{', virtual' if self.virtual else ''}"
+        return f"K92Fit({name}: {self.variant.velocity:g} m/s, k_92 {slip}, by the trajectory {trajectory})"
 
     def to_frame(self) -> pd.DataFrame:
         """Return the fit as one row, units in the column names."""
@@ -185,8 +184,6 @@ def _cell(value: Estimate, status: FitStatus, known: bool = True) -> Cell:
     """Return k_92 as a cell, or the reason why there is no number: a bound, or an unknown value."""
     if status in BOUNDS:
         return Cell(STATUS_NAMES[status], (math.nan, math.nan, STATUS_NAMES[status]), "fair")
-    if status == "not_converged":  # the curvature where a fit stopped is no std
-        value = Estimate(value.value)
     text, raw = plus_minus(value), (value.value, value.std, STATUS_NAMES[status])
     if not known:
         return Cell("not known", (*raw[:2], "not known"), "fair")

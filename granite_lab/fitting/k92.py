@@ -298,6 +298,7 @@ def _with_trajectory(
     log, start, latency = total(0, common), total(RAKED, late), total(late)
     v, a_theta = reference_velocity(by_slip.variant), load_paper().a_theta * float(np.exp(log.value))
     k92 = math.exp(-a_theta * v)  # (5)
+    std = k92 * v * a_theta * log.std if fit.converged else math.nan  # elsewhere the curvature is none
     side = "behind" if latency.value > 0 else "ahead of"
     shares = {c: fit.scales.share_of(c) for c in problem.counts}
     off = [f"{c} {100 * share:.0f} %" for c, share in shares.items() if share > TOLERANCE]
@@ -316,7 +317,7 @@ def _with_trajectory(
         notes.append(f"the command leads the wheels by {1e3 * lead.value:.0f} ± {1e3 * lead.std:.0f} ms.")
     return replace(
         by_slip,
-        k92_trajectory=Estimate(k92, k92 * v * a_theta * log.std),
+        k92_trajectory=Estimate(k92, std),
         t_start=Estimate(problem.trials[0].observation.t_start + start.value, start.std),
         latency=latency,
         status_trajectory="ok" if fit.converged else "not_converged",

@@ -63,7 +63,7 @@ class Option:
     conditions: Conditions
     like: Driven
     why: str
-    how: str = "rake the sand and drive as before"
+    how: str = "rake the sand and give this command"
     repeats: bool = False
 
 

@@ -26,6 +26,7 @@ from granite_lab.reporting.names import (
     sensor,
     strained_in_words,
     together,
+    twins_of,
 )
 from granite_lab.reporting.silence import REMEDY, assumptions, reach_in_words, silent, why_no_k92
 from granite_lab.reporting.speeds import Speed, published_at, speeds_of, velocities_of
@@ -336,9 +337,7 @@ def _depends(views: Sequence[View]) -> str:
     if (wide := by.get("uncertain")) is not None:
         most = next(part.name for part in wide.parts if part.name != TRIALS).replace(",", "")
         ends = interval(*wide.ci95, "s/m")
-        text += (
-            f" With the uncertainty of soil and wheel radius (most of it: {most}), the interval is {ends}."
-        )
+        text += f" With the uncertainty of soil and wheel radius, mostly from {most}, the interval is {ends}."
     if (augmented := by.get("found")) is not None:
         number = decided(augmented.a_theta.value, augmented.a_theta.std, *augmented.ci95)
         text += (
@@ -393,16 +392,16 @@ def missing_answer(finding: Finding | None, reason: str = "") -> Answer:
         return Answer("missing", question, "Nothing that these trials show", text, tone)
     sizes = "; ".join(describe(e) for e in finding.effects)
     more = "; ".join(describe(e) for e in finding.description)
-    only = "None of this is only a description."
+    only = "All are effects, none a description."
+    if len(finding.effects) == 1:
+        only = "It is an effect, not a description."
     describes = [f"A description of the rest, not its cause: {more}." if more else only]
     if finding.verdict == "unknown":
         text = f"No effect of the library explains the disagreement. {' '.join(describes)}"
         text = text if more else in_plain_words(finding.sentence, finding)
         return Answer("missing", question, "Something unknown", text, "bad")
     twins = [
-        f"These trials cannot tell {plain(e.id)} from {listed([plain(t) for t in e.twins], 'or')}."
-        for e in finding.effects
-        if e.twins
+        f"These trials cannot tell {plain(e.id)} from {twins_of(e)}." for e in finding.effects if e.twins
     ]
     whole = finding.verdict == "named"
     verdict = capital(listed([plain(e.id) for e in finding.effects] + ([] if whole else ["more"])))
@@ -463,7 +462,7 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
         doubts += ["no speed was driven twice"] if speeds and max(map(len, speeds.values())) < 2 else []
     if finding is not None:
         doubts += [reason.rstrip(".") for reason in finding.provisional]
-        doubts += [f"{plain(e.id)} has a twin" for e in finding.effects if e.twins]
+        doubts += [f"{plain(e.id)} may be {twins_of(e)}" for e in finding.effects if e.twins]
         if finding.dropped:
             doubts.append(f"{plural(len(finding.dropped), 'trial')} left out because no model fits")
         if any(note.startswith(UNCONVERGED) for note in finding.notes):
@@ -478,9 +477,7 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
             doubts.append("no trial could be left out of the fit to test a prediction")
     doubt = [f"Doubts: {'; '.join(doubts)}."] if doubts else []
     radius = (
-        " The std of the slip leaves out the wheel radius: 1 % of it changes the slip by 1 point."
-        if n
-        else ""
+        " The std of the slip leaves out the wheel radius: an error of 1 % is 1 point of slip." if n else ""
     )
     text = " ".join([*grounds, *doubt, f"Valid for these speeds, this robot and this sand.{radius}"])
     verdict, tone = ("With care", "fair") if doubts else ("Well, for trials like these", "good")

@@ -119,7 +119,7 @@ MISFITS = Table[Gap](
     "Simulated minus measured, by quantity and phase",
     Column("quantity", lambda g: g.name),
     Column("phase", lambda g: PHASES[g.phase]),
-    Column("unit", lambda g: shown_as(g.unit)[0]),
+    Column("unit", lambda g: Cell(shown_as(g.unit)[0], (g.unit,))),
     Column("rms", lambda g: _small(g.rms, g), "rms_si"),
     Column("mean", lambda g: _small(g.bias, g), "bias_si"),
     Column("largest", lambda g: _small(g.peak, g), "peak_si"),

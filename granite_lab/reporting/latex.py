@@ -16,6 +16,7 @@ from itertools import accumulate, count
 from pathlib import Path
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.ft2font import FT2Font
 
 from granite_lab.columns import FilledTable, Heading
@@ -28,8 +29,8 @@ TALL = 420.0
 """Height of the rows above which a table may run over pages [pt]; a page has 592 pt, with title and note."""
 
 TYPES = (
-    ("small", 10.0, 5.0, 9.0),
-    ("footnotesize", 9.25, 4.0, 9.0),
+    ("small", 10.0, 5.0, 13.0),
+    ("footnotesize", 9.25, 4.0, 13.0),
     ("scriptsize", 8.5, 3.0, 9.0),
     ("scriptsize", 8.5, 3.0, 0.0),
 )
@@ -155,7 +156,8 @@ class Laid:
         texts: its cells.
         whole: no cell is broken.
         least: width where all is broken that can be.
-        full: width where nothing is.
+        cells_whole: width where no cell is.
+        full: width where the heading stands on one line, too.
         width, em: the width that it gets, and the size of an em [pt].
     """
 
@@ -163,6 +165,7 @@ class Laid:
     texts: tuple[str, ...]
     whole: bool
     least: float
+    cells_whole: float
     full: float
     width: float = 0.0
     em: float = 0.0
@@ -174,7 +177,8 @@ class Laid:
         whole = heading.number and cells <= WHOLE
         pieces = [piece for text in texts for word in words_of(text) for piece in pieces_of(word)]
         least = max(widest(words_of(heading.title)), cells if whole else widest(pieces))
-        return cls(heading, texts, whole, least, max(cells, width_of(heading.title)))
+        unbroken = max(cells, least)
+        return cls(heading, texts, whole, least, unbroken, max(unbroken, width_of(heading.title)))
 
     @property
     def wraps(self) -> bool:
@@ -212,18 +216,19 @@ Block = tuple[Laid, ...]
 
 
 def beside(columns: Sequence[Laid], em: float, space: float, comfort: float) -> Block | None:
-    """Share the width of the text by what columns need; None where it is too little.
+    """Share the width of the text by what cells need, then by what headings do; None where it is too little.
 
     `em`, `space` and `comfort` as in `TYPES`.
     """
-    least = [c.least if c.whole else max(c.least, min(c.full, comfort)) for c in columns]
-    wanted = [max(c.full - low, 0.0) for c, low in zip(columns, least, strict=True)]
-    spare = (TEXT - 2 * space * (len(columns) - 1)) / em - sum(least)
-    part = min(1.0, spare / max(sum(wanted), 1e-6))
-    shared = zip(columns, least, wanted, strict=True)
-    return (
-        tuple(replace(c, width=low + part * more, em=em) for c, low, more in shared) if spare >= 0 else None
-    )
+    width = np.array([c.least if c.whole else max(c.least, min(c.full, comfort)) for c in columns])
+    spare = (TEXT - 2 * space * (len(columns) - 1)) / em - width.sum()
+    if spare < 0:
+        return None
+    for goal in ([c.cells_whole for c in columns], [c.full for c in columns]):
+        wanted = np.maximum(goal - width, 0.0)
+        more = min(1.0, spare / max(wanted.sum(), 1e-6)) * wanted
+        width, spare = width + more, spare - more.sum()
+    return tuple(replace(c, width=float(w), em=em) for c, w in zip(columns, width, strict=True))
 
 
 def laid_out(table: FilledTable) -> tuple[str, float, list[Block]]:

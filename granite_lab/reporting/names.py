@@ -99,6 +99,21 @@ def plain(effect_id: str) -> str:
     return (effect.name if effect else "") or effect_id.replace("_", " ")
 
 
+def twins_of(effect: FoundEffect) -> str:
+    """Return the effects that explain the trials as well in the place of one, as words."""
+    return listed([plain(t) for t in effect.twins], "or")
+
+
+def outlook(key: str) -> str:
+    """Return what a plan improves as words: "effect.number", "effect from effect", a number of the sand."""
+    if key in SAND:
+        return SAND[key][1]
+    effect, _, number = key.partition(".")
+    if number:
+        return f"{plain(effect)}, {number.replace('_', ' ')}"
+    return " from ".join(map(plain, key.split(" from ")))
+
+
 def declared(effect_id: str, name: str) -> EffectParameter | None:
     """Return a number of an effect as the effect declares it; None where nothing is known of either."""
     effect = met(effect_id)
@@ -201,7 +216,9 @@ def strained_in_words(finding: Finding) -> list[str]:
         of_trials = SCALES.get(name, (name, ""))[0]
         words = f"{plain(effect)} {number.replace('_', ' ')}" if number else f"the {of_trials}"
         numbers.append(SAND[name][1] if name in SAND else words)
-    return [f"at a bound, or over 2 std from file or usual range: {listed(numbers)}"] if numbers else []
+    are = "is" if len(numbers) == 1 else "are"
+    where = "at a bound of the fit, or over 2 std from the file or the usual range"
+    return [f"{listed(numbers)} {are} {where}"] if numbers else []
 
 
 def _measure_soil(finding: Finding) -> list[Step]:
@@ -211,7 +228,7 @@ def _measure_soil(finding: Finding) -> list[Step]:
         return []
     them = "it" if len(far) == 1 else "them"
     measure = f"Measure {listed(far)} of this soil and write {them} into its file, then search again"
-    return [Step(f"{measure}: the fit moves {them} more than 2 std from there.")]
+    return [Step(f"{measure}. The fit moves {them} more than 2 std from the file.")]
 
 
 def capital(text: str) -> str:
@@ -327,7 +344,7 @@ def next_steps(
                 "the robot or in the logs by the number found, and search again."
             )
         )
-    twins = {plain(e.id): listed([plain(t) for t in e.twins], "or") for e in finding.effects if e.twins}
+    twins = {plain(e.id): twins_of(e) for e in finding.effects if e.twins}
     steps += [
         Step(f"Plan the trial that separates {named} from {others}.", plan) for named, others in twins.items()
     ]
@@ -335,16 +352,21 @@ def next_steps(
         steps.append(Step("Part of the gap remains. Test an effect of your own.", user_effect))
     if model and finding.simulates and len(faults) < len(finding.effects):
         speed = min(finding.simulates, key=lambda v: abs(v - TYPICAL))
-        saved = pasted(f"{folder}/{Path(model).name}")
         steps.append(
             Step(
                 "Simulate with what was found. At other speeds and on other sand no trial has confirmed the "
                 "result.",
-                f"granite-lab simulate --model {saved}{given} --variant {speed:g}",
+                f"granite-lab simulate {saved_model(model, folder, effects)} --variant {speed:g}",
             )
         )
     sharpen = Step("Plan the trial that lowers the largest std of an effect.", plan)
     return (*steps, *([] if twins else [sharpen]))
+
+
+def saved_model(model: Path | str, folder: str, effects: str = "") -> str:
+    """Return the options of a command that uses the model with what was found; `effects` as `next_steps`."""
+    given = f" --effects {pasted(effects)}" if effects else ""
+    return f"--model {pasted(f'{folder}/{Path(model).name}')}{given}"
 
 
 def from_here(path: Path) -> str:

@@ -46,7 +46,7 @@ def gap_figure(finding: Finding) -> Figure:
     whole, by_channel = finding.gap, {g.channel: g for g in finding.gaps}
     lines = {"all sensors": whole.train}
     if math.isfinite(whole.held_out[0]):
-        lines["all, trials left out"] = whole.held_out
+        lines["trials left out"] = whole.held_out
     first = len(lines)
     lines |= {sensor(c): by_channel[c].train for c in channels_of(finding) if c in by_channel}
     before, after, where = gap_pair(finding)

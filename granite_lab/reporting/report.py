@@ -28,6 +28,7 @@ from granite_lab.reporting.names import (
     law_formulas,
     lines_of,
     pasted,
+    saved_model,
     shared,
 )
 from granite_lab.reporting.speeds import first_table
@@ -50,7 +51,11 @@ LAW = (
     "of a wheel at rest; λ: slip ratio of the wheel; z: its sinkage; θ: its angle; r: its radius; T: torque "
     "that drives it; v: speed of the robot; x: distance; L: wheel base; M: torque of the ground."
 )
-"""How to read the time histories, and the formulas of a description."""
+NOT_CONVERGED = (
+    "A fit that did not converge stopped before its minimum, so that its value is a guess. Most often the "
+    "model lacks an effect."
+)
+"""How to read the time histories, the formulas of a description, and a fit that did not converge."""
 
 LIBRARIES = ("numpy", "scipy", "casadi", "matplotlib")
 
@@ -189,14 +194,19 @@ def study_report(
     if result.finding is not None:
         sections.append(Section("missing", "What is missing", _kept(_missing(result.finding))))
     if result.trials:
-        looks = _looks(result, folder, recordings)
-        sections.append(Section("trials", "Quality of the trials", _kept(_quality(result, decided, looks))))
+        looks, found = _looks(result, folder, recordings), result.finding
+        options = ""
+        if model and found is not None and found.simulates:
+            effects = dict(result.source.options).get("effects", "")
+            options = saved_model(model, folder or result.name, effects)
+        quality = _quality(result, decided, looks, options)
+        sections.append(Section("trials", "Quality of the trials", _kept(quality)))
     sections.append(_provenance(result.source, decided.steps[1:]))
     study = bool(result.trials) or result.finding is None
     numbers, kind = ("report.json", "study") if study else ("finding.json", "search for a missing effect")
     addresses = {
-        "all lines": LINES if result.trials else "", "PDF": "report.pdf" if study else "",
-        "Markdown": "report.md", "numbers": numbers, "recordings": f"{recordings}/" if recordings else "",
+        "explore": LINES if result.trials else "", "PDF": "report.pdf" if study else "",
+        "Markdown": "report.md", "JSON": numbers, "recordings": f"{recordings}/" if recordings else "",
         "tables": "tables/", "figures": "figures/",
     }  # fmt: skip
     return Report(
@@ -302,7 +312,8 @@ def _looks(result: StudyResult, folder: str, recordings: str) -> Looks:
     return Looks(tuple(zip(trials, map(lines_of, trials), commands, strict=True)))
 
 
-def _quality(result: StudyResult, decided: Answers, looks: Looks) -> Iterator[Maybe]:
+def _quality(result: StudyResult, decided: Answers, looks: Looks, model: str) -> Iterator[Maybe]:
+    """Show how far each trial can be trusted; `model`: options of a command, as `saved_model`."""
     n = len(result.trials)
     doubtful = [r for r in result.trials if not r.motion.health.good]
     text = decide.all_good(n)
@@ -318,6 +329,10 @@ def _quality(result: StudyResult, decided: Answers, looks: Looks) -> Iterator[Ma
     warnings = shared([(r.trial.name, warnings_of(r)) for r in result.trials])
     yield "Warnings:" if warnings else None
     yield list(warnings)
+    if any(r.fit.status_trajectory == "not_converged" for r in result.trials):
+        yield NOT_CONVERGED
+        yield "With what was found, the fits are made again by:" if model else None
+        yield Code(f"granite-lab fit-k92 TRIALS {model}") if model else None
     yield _fold("Results of each trial", tables.trial_table(result), printed=True)
     yield _fold("Look at each trial", looks)
     typical = [s.typical for s in decided.speeds]

@@ -408,6 +408,30 @@ def test_its_first_screen_says_slip_a_theta_and_what_is_missing(report: dict[str
         assert re.search(r"How much of the gap does it close\?\*\* (Over )?\d+ %", said)
 
 
+def test_the_numbers_of_a_study_in_the_tutorial_are_those_of_the_example(report: dict[str, Any]) -> None:
+    """Its logs are the samples in other units: the numbers agree within the std that it prints."""
+    page, pair = text_of("docs/tutorial.md"), r"([\d.]+) ± ([\d.]+)"
+    rows = re.findall(rf"^ +(0\.\d) +([\d.]+) +[\d.]+ to [\d.]+ .* {pair} ", page, flags=re.M)
+    by_speed = {s["speed_mps"]: s for s in report["answers"]["speeds"]}
+    assert len(rows) == 2
+    for speed, slip, k92, k92_std in rows:
+        known = by_speed[float(speed)]
+        assert float(slip) == pytest.approx(known["slip"]["value"], abs=known["slip"]["std"])
+        assert float(k92) == pytest.approx(known["k92"]["value"], abs=float(k92_std))
+    numbers = {"a_θ =": report["answers"]["a_theta"]["value"]}
+    for effect in report["discovery"]["effects"]:
+        assert f"`{effect['id']}`" in page
+        numbers |= {name: p["value"] for name, p in effect["parameters"].items() if f"({name} " in page}
+    assert len(numbers) == 3
+    for name, value in numbers.items():
+        said = re.search(rf"{name} {pair}( mrad)?", page)
+        assert said, name
+        scale = 1e3 if said[3] else 1.0
+        assert float(said[1]) == pytest.approx(scale * value, abs=float(said[2])), name
+    closes = next(q["verdict"] for q in report["answers"]["questions"] if q["id"] == "closes")
+    assert "Yes, by {}.".format(closes.replace("\u00a0", " ")) in page
+
+
 def test_the_readme_beside_it_tells_how_the_finding_was_judged(report: dict[str, Any]) -> None:
     judged = score(open_answer(SAMPLES), report["discovery"])
     said = " ".join(text_of("reports/README.md").split())

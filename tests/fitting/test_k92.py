@@ -13,6 +13,7 @@ from granite_lab.effects import get
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import correct
 from granite_lab.fitting import K92Fit, fit_k92, simulate_k92, simulated_slip, slip_interval
+from granite_lab.fitting import k92 as k92_module
 from granite_lab.fitting.k92 import SlipCurve
 from granite_lab.logs.trial import Trial
 from granite_lab.model import simulate
@@ -153,6 +154,19 @@ def test_effects_of_the_model_are_in_the_fit():
     without = fit_k92(motion, trial, ROBOT, SOIL)
     assert whole.value == pytest.approx(0.0855, abs=3 * whole.std)
     assert without.k92_trajectory.std > 1.5 * whole.std  # a model that is off says less
+
+
+def test_a_fit_that_did_not_converge_has_a_value_without_std(monkeypatch):
+    motion, trial, _, _ = trial_by_5()
+    ends = k92_module.baseline
+    monkeypatch.setattr(k92_module, "baseline", lambda p: dataclasses.replace(ends(p), converged=False))
+    fit = fit_k92(motion, trial, ROBOT, SOIL)
+    assert fit.status_trajectory == "not_converged"
+    assert 0 < fit.k92_trajectory.value < 1
+    assert math.isnan(fit.k92_trajectory.std)
+    assert math.isnan(fit.apart)
+    assert "±" not in repr(fit).partition("trajectory")[2]
+    assert "(not converged)" in repr(fit)
 
 
 @pytest.mark.parametrize(("start", "reason"), [(math.nan, "start of the motion is unknown"), (13.0, "cover")])

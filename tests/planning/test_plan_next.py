@@ -1,6 +1,7 @@
 """What is planned for a search: from its record over the file and the question to the table."""
 
 import io
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -234,10 +235,10 @@ def test_the_table_fits_80_columns_and_says_what_to_do_and_why() -> None:
     named, scales = (replace(NAMED, values=(1.5,)),), (Figure(name="tilt", value=1e-3),)
     design = design_of(driven_of(count=3), verdict="named", named=named, scales=scales, virtual=True)
     words = shown(design)
-    assert words.startswith("Which trial distinguishes ground_slope and imu_tilt? (virtual data)")
-    assert "Expected log Bayes factors with the 3 trials at hand: imu_tilt from ground_slope" in words
+    assert words.startswith("Which trial distinguishes ground slope and IMU tilt? (virtual data)")
+    assert "the Bayes factor between two of them, over the 3 trials at hand" in words
     assert "slope with opposite sign" in words
-    assert "First choice: turn the robot round" in words
+    assert re.search(r"First choice, 0\.2 m/s, [^:]*: turn the robot round", words)
     assert "Write '# turned = true' into its log" in words
 
 

@@ -140,7 +140,7 @@ def test_a_theta_is_stated_by_the_files_with_their_uncertainty_and_with_what_was
     assert answer.verdict == "Not by these files alone"
     for said in (
         "6.60 ± 0.10 s/m",
-        "(most of it: K of the soil), the interval is 4.5 to 9.7",
+        "mostly from K of the soil, the interval is 4.5 to 9.7",
         "4.86 ± 0.20 s/m, 4.50 to 5.30 s/m",
     ):
         assert said in kept_as_spaces(answer.text)

@@ -154,6 +154,17 @@ def test_every_table_is_estimated_to_be_no_wider_than_the_text(tables: Sequence[
                 )
 
 
+def test_a_heading_is_broken_before_a_cell() -> None:
+    """The words of a row stand on one line where the headings of the numbers can stand on several."""
+    long = "sensitivity of it, points per unit"
+    row = Column[str]("component", words)
+    numbers = [Column[str](f"{long} {k}", lambda _: number(-1.5), f"c{k}") for k in range(3)]
+    table = Table("mine", "Title", row, *numbers).fill(["compliance between wheels and body"])
+    _, _, (block,) = laid_out(table)
+    assert not block[0].wraps
+    assert all("tabular" in column.head for column in block[1:])
+
+
 @pytest.mark.parametrize(
     ("text", "points"),
     [

@@ -1,4 +1,4 @@
-"""All outputs of one study say the same: page, Markdown, PDF, JSON, tables, figures, terminal."""
+"""All outputs of one study say the same: page, Markdown, PDF, JSON, CSV, LaTeX, figures, terminal."""
 
 import csv
 import dataclasses
@@ -18,6 +18,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import answers as decide
 from granite_lab.reporting.channels import SENSORS_OF, channels_of
+from granite_lab.reporting.latex import escaped
 from granite_lab.reporting.names import describe, plain
 from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.report import study_report
@@ -72,6 +73,84 @@ def test_a_study_and_its_search_alone_agree(twelve: StudyResult, verdict: str, t
         assert whole[id_].verdict.partition(",")[0] == alone[id_].verdict.partition(",")[0], id_
 
 
+SCALES = (1.0, 1e2, 1e3, 1e6, math.degrees(1.0))
+"""From the unit of a record to a printed one: itself, percent, thousandths, millionths, degrees."""
+
+
+def printed_number(text: str) -> tuple[float, float] | None:
+    """Return the number with which a text begins, and half of its last digit that is no placeholder."""
+    found = re.match(r"\(?(−?\d+(?:\.(\d+))?)(?: ± [\d.]+\))?(?:·10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+))?", text)
+    if found is None:
+        return None
+    power = 10.0 ** int((found[3] or "0").translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")))
+    zeros = 0 if found[2] else len(found[1]) - len(found[1].rstrip("0"))
+    return float(found[1].replace("−", "-")) * power, 0.501 * 10.0 ** (zeros - len(found[2] or "")) * power
+
+
+def test_each_table_says_the_same_in_every_format(twelve: StudyResult, twelve_folder: Path) -> None:
+    page = (twelve_folder / "index.html").read_text(encoding="utf-8")
+    markdown = (twelve_folder / "report.md").read_text(encoding="utf-8")
+    tables = study_report(twelve, model="model.toml", folder="twelve").tables
+    assert len(tables) > 10
+    numbers = 0
+    for table in tables:
+        shown = [[squeezed(cell.text) for cell in row] for row in table.rows]
+        here = page[page.index(f'id="table-{table.name}"') :].partition("</tbody>")[0].partition("<tbody>")[2]
+        cells = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in here.split("</tr>")[:-1]]
+        assert [[squeezed(html.unescape(re.sub("<[^>]+>", "", c))) for c in row] for row in cells] == shown
+        assert squeezed(table.note) in squeezed(html.unescape(re.sub("<[^>]+>", "", page)))
+        lines = {squeezed(html.unescape(line)) for line in markdown.splitlines() if line.startswith("| ")}
+        assert {squeezed(html.unescape(f"|{'|'.join(row)}|")) for row in shown} <= lines
+        latex = (twelve_folder / "tables" / f"{table.name}.tex").read_text(encoding="utf-8")
+        texts = {squeezed(c) for c in cells_of_latex(latex)}
+        assert {squeezed(escaped(cell.text)) for row in table.rows for cell in row} <= texts, table.name
+        with (twelve_folder / "tables" / f"{table.name}.csv").open(encoding="utf-8") as file:
+            plain_rows = list(csv.DictReader(file))
+        for row, values in zip(table.rows, plain_rows, strict=True):
+            for column, cell in zip(table.columns, row, strict=True):
+                number, text = printed_number(cell.text), values[column.keys[0]]
+                if column.number and number is not None and re.fullmatch(r"-?[\d.]+(e[-+]\d+)?", text):
+                    value, half = number
+                    assert any(abs(float(text) * k - value) <= half for k in SCALES), (table.name, cell)
+                    numbers += 1
+    assert numbers > 300
+
+
+def cells_of_latex(text: str) -> list[str]:
+    """Return the cells of a table in LaTeX, without what only breaks lines."""
+    text = text.replace(r"\raggedright ", "").replace(r"\allowbreak{}", "")
+    return [c for row in re.findall(r"(.*)\\tabularnewline", text) for c in re.split(r"(?<!\\)&", row)]
+
+
+def test_numbers_of_the_document_are_those_of_the_tables(twelve: StudyResult, twelve_folder: Path) -> None:
+    document = json.loads((twelve_folder / "report.json").read_text(encoding="utf-8"))
+
+    def column(table: str, name: str) -> list[float]:
+        with (twelve_folder / "tables" / f"{table}.csv").open(encoding="utf-8") as file:
+            return [float(row[name] or "nan") for row in csv.DictReader(file) if row[name] != ""]
+
+    trials, speeds, finding = document["trials"], document["answers"]["speeds"], document["discovery"]
+    pairs = {
+        ("trials", "slip_ratio"): [t["slip_ratio"]["value"] for t in trials],
+        ("trials", "distance_m"): [t["distance_m"]["value"] for t in trials],
+        ("trials", "k92_std"): [t["k92"]["std"] for t in trials],
+        ("trials", "k92_trajectory"): [t["k92_trajectory"]["value"] for t in trials],
+        ("trials", "warnings"): [len(t["warnings"]) for t in trials],
+        ("slip_by_speed", "slip_ratio"): [s["slip"]["value"] / 100 for s in speeds],
+        ("slip_by_speed", "k92"): [s["k92"]["value"] for s in speeds],
+        ("misfits", "rms_si"): [m["rms"] for m in document["misfits"]],
+        ("channels", "rms"): [c["rms"] for c in document["answers"]["channels"]],
+        ("found_effects", "value"): [
+            p["value"] for e in finding["effects"] for p in e["parameters"].values()
+        ],
+        ("found_gaps", "train_after"): [
+            finding["gap"]["train"]["after"], *(c["train"]["after"] for c in finding["channels"].values())
+        ],
+    }  # fmt: skip
+    for (table, name), values in pairs.items():
+        assert column(table, name) == pytest.approx(values, rel=1e-8), (table, name)
+
+
 def differing(finding: Finding) -> set[str]:
     return {g.channel for g in finding.gaps if g.train[0] > 1.0}
 
@@ -122,7 +201,8 @@ def with_fit(result: StudyResult, **changes: object) -> StudyResult:
 
 
 def test_a_fit_that_did_not_converge_has_no_std_and_a_warning(study: StudyResult) -> None:
-    result = with_fit(study, status_trajectory="not_converged")
+    value = study.trials[0].fit.k92_trajectory.value
+    result = with_fit(study, status_trajectory="not_converged", k92_trajectory=Estimate(value))
     (line,) = set(warnings_of(result.trials[0])) - set(warnings_of(study.trials[0]))
     assert "did not converge" in line
     report = study_report(result)

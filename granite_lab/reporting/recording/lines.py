@@ -22,7 +22,7 @@ from granite_lab.logs.counters import mean_known
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting.answers import missing_answer
-from granite_lab.reporting.names import latency_in_words, sensor
+from granite_lab.reporting.names import latency_in_words, sensor, sensors_in_words
 from granite_lab.reporting.recording.stream import Writer, drawable
 from granite_lab.rounding import axis_unit, plus_minus, significant
 
@@ -337,7 +337,7 @@ def _events(comparison: Comparison) -> Iterator[Event]:
         yield Event(begin, warning, "WARN")
     yield Event(begin, f"filter: {motion.health.verdict}", "INFO" if motion.health.good else "WARN")
     for note in fit.notes:
-        yield Event(begin, f"fit: {note}")
+        yield Event(begin, f"fit: {sensors_in_words(note)}")
     for warning in fit.warnings:
         yield Event(begin, warning, "WARN")
     if fit.status != "ok":
