@@ -1,8 +1,8 @@
 """Clocks that run at different rates: how much more the body lags when it brakes than when it set off.
 
 The offset that shows where the robot sets off and the one where it brakes are the same, unless one of the
-two clocks is fast. Which of them is wrong, no log tells. A body on soft tyres or with play in its gears swings
-on after the wheels have stopped: the standstill then looks late, but the ramp before it does not.
+two clocks is fast. Which of them is wrong, no log tells. A body on soft tyres or with play in its gears
+swings on after the wheels have stopped: the standstill then looks late, but the ramp before it does not.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def outer_ramps(rolling: Rolling) -> tuple[Ramp, Ramp] | None:
 
 
 class Lag(NamedTuple):
-    """The clock offset by one ramp [s]: by the likelihood of the ramp and its standstill; by its shape alone."""
+    """The clock offset by one ramp [s]: by the likelihood of it and its standstill; by its shape alone."""
 
     likely: Estimate
     shape: float
