@@ -18,6 +18,9 @@ from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.smoother import settle, smooth
 from granite_lab.logs.sensors.doubt import Doubt
 
+SPACING = 0.05
+"""Of the filter's nodes [s]: what is left at rest builds up over seconds."""
+
 CONTRADICTS = 3.0
 """A velocity of more std than this, left where the robot stands, contradicts the noise."""
 
@@ -32,7 +35,8 @@ def left_at_rest(problem: Problem, offset: float) -> list[Estimate]:
     assert rolling is not None
     # biases that changed at an unknown instant are what is looked for
     known = tuple(restart for restart in problem.faults.restarts if restart.gap)
-    without = replace(problem, rolling=None, coasts=False, faults=replace(problem.faults, restarts=known))
+    faults = replace(problem.faults, restarts=known)
+    without = replace(problem, rolling=None, coasts=False, faults=faults, spacing=SPACING)
     alone = smooth(settle(without, Estimate(offset), robust=False))
     came, t = alone.smoothed.innovations, alone.nominal.t
     stops = came.fresh("zero_velocity")
