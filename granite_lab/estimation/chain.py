@@ -12,6 +12,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation import stages
 from granite_lab.estimation.clean import clean_trial
 from granite_lab.estimation.clock_rate import doubt_rate
+from granite_lab.estimation.closure import doubt_closure
 from granite_lab.estimation.guard import common_gaps, guard
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
@@ -100,6 +101,7 @@ def solve(
     if trial.info.clock_offset is None and not problem.far:
         problem = replace(problem, doubts=(*problem.doubts, *doubt_rate(problem)))
     problem = stages.slip_and_noise(problem, clock, soil)
+    problem = replace(problem, doubts=(*problem.doubts, *doubt_closure(problem, clock.near)))
     solution = stages.smoothed(problem, clock, soil, _tape(trial))
     return Solved(problem, solution, stages.lacking(problem, clock.expected))
 

@@ -1,7 +1,8 @@
 """Clocks that run at different rates: how much more the body lags when it brakes than when it set off.
 
 The offset that shows where the robot sets off and the one where it brakes are the same, unless one of the
-two clocks is fast. Which of them is wrong, no log tells.
+two clocks is fast. Which of them is wrong, no log tells. A body on soft tyres or with play in its gears
+swings on after the wheels have stopped: the standstill then looks late, but the ramp before it does not.
 """
 
 from __future__ import annotations
@@ -65,8 +66,15 @@ def outer_ramps(rolling: Rolling) -> tuple[Ramp, Ramp] | None:
     return Ramp(float(t[before[-1]]), float(t[full[0]])), Ramp(float(t[full[-1]]), float(t[after[0]]))
 
 
-def lag_at(problem: Problem, ramp: Ramp, most: float) -> Estimate | None:
-    """Return the clock offset by one ramp [s], within `most` [s] of none; None if it does not show."""
+class Lag(NamedTuple):
+    """The clock offset by one ramp [s]: by the likelihood of it and its standstill; by its shape alone."""
+
+    likely: Estimate
+    shape: float
+
+
+def lag_at(problem: Problem, ramp: Ramp, most: float) -> Lag | None:
+    """Return the clock offset by one ramp, within `most` [s] of none; None if it does not show."""
     rolling = problem.rolling
     assert rolling is not None
     grid = np.arange(ramp.begin - most - 1.0, ramp.end + most + 1.0, STEP)
@@ -82,12 +90,13 @@ def lag_at(problem: Problem, ramp: Ramp, most: float) -> Estimate | None:
     cut = replace(problem.cut(*window, centre), spins=False, spacing=WIDE)
     offsets = centre + np.arange(-REACH, REACH + 0.5 * APART, APART)
     mean, std = posterior([(cut, nominal_of(cut, centre))], Estimate(0.0, np.inf), offsets)
-    return Estimate(mean, float(np.hypot(std, LEFT_OVER)))
+    return Lag(Estimate(mean, float(np.hypot(std, LEFT_OVER))), centre)
 
 
 def clock_rate(problem: Problem) -> Estimate:
     """Return by how much the encoders' clock is too slow against the IMU's: how their offset changes in time.
 
+    Of the changes by likelihood and by shape the smaller one counts, none where they contradict each other.
     The std is NaN where no ramps show it, or where both sensors are stamped together.
     """
     rolling = problem.rolling
@@ -98,7 +107,9 @@ def clock_rate(problem: Problem) -> Estimate:
     first, last = lag_at(problem, ramps[0], LARGEST), lag_at(problem, ramps[1], LARGEST + FASTEST * length)
     if first is None or last is None:
         return Estimate(0.0)
-    return Estimate((last.value - first.value) / length, float(np.hypot(first.std, last.std)) / length)
+    likely, shape = last.likely.value - first.likely.value, last.shape - first.shape
+    change = min(likely, shape, key=abs) if likely * shape > 0.0 else 0.0
+    return Estimate(change / length, float(np.hypot(first.likely.std, last.likely.std)) / length)
 
 
 def doubt_rate(problem: Problem) -> list[Doubt]:

@@ -31,6 +31,11 @@ FOLLOWS = 0.25
 FEWEST, OUTLIERS = 10, 0.05
 """At least so many means over `FOLLOWS` are judged; chance makes fewer than this share of them contradict."""
 
+UNEVEN = 0.01 * GRAVITY
+"""Acceleration of a body on steady wheels that uneven sand explains [m/s^2]: sand resists with about a tenth
+of the weight, and its friction differs by 5 to 11 % from place to place (Phoon and Kulhawy, Canadian
+Geotechnical J. 36, 1999)."""
+
 UNFIT = 4.0
 """Innovations this many times as large as predicted (rms) show a noise model that does not fit the log."""
 
@@ -101,14 +106,21 @@ def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
     low = -SlipModel.per_acceleration * GRAVITY * max(_downhill(motion), 0.0)
     if surge := _surging(motion, low, usual):
         yield surge
+    if swing := _swinging(motion):
+        yield swing
     for slip, where in slips_of(motion):
         beyond = max(low - slip.value, slip.value - 1.0)
-        contradicted = beyond > CONTRADICTS * math.hypot(slip.std, RADIUS)
-        if contradicted:
+        if beyond > CONTRADICTS * math.hypot(slip.std, RADIUS):
             yield Doubt(
                 f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % {where} is outside of what "
                 "rolling wheels allow",
                 grade="poor", std=0.5 * abs(slip.value - usual),
+            )  # fmt: skip
+        elif low - slip.value > CONTRADICTS * slip.std:
+            yield Doubt(
+                f"a slip ratio of {100 * slip.value:.1f} ± {100 * slip.std:.1f} % {where}: wheels that drive "
+                "do not slip backward, so that radius or counts of a turn are not those of the robot's file",
+                remedy="roll ten turns on a hard floor", grade="fair", std=RADIUS,
             )  # fmt: skip
         elif stated and abs(slip.value - usual) > CONTRADICTS * math.hypot(slip.std, soil.slip_std):
             yield Doubt(
@@ -140,6 +152,26 @@ def _surging(motion: Motion, low: float, usual: float) -> Doubt | None:
     seen = f"the slip ratio reaches {100 * worst:.0f} % while the wheels turn steadily"
     why = "which rolling wheels do not allow"
     return Doubt(f"{seen}, {why}", grade="poor", std=0.5 * abs(worst - usual))
+
+
+def _swinging(motion: Motion) -> Doubt | None:
+    """Return the doubt about a body that goes faster and slower on steady wheels than uneven sand makes it.
+
+    Vibration that is folded to a slow frequency looks like that. It also leaves an error of the velocity that
+    does not change, since the body stood when it began: of any size up to the swing, so that the rms of the
+    swing is the std. A jump of the slip swings once: the median of all accelerations tells.
+    """
+    steady = np.array([phase == "steady" for phase in motion.phase])
+    wheels, body = mean_known(motion.v_wheel), motion.v
+    slip_velocity, pace = (_means(motion, x, steady) for x in (wheels - body, np.abs(wheels)))
+    gained = np.abs(np.diff(slip_velocity))
+    if gained.size < FEWEST or not float(np.median(gained)) > UNEVEN * FOLLOWS:
+        return None
+    swing = float(np.std(slip_velocity) / max(float(np.mean(pace)), MOVING))
+    seen = f"the slip ratio swings by ± {100 * swing:.0f} points while the wheels turn steadily"
+    why = "uneven ground, or vibration that is folded to slow frequencies"
+    remedy = "mount the IMU stiffly, with its low-pass on, and log it faster"
+    return Doubt(f"{seen}: {why}", remedy=remedy, grade="fair", std=swing)
 
 
 def _odd_wheel(motion: Motion) -> Doubt | None:

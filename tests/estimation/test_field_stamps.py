@@ -87,3 +87,18 @@ def test_ramps_are_those_of_the_whole_motion() -> None:
     # 0.3 m/s at 1.2 m/s^2; 2 m
     assert 0.1 < first.end - first.begin < 0.6
     assert last.begin - first.end == pytest.approx(2.0 / 0.3 - 0.25, abs=0.3)
+
+
+def test_a_body_that_swings_on_after_its_wheels_is_no_slow_clock() -> None:
+    """Soft tyres or play: 5 cm/s at 3 Hz, which fades in 0.3 s."""
+    trial, _ = sample("virtual_v0.3_r2")
+    assert trial.wheels is not None
+    assert trial.imu is not None
+    ramps = outer_ramps(rolling_of(trial.wheels, ROBOT))
+    assert ramps is not None
+    since = np.maximum(trial.imu.t - ramps[1].end, 0.0)
+    swing = 0.05 * np.exp(-since / 0.3) * np.sin(2.0 * np.pi * 3.0 * since)
+    force = trial.imu.specific_force.copy()
+    force[:, 0] += np.gradient(swing, trial.imu.t)
+    motion = correct(replace(trial, imu=replace(trial.imu, specific_force=force)), ROBOT)[1]
+    assert "clock runs" not in motion.health.verdict

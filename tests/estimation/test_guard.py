@@ -55,9 +55,27 @@ def test_slip_that_rolling_wheels_cannot_have_is_poor_and_its_std_covers_it(
     assert np.all(seen.v_std >= wrong.v_std)
 
 
-def test_wheels_that_run_a_little_faster_than_their_file_says_are_no_contradiction() -> None:
-    near = replace(good(), slip_ratio=Estimate(-0.04, 0.01))
-    assert guard(near, SAND).health.grade == "good"
+def test_wheels_that_roll_a_little_farther_than_their_file_says_widen_the_std_by_that_of_a_radius() -> None:
+    unsure, wrong = (replace(good(), slip_ratio=Estimate(-0.06, std)) for std in (0.02, 0.01))
+    assert guard(unsure, SAND).health.grade == "good"
+    seen = guard(wrong, SAND)
+    assert seen.health.grade == "fair"
+    assert "hard floor" in seen.health.verdict
+    assert seen.slip_ratio.std == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize("amplitude", [0.3, 1.0])
+def test_a_body_that_swings_on_steady_wheels_is_never_good(amplitude: float) -> None:
+    """A tone of the motors that sampling folds to 0.5 Hz begins and ends with the motion."""
+    motion = good()
+    moving = np.array([phase != "rest" for phase in motion.phase])
+    since = np.where(moving, motion.t - motion.t[moving][0], 0.0)
+    swing = amplitude * (1.0 - np.cos(np.pi * since)) / np.pi
+    seen = guard(replace(motion, v=motion.v + np.where(moving, swing, 0.0)), SAND)
+    assert seen.health.grade != "good"
+    assert "swings" in seen.health.verdict or "reaches" in seen.health.verdict
+    missed = float(np.mean(swing[moving])) / 0.3
+    assert seen.slip_ratio.std > 0.4 * missed
 
 
 def test_driving_down_a_slope_explains_wheels_that_brake() -> None:
@@ -131,7 +149,7 @@ def test_a_body_that_swings_ahead_of_its_steady_wheels_is_poor() -> None:
     assert seen.health.grade == "poor"
     assert "while the wheels turn steadily" in seen.health.verdict
     assert seen.slip_ratio.std > 0.2
-    assert guard(surge(0.1), SAND).health.grade == "good"
+    assert guard(surge(0.05), SAND).health.grade == "good"
 
 
 def test_a_wheel_that_loses_its_way_in_moments_is_in_the_slip_of_the_robot() -> None:
