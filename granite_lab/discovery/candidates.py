@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.inference.bench import Task
-from granite_lab.inference.constants import FEW, LINEAR, MEMORY
+from granite_lab.inference.constants import LINEAR, MEMORY
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Normal, Posterior, posterior
 from granite_lab.inference.point import Further, Point, stacked
@@ -283,7 +283,7 @@ def _shared(problem: Problem, screened: Screen, id_: str) -> Score:
 
 
 def around(problem: Problem, point: Point, id_: str) -> list[Point]:
-    """Return a point with a strength of an effect that moves its trace at `FEW` smaller and larger sizes.
+    """Return a point with a strength of an effect that moves its trace at the next smaller and larger size.
 
     The other numbers stay, and the sizes are those at which it is probed.
 
@@ -296,8 +296,8 @@ def around(problem: Problem, point: Point, id_: str) -> list[Point]:
     for k, (effect, p) in enumerate(problem.parameters(point.effects, per_trial=False)):
         if effect == id_ and p.moving:
             size = point.common[k] - p.neutral
-            smaller = [s for s in sizes(p) if s < size * (1 - LINEAR)][-FEW:]
-            larger = [s for s in sizes(p) if s > size * (1 + LINEAR)][:FEW]
+            smaller = [s for s in sizes(p) if s < size * (1 - LINEAR)][-1:]
+            larger = [s for s in sizes(p) if s > size * (1 + LINEAR)][:1]
             for other in (*smaller, *larger):
                 common = point.common.copy()
                 common[k] = p.neutral + other

@@ -292,14 +292,17 @@ class _Steps:
         return leaders(self.looks[model.effects])
 
     def fit(self, model: Model, group: Sequence[Promise]) -> None:
-        """Fit some leaders beside a model."""
-        starts = [_with(self.problem, o.point, score) for p in group for o, score in p.starts]
-        self.fitted([(start, model.fit) for start in starts])
+        """Fit some leaders beside a model, from each start once."""
+        starts = {
+            (origin.point, score.candidate, score.values, id(score.own)): (origin.point, score)
+            for promise in group for origin, score in promise.starts
+        }  # fmt: skip
+        self.fitted([(_with(self.problem, *start), model.fit) for start in starts.values()])
         for promise in group:
             self.shifted(tuple(sorted((*model.effects, promise.score.candidate))), promise.score.candidate)
 
     def shifted(self, key: tuple[str, ...], id_: str) -> None:
-        """Fit a set again from the sizes about that at which an effect ended, until none is likelier.
+        """Fit a set again from the sizes next to that at which an effect ended, until neither is likelier.
 
         The likelihood has an optimum wherever an edge of a trace that moves with its strength falls on one of
         the residual.

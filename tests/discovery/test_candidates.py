@@ -64,8 +64,8 @@ def test_from_a_size_that_leads_to_another_optimum_the_sizes_next_to_it_lead_to_
     rng = np.random.default_rng(4)
     measure(problem, problem.with_effect(problem.neutral(), "blow", (true,)), rng)
     base = fit(problem, problem.neutral())
-    nearest = int(np.argmin(np.abs(np.array(sizes(PLAY)) - true)))
-    start = problem.with_effect(base.point, "blow", (sizes(PLAY)[nearest + off],))
+    larger = [size for size in sizes(PLAY) if size > true + 0.2]
+    start = problem.with_effect(base.point, "blow", (larger[0],))
     missed = fit(problem, start, least=LEAST_OF_ROUGH)
     assert abs(missed.point.common[0] - true) > 0.1
     models = {(): Model((), base, base.evidence), ("blow",): Model(("blow",), missed, missed.evidence)}
