@@ -131,11 +131,11 @@ def test_a_k92_far_from_the_papers_is_found():
 
 
 def test_without_currents_the_interval_is_wider():
-    motion, trial, _, _ = trial_by_5()
+    motion, trial, _, _ = trial_by_5(0.5, 0.0855)
     with_all = fit_k92(motion, trial, ROBOT, SOIL)
     fewer = fit_k92(motion, dataclasses.replace(trial, currents=None), ROBOT, SOIL)
     assert fewer.k92_trajectory.std > 1.1 * with_all.k92_trajectory.std
-    assert fewer.k92_trajectory.value == pytest.approx(0.2286, abs=3 * fewer.k92_trajectory.std)
+    assert fewer.k92_trajectory.value == pytest.approx(0.0855, abs=3 * fewer.k92_trajectory.std)
 
 
 def test_stamps_of_the_imu_that_come_late_are_latency_and_not_k92():
@@ -153,7 +153,9 @@ def test_effects_of_the_model_are_in_the_fit():
     whole = fit_k92(motion, trial, ROBOT, SOIL, effects=(reaction,)).k92_trajectory
     without = fit_k92(motion, trial, ROBOT, SOIL)
     assert whole.value == pytest.approx(0.0855, abs=3 * whole.std)
-    assert without.k92_trajectory.std > 1.5 * whole.std  # a model that is off says less
+    # a model that is off says less: the fit does not converge
+    assert without.status_trajectory == "not_converged"
+    assert abs(without.k92_trajectory.value - 0.0855) > 3 * whole.std
 
 
 def test_a_fit_that_did_not_converge_has_a_value_without_std(monkeypatch):
@@ -178,9 +180,14 @@ def test_a_trajectory_that_cannot_be_had_is_not_evaluated(start, reason):
 
 
 def test_a_gap_in_the_encoders_leaves_the_fit_alive():
-    motion, trial, _, start = trial_by_5()
+    motion, trial, _, start = trial_by_5(0.5, 0.0855)
+    whole = fit_k92(motion, trial, ROBOT, SOIL)
     fit = fit_k92(motion, faults.wheel_dropout(trial, start + 2.0, start + 2.4), ROBOT, SOIL)
-    assert fit.k92_trajectory.value == pytest.approx(0.2286, abs=3 * fit.k92_trajectory.std)
+    assert fit.k92_trajectory.value == pytest.approx(0.0855, abs=3 * whole.k92_trajectory.std)
+
+
+LARGEST = 0.1
+"""Std of a_θ [s/m] that the sensors of an industrial IMU leave at most."""
 
 
 @pytest.mark.parametrize(("number", "velocity"), [*enumerate((0.2, 0.3, 0.5, 0.7))])
@@ -191,9 +198,12 @@ def test_a_theta_of_a_trial_by_the_independent_simulator(number, velocity):
     soil = draw_soil(rng)
     run = simulate_truth(variant_of(velocity), a_theta=true, soil=soil, settle=2.0, after=3.0)
     trial, motion = correct(log_run(20 + number, run).trial, robot)
-    found = a_theta_of(fit_k92(motion, trial, robot, SOIL))
-    assert found.value == pytest.approx(true, abs=2.5 * found.std)
-    assert found.std < 0.2
+    fit = fit_k92(motion, trial, robot, SOIL)
+    found = a_theta_of(fit)
+    assert found.value == pytest.approx(true, abs=2.5 * LARGEST)
+    if fit.status_trajectory == "ok":  # elsewhere there is no std
+        assert found.value == pytest.approx(true, abs=2.5 * found.std)
+        assert found.std < LARGEST
 
 
 @pytest.mark.slow
