@@ -297,9 +297,11 @@ class _Steps:
             (origin.point, score.candidate, score.values, id(score.own)): (origin.point, score)
             for promise in group for origin, score in promise.starts
         }  # fmt: skip
+        ids = dict.fromkeys(promise.score.candidate for promise in group)
+        new = {id_: key for id_ in ids if (key := tuple(sorted((*model.effects, id_)))) not in self.models}
         self.fitted([(_with(self.problem, *start), model.fit) for start in starts.values()])
-        for promise in group:
-            self.shifted(tuple(sorted((*model.effects, promise.score.candidate))), promise.score.candidate)
+        for id_, key in new.items():
+            self.shifted(key, id_)
 
     def shifted(self, key: tuple[str, ...], id_: str) -> None:
         """Fit a set again from the sizes next to that at which an effect ended, until neither is likelier.

@@ -22,7 +22,7 @@ SPACING = 0.05
 """Of the filter's nodes [s]: what is left at rest builds up over seconds."""
 
 CONTRADICTS = 3.0
-"""A velocity of more std than this, left where the robot stands, contradicts the noise."""
+"""A number more than this many std outside of what is possible contradicts its std."""
 
 
 def left_at_rest(problem: Problem, offset: float) -> list[Estimate]:

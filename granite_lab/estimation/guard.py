@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.estimate import Estimate
+from granite_lab.estimation.closure import CONTRADICTS
 from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.health import sentence
 from granite_lab.estimation.motion import TELLING, Motion, slips_of
@@ -17,9 +18,6 @@ from granite_lab.logs.sensors.doubt import Doubt, Grade
 from granite_lab.logs.sensors.standstill import MOVING, Interval
 from granite_lab.logs.trial import Array, WheelStream
 from granite_lab.parameters import GRAVITY, WHEELS, Soil
-
-CONTRADICTS = 3.0
-"""A slip ratio more than this many std outside of what is possible contradicts its std."""
 
 RADIUS = 0.04
 """Std of the effective wheel radius against the robot's file, as a share: deflection, wear and lugs of a tyre
@@ -104,9 +102,10 @@ def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
         vague = f"the slip ratio is known to ± {100 * motion.slip_ratio.std:.0f} points only"
         yield Doubt(vague, grade="fair")
     low = -SlipModel.per_acceleration * GRAVITY * max(_downhill(motion), 0.0)
-    if surge := _surging(motion, low, usual):
+    steady = np.array([phase == "steady" for phase in motion.phase])
+    if surge := _surging(motion, steady, low, usual):
         yield surge
-    if swing := _swinging(motion):
+    if swing := _swinging(motion, steady):
         yield swing
     for slip, where in slips_of(motion):
         beyond = max(low - slip.value, slip.value - 1.0)
@@ -130,13 +129,12 @@ def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
             )  # fmt: skip
 
 
-def _surging(motion: Motion, low: float, usual: float) -> Doubt | None:
+def _surging(motion: Motion, steady: Mask, low: float, usual: float) -> Doubt | None:
     """Return the doubt about a body that is faster, or goes the other way, than its steady wheels allow.
 
     The slip ratio over all may look usual while vibration that the IMU folds to slow frequencies, or a bias
     that changes, swings the velocity. It is judged over `FOLLOWS`, from `low` to 1 within its std.
     """
-    steady = np.array([phase == "steady" for phase in motion.phase])
     wheels, body, std = (
         _means(motion, x, steady) for x in (mean_known(motion.v_wheel), motion.v, motion.v_std)
     )
@@ -154,14 +152,13 @@ def _surging(motion: Motion, low: float, usual: float) -> Doubt | None:
     return Doubt(f"{seen}, {why}", grade="poor", std=0.5 * abs(worst - usual))
 
 
-def _swinging(motion: Motion) -> Doubt | None:
+def _swinging(motion: Motion, steady: Mask) -> Doubt | None:
     """Return the doubt about a body that goes faster and slower on steady wheels than uneven sand makes it.
 
     Vibration that is folded to a slow frequency looks like that. It also leaves an error of the velocity that
     does not change, since the body stood when it began: of any size up to the swing, so that the rms of the
     swing is the std. A jump of the slip swings once: the median of all accelerations tells.
     """
-    steady = np.array([phase == "steady" for phase in motion.phase])
     wheels, body = mean_known(motion.v_wheel), motion.v
     slip_velocity, pace = (_means(motion, x, steady) for x in (wheels - body, np.abs(wheels)))
     gained = np.abs(np.diff(slip_velocity))

@@ -27,7 +27,7 @@ from granite_lab.hidden.mixture import (
     stronger,
     withheld_variant,
 )
-from granite_lab.hidden.model import Setup
+from granite_lab.hidden.model import DigsInError, Setup
 from granite_lab.hidden.parts import exponential_k92
 from granite_lab.hidden.sensors import louder, read_currents, read_imu, read_wheels
 from granite_lab.hidden.simulator import DT, Body, drive
@@ -98,7 +98,7 @@ def make_set(
     lab = lab_of(wish.lab, wish.seed, robot, soil)
     for plans, off, counts in _draws(wish, lab):
         made = []
-        with suppress(RuntimeError):  # the robot digs itself in
+        with suppress(DigsInError):
             for trial, motion in shared_out(_make, plans, len(plans), "made a trial", jobs=jobs):
                 made.append((trial, motion))
                 done(trial.name)
@@ -142,7 +142,7 @@ def _reopened(plans: list[Plan]) -> dict[str, float]:
 
     try:
         return reopened(under, tuple(plans[0].sizes), plans[0].lab.robot.filed)
-    except RuntimeError:
+    except DigsInError:
         return {}
 
 
@@ -201,7 +201,7 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame]:
     """Simulate and log one trial, with its true motion.
 
     Raises:
-        RuntimeError: the robot digs itself in.
+        DigsInError: the robot digs itself in.
     """
     rng, lab, command = lot(*plan.seed, 1), plan.lab, plan.command
     truth = model_of(tuple(plan.sizes), plan.setup, command, plan.sizes)

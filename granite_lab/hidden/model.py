@@ -67,6 +67,10 @@ class Setup:
     gains: Mapping[str, float] = field(default_factory=dict)
 
 
+class DigsInError(RuntimeError):
+    """A robot on its sand cannot be simulated to the end of a command: as a rule it digs itself in."""
+
+
 class Truth:
     """The model of a trial.
 
@@ -260,7 +264,7 @@ class Truth:
 
         solution = scipy.optimize.root(unbalanced, [height, pitch], options={"xtol": 1e-13})
         if np.abs(solution.fun).max() > 1e-6:
-            raise RuntimeError(f"no equilibrium at rest: {solution.message}")
+            raise DigsInError(f"no equilibrium at rest: {solution.message}")
         return standing(solution.x)
 
     def cruise(self) -> tuple[Array, float]:

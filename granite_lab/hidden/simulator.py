@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from granite_lab.hidden.contact import Array
-from granite_lab.hidden.model import CURRENT, PITCH, VX, VZ, Q, Truth, X
+from granite_lab.hidden.model import CURRENT, PITCH, VX, VZ, DigsInError, Q, Truth, X
 
 DT = 0.001
 """Spacing of the truth [s]."""
@@ -54,7 +54,7 @@ def solve(truth: Truth, t: Array, *, rtol: float = 1e-7, atol: float = 1e-9) -> 
     """Integrate from rest at the first instant and return the states (N, 12 or more) at `t` (N,), increasing.
 
     Raises:
-        RuntimeError: the integrator gave up.
+        DigsInError: the integrator gave up.
     """
     marks = [m for m in truth.marks() if t[0] < m < t[-1]]
     edges = [float(t[0]), *marks, float(t[-1])]
@@ -68,7 +68,7 @@ def solve(truth: Truth, t: Array, *, rtol: float = 1e-7, atol: float = 1e-9) -> 
             t_eval=np.append(inside, stop), max_step=0.05, jac=partial(jacobian, truth),
         )  # fmt: skip
         if not part.success:
-            raise RuntimeError(part.message)
+            raise DigsInError(part.message)
         y = part.y[:, -1]
         pieces.append(part.y[:, :-1])
     return np.asarray(np.concatenate([*pieces, y[:, None]], axis=1).T)
@@ -78,14 +78,14 @@ def drive(truth: Truth, before: float, after: float) -> Body:
     """Return the motion under the truth's command, with standstills `before` and `after` it [s].
 
     Raises:
-        RuntimeError: the integrator gave up, or the robot digs itself in.
+        DigsInError: the integrator gave up, or the robot covers too little of its way.
     """
     steps = np.arange(-round(before / DT), round((truth.command.end + after) / DT) + 1)
     t = np.asarray(steps * DT)
     state = solve(truth, t, rtol=RELATIVE, atol=ABSOLUTE)
     body = body_from_states(truth, t, state)
     if not np.isfinite(state).all() or body.x[-1] < LEAST_WAY * truth.command.distance:
-        raise RuntimeError("the robot digs itself in")
+        raise DigsInError("the robot digs itself in")
     return body
 
 
