@@ -64,7 +64,7 @@ that receive a quantity as a CasADi expression and return it changed.
 | `delays` | delays of the sensors' time stamps |
 | `rates` | time derivatives of the effect's own states, named in `states` |
 
-`own.p` holds the parameters of the effect, `own.x` its states, `own.t` the time, `own.model` the parameters
+`sym.p` holds the parameters of the effect, `sym.x` its states, `sym.t` the time, `sym.model` the parameters
 of robot and soil. Written by `python -m benchmarks.effects_page`.
 """
 

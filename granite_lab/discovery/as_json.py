@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from granite_lab.discovery.finding import Ceiling, Confusion, Finding, FoundEffect, Gap
+from granite_lab.discovery.finding import Ceiling, Confusion, EffectFinding, Finding, Gap
 from granite_lab.fitting.fit import View
 from granite_lab.shown import jsonable, picked
 
@@ -51,8 +51,8 @@ def finding_as_json(finding: Finding, model: Path | str | None = None) -> dict[s
         **picked(finding, "notes", "failures", "virtual"),
         "model": str(model) if model is not None else None,
     }
-    found: dict[str, Any] = jsonable(document)
-    return found
+    plain: dict[str, Any] = jsonable(document)
+    return plain
 
 
 def _ceiling(ceiling: Ceiling, names: dict[str, str]) -> dict[str, Any]:
@@ -77,7 +77,7 @@ def _gap(gap: Gap) -> dict[str, Any]:
     return {name: {"before": before, "after": after} for name, (before, after) in parts.items()}
 
 
-def _effect(e: FoundEffect) -> dict[str, Any]:
+def _effect(e: EffectFinding) -> dict[str, Any]:
     return picked(e, "id", "formula", "empirical", "probability", "closes", "speeds") | {
         "parameters": {
             p.name: p.estimate.as_json()
@@ -91,7 +91,7 @@ def _effect(e: FoundEffect) -> dict[str, Any]:
     }
 
 
-def _periodic(e: FoundEffect) -> dict[str, Any]:
+def _periodic(e: EffectFinding) -> dict[str, Any]:
     """Return amplitude and phase in each trial of what turns with the wheels: a cos(N θ − phase)."""
     each = {p.name: np.array(p.per_trial) for p in e.parameters if p.per_trial}
     return {

@@ -14,9 +14,9 @@ from granite_lab.discovery.finding import (
     Ceiling,
     Confusion,
     Detectable,
+    EffectFinding,
     Finding,
-    FoundEffect,
-    FoundParameter,
+    FittedParameter,
     Gap,
     LeftOut,
     Residual,
@@ -52,7 +52,7 @@ def assemble(
     effects: Mapping[str, Effect],
     tolerance: float,
     latency: float,
-    moved: Mapping[str, float],
+    clock_applied: Mapping[str, float],
     dropped: tuple[tuple[str, str], ...],
     virtual: bool,
     parts: Attempts,
@@ -67,7 +67,7 @@ def assemble(
         effects: all effects by id.
         tolerance: as a share of a channel's rms.
         latency: largest that is no missing effect [s].
-        moved: trial to what was added to its stamps of encoders and currents before the search [s].
+        clock_applied: trial to what was added to its stamps of encoders and currents before the search [s].
         dropped: trials that were left out, with the reason.
         virtual: all trials were written by a simulator.
         parts: tries the parts that the verdict does not need, and keeps what fails.
@@ -75,8 +75,8 @@ def assemble(
     world = problem.bench.world
     before, after = search.model(()), judgement.model
     assert before is not None
-    late = _latency(search.best.fit, problem, moved)
-    found, described = (
+    late = _latency(search.best.fit, problem, clock_applied)
+    named, described = (
         tuple(_effect(problem, after, n, effects) for n in of)
         for of in (judgement.named, judgement.described)
     )
@@ -87,7 +87,7 @@ def assemble(
             likely = clock.probability * float(np.clip(1 - np.nan_to_num(judgement.remainder), 0, 1))
             described = (*described, replace(clock, probability=likely))
         else:
-            found = (*found, clock)
+            named = (*named, clock)
         offset = effects[clock.id].parameters[0]
         active = (*active, Active(effects[clock.id], (min(max(-late.value, offset.low), offset.high),)))
         verdict = "named" if verdict == "none" else verdict
@@ -98,10 +98,10 @@ def assemble(
     reasons = provisional(problem)
     return Finding(
         verdict=verdict,
-        sentence=sentence(verdict, found, described, judgement, reasons, tolerance),
+        sentence=sentence(verdict, named, described, judgement, reasons, tolerance),
         probability=judgement.probability,
         provisional=reasons,
-        effects=found,
+        effects=named,
         description=described,
         small=tuple(_small(problem, search, n, effects) for n in judgement.small),
         closed={"trials": judgement.closed, "speeds": judgement.speeds},
@@ -136,7 +136,7 @@ def assemble(
         trials_left_out=_trials_left_out(problem, judgement),
         speeds_left_out=_speeds_left_out(problem, judgement),
         dropped=dropped,
-        notes=notes(problem, judgement, found),
+        notes=notes(problem, judgement, named),
         robot=world.robot,
         soil=world.soil,
         active=active,
@@ -149,24 +149,24 @@ def _channels(problem: Problem) -> list[str]:
     return [c for c in CHANNELS if any(c in t.channels for t in problem.trials)]
 
 
-def _latency(fit: Fit, problem: Problem, moved: Mapping[str, float]) -> Estimate:
+def _latency(fit: Fit, problem: Problem, clock_applied: Mapping[str, float]) -> Estimate:
     """Return the latency, with what was taken out of the stamps put back (mean over trials)."""
     k = SHARED.index("latency")
     place = sum(x.size for x in fit.point.trials) + k
     std = float(np.sqrt(max(fit.posterior.covariance[place, place], 0.0)))
-    before = float(np.mean([moved[t.observation.name] for t in problem.trials]))
+    before = float(np.mean([clock_applied[t.observation.name] for t in problem.trials]))
     return Estimate(float(fit.point.shared[k]) + before, std)
 
 
-def _clock(late: Estimate, limit: float, effects: Mapping[str, Effect]) -> FoundEffect | None:
+def _clock(late: Estimate, limit: float, effects: Mapping[str, Effect]) -> EffectFinding | None:
     """Return the clocks' offset as an effect where the latency is beyond what loggers do."""
     if abs(late.value) <= limit + 2 * late.std or "clock_offset" not in effects:
         return None
     effect = effects["clock_offset"]
-    number = FoundParameter("offset", "s", Estimate(-late.value, late.std))
+    number = FittedParameter("offset", "s", Estimate(-late.value, late.std))
     later = float(ndtr((abs(late.value) - limit) / late.std)) if late.std > 0 else SUREST
     sure = min(later, SUREST)
-    return FoundEffect(effect.id, effect.title, effect.equation, (number,), (), sure, OPEN, OPEN)
+    return EffectFinding(effect.id, effect.title, effect.equation, (number,), (), sure, OPEN, OPEN)
 
 
 def _clock_detectable(late: Estimate, limit: float, effects: Mapping[str, Effect]) -> tuple[Detectable, ...]:
@@ -176,16 +176,16 @@ def _clock_detectable(late: Estimate, limit: float, effects: Mapping[str, Effect
     return (Detectable("clock_offset", "offset", "s", limit + (2 + POWER) * late.std, "tolerance", ()),)
 
 
-def _effect(problem: Problem, model: Model, named: Named, effects: Mapping[str, Effect]) -> FoundEffect:
-    own = problem.bench.world.effects.get(named.id) or effects[named.id]
+def _effect(problem: Problem, model: Model, named: Named, effects: Mapping[str, Effect]) -> EffectFinding:
+    effect = problem.bench.world.effects.get(named.id) or effects[named.id]
     numbers = _numbers(problem, model.fit, named.id) if named.id in model.effects else ()
-    return FoundEffect(
-        named.id, own.title, own.equation, numbers, named.twins, named.probability, named.closes,
+    return EffectFinding(
+        named.id, effect.title, effect.equation, numbers, named.twins, named.probability, named.closes,
         named.speeds, is_term(named.id),
     )  # fmt: skip
 
 
-def _small(problem: Problem, search: Search, named: Named, effects: Mapping[str, Effect]) -> FoundEffect:
+def _small(problem: Problem, search: Search, named: Named, effects: Mapping[str, Effect]) -> EffectFinding:
     model = next(m for m in search.models if named.id in m.effects)
     return _effect(problem, model, named, effects)
 
@@ -196,7 +196,7 @@ def _strained(problem: Problem, judgement: Judgement) -> tuple[str, ...]:
     Those of the trials where they lie two standard deviations off on average, as a tilt of the IMU in all.
     """
     named = (*judgement.named, *judgement.described)
-    found = [f"{n.id}.{name}" for n in named for name in n.strained]
+    of_effects = [f"{n.id}.{name}" for n in named for name in n.strained]
     point = judgement.model.fit.point
     sand = zip(SAND, point.shared, problem.sand_std, strict=False)
     every: dict[str, list[float]] = {}
@@ -205,17 +205,17 @@ def _strained(problem: Problem, judgement: Judgement) -> tuple[str, ...]:
             if slack.learnt:
                 every.setdefault(slack.name, []).append(float(value))
     first = problem.learnt_std
-    own = [name for name, values in every.items() if abs(np.mean(values)) > 2 * first[name]]
-    return (*found, *dict.fromkeys([*(n for n, value, std in sand if abs(value) > 2 * std), *own]))
+    of_trials = [name for name, values in every.items() if abs(np.mean(values)) > 2 * first[name]]
+    return (*of_effects, *dict.fromkeys([*(n for n, value, std in sand if abs(value) > 2 * std), *of_trials]))
 
 
-def _numbers(problem: Problem, fit: Fit, id_: str) -> tuple[FoundParameter, ...]:
+def _numbers(problem: Problem, fit: Fit, id_: str) -> tuple[FittedParameter, ...]:
     """Return the fitted numbers of an effect."""
     common = problem.parameters(fit.point.effects, per_trial=False)
     private = problem.parameters(fit.point.effects, per_trial=True)
     variance = np.diag(fit.posterior.covariance)
     first = np.cumsum([0, *(x.size for x in fit.point.trials)])
-    found = []
+    numbers = []
     for k, (e, p) in enumerate(common):
         if e == id_:
             place = int(first[-1]) + len(SHARED) + k
@@ -223,24 +223,24 @@ def _numbers(problem: Problem, fit: Fit, id_: str) -> tuple[FoundParameter, ...]
             if not p.shape:  # a constant error of the formula cannot be told from the strength
                 rough = float(np.median(list(fit.scales.formulas.values()) or [FORMULA_ERROR[0]]))
                 std = float(np.hypot(std, max(FORMULA_ERROR[0], rough) * (value - p.neutral)))
-            found.append(FoundParameter(p.name, p.unit, Estimate(value, std)))
+            numbers.append(FittedParameter(p.name, p.unit, Estimate(value, std)))
     for k, (e, p) in enumerate(private):
         if e == id_:
             places = [int(first[i]) + t.size + k for i, t in enumerate(problem.trials)]
             values = [float(fit.point.vector[place]) for place in places]
             rms = float(np.sqrt(np.mean(np.square(values))))
             std = float(np.sqrt(np.mean(variance[places]) / len(values)))
-            found.append(FoundParameter(p.name, p.unit, Estimate(rms, std), tuple(values)))
-    return tuple(found)
+            numbers.append(FittedParameter(p.name, p.unit, Estimate(rms, std), tuple(values)))
+    return tuple(numbers)
 
 
 def _active(problem: Problem, fit: Fit) -> tuple[Active, ...]:
     """Return the effects as a simulation takes them, see `_typical` for what each trial has of its own."""
     point, effects = fit.point, problem.bench.world.effects
-    own = _typical(problem, fit)
+    typical = _typical(problem, fit)
     return tuple(
         Active(effects[id_], values)
-        for id_, values in problem.setting(point.effects, point.common, np.asarray(own))
+        for id_, values in problem.setting(point.effects, point.common, np.asarray(typical))
     )
 
 
@@ -265,9 +265,9 @@ def _typical(problem: Problem, fit: Fit) -> Array:
 def _gap(problem: Problem, judgement: Judgement, before: Fit, after: Fit, tolerance: float) -> Gap:
     """Return the gap of all channels together."""
     expected = float(np.sum(np.fmin(judgement.before.expected, judgement.after.expected)))
-    held = [float(np.sum(p.left_out)) for p in (judgement.before, judgement.after)]
+    left_out = [float(np.sum(p.left_out)) for p in (judgement.before, judgement.after)]
     left = [beyond(problem, f, tolerance) for f in (before, after)]
-    return Gap("all", _ratio([m for m, _ in left], min(f for _, f in left)), _ratio(held, expected))
+    return Gap("all", _ratio([m for m, _ in left], min(f for _, f in left)), _ratio(left_out, expected))
 
 
 def _gap_of(
@@ -298,7 +298,7 @@ def _candidates(
     for look in (k for k in search.looks.get((), ()) if not k.tolerated):
         for score in look.scores:
             gains[score.candidate] = max(gains.get(score.candidate, -np.inf), score.gain)
-    found = []
+    candidates = []
     no_bounds: tuple[str, ...] = ()
     for id_, gain in gains.items():
         model = search.model((id_,))
@@ -316,36 +316,36 @@ def _candidates(
             ("named", named), ("twin", twins), ("described", described), ("small", small),
         )  # fmt: skip
         status = next((fate for fate, ids in fates if id_ in ids), status)
-        found.append(Candidate(id_, gain, probability, closes, status, bounds))
-    return tuple(sorted(found, key=lambda c: (-c.probability, -c.gain)))
+        candidates.append(Candidate(id_, gain, probability, closes, status, bounds))
+    return tuple(sorted(candidates, key=lambda c: (-c.probability, -c.gain)))
 
 
 def _at_bound(problem: Problem, fit: Fit) -> tuple[str, ...]:
     """Name the effects' strengths that ended at a bound other than their neutral value."""
-    found = []
+    names = []
     for (_, p), value in zip(
         problem.parameters(fit.point.effects, per_trial=False), fit.point.common, strict=True
     ):
         margin = AT_BOUND * (p.high - p.low)
         ends = [b for b in (p.low, p.high) if abs(b - p.neutral) > margin]
         if not p.shape and any(abs(value - b) < margin for b in ends):
-            found.append(p.name)
-    return tuple(found)
+            names.append(p.name)
+    return tuple(names)
 
 
 def _residuals(
     problem: Problem, fits: tuple[Fit, Fit], missing: tuple[Sequence[Discrepancy], Sequence[Discrepancy]]
 ) -> list[Residual]:
     """Return every channel of every trial beside the model, without and with the effects."""
-    found = []
+    residuals = []
     before, after = fits
     shared = [_by_place(of) for of in missing]
     for i, trial in enumerate(problem.trials):
         o = trial.observation
-        command = next(c for c, own in enumerate(problem.commands) if i in own)
+        command = next(c for c, repetitions in enumerate(problem.commands) if i in repetitions)
         for k, c in enumerate(trial.channels):
             first, second = (of[command, c] for of in shared)
-            found.append(
+            residuals.append(
                 Residual(
                     trial=o.name,
                     channel=c,
@@ -364,11 +364,11 @@ def _residuals(
                     size=second.size,
                 )
             )
-    return found
+    return residuals
 
 
-def _by_place(found: Sequence[Discrepancy]) -> dict[tuple[int, str], Discrepancy]:
-    return {(d.command, d.channel): d for d in found}
+def _by_place(rows: Sequence[Discrepancy]) -> dict[tuple[int, str], Discrepancy]:
+    return {(d.command, d.channel): d for d in rows}
 
 
 def _sand(fit: Fit) -> dict[str, Estimate]:
@@ -394,14 +394,14 @@ def _trials_left_out(problem: Problem, judgement: Judgement) -> tuple[LeftOut, .
 
 def _speeds_left_out(problem: Problem, judgement: Judgement) -> tuple[LeftOut, ...]:
     expected = np.fmin(judgement.before.expected, judgement.after.expected)
-    found = []
-    for own in problem.commands:
-        k = list(own)
+    rows = []
+    for repetitions in problem.commands:
+        k = list(repetitions)
         a, b = (_sum(p.speed_left_out, k) for p in (judgement.before, judgement.after))
         if np.isfinite(a + b):
             speed = problem.trials[k[0]].observation.variant.velocity
-            found.append(LeftOut(f"{speed:g}", *_ratio([a, b], _sum(expected, k))))
-    return tuple(found)
+            rows.append(LeftOut(f"{speed:g}", *_ratio([a, b], _sum(expected, k))))
+    return tuple(rows)
 
 
 def _sum(values: Array, places: Sequence[int]) -> float:

@@ -14,13 +14,13 @@ from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Normal, Posterior, posterior
 from granite_lab.inference.point import Further, Point, stacked
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.scales import LEAST_OWN
+from granite_lab.inference.scales import LEAST_SCALE
 from granite_lab.inference.shelf import Shelved
 from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 
-OWN_SCALES = np.exp(-np.arange(-np.log(LEAST_OWN)))
+SCALES_TRIED = np.exp(-np.arange(-np.log(LEAST_SCALE)))
 """Scales that are tried for the numbers that an effect has in each trial, as shares of the prior's range, one
 std of the prior of their logarithm apart."""
 
@@ -43,28 +43,23 @@ class Probe:
     size: float
     about: tuple[float, ...]
 
-    @property
-    def is_own(self) -> bool:
-        """Whether each trial has a value of its own."""
-        return self.parameter.per_trial
-
 
 @dataclass(frozen=True, eq=False)
 class Screen:
     """All candidates about one fit.
 
     Attributes:
-        probes: with one column each, those of `own` excepted.
-        own: candidates with numbers of their own in each trial, to their probes; these have a column a trial.
+        probes: with one column each, those of `per_trial` excepted.
+        per_trial: candidates whose numbers differ by trial, to their probes; these have a column a trial.
         posterior: of the model without them; its `rest` holds the columns, first `probes`, then per trial
-            those of `own`, then the residual.
+            those of `per_trial`, then the residual.
         marginal: the normal equations it is of, and the log determinant of the discrepancy.
         trials: number of trials.
         large: `normal` and `raw`.
     """
 
     probes: tuple[Probe, ...]
-    own: Mapping[str, tuple[Probe, ...]]
+    per_trial: Mapping[str, tuple[Probe, ...]]
     posterior: Posterior
     marginal: tuple[Array, float]
     trials: int
@@ -79,19 +74,19 @@ class Screen:
     def raw(self) -> Mapping[int, Array]:
         """Of the first trial of each command, its (C n, k) columns before whitening.
 
-        They are by the trial's own parameters, the shared ones, `probes`, then the trial's columns of `own`.
+        They are by the trial's own parameters, the shared ones, `probes`, then `per_trial` of the trial.
         """
         return self.large.value[1]
 
     def columns_of(self, trial: int) -> Array:
         """Return the places of the candidates' columns that a trial has, in the order of `raw`."""
-        each = sum(len(group) for group in self.own.values())
+        each = sum(len(group) for group in self.per_trial.values())
         behind = len(self.probes) + trial * each + np.arange(each)
         return np.asarray(np.concatenate([np.arange(len(self.probes)), behind]))
 
-    def places_of_own(self, id_: str) -> Array:
+    def places_per_trial(self, id_: str) -> Array:
         """Return the (trials, o) places of the columns of such a candidate."""
-        each = [p for group in self.own.values() for p in group]
+        each = [p for group in self.per_trial.values() for p in group]
         first = [k for k, p in enumerate(each) if p.candidate == id_]
         return np.asarray(len(self.probes) + np.arange(self.trials)[:, None] * len(each) + np.array(first))
 
@@ -104,13 +99,13 @@ class Score:
         candidate: id.
         gain: logarithm of the Bayes factor, linear about the fit.
         values: of all its parameters, where a fit may start.
-        own: (trials, o) of those that each trial has of its own.
+        trial_values: (trials, o) of those that each trial has of its own.
     """
 
     candidate: str
     gain: float
     values: tuple[float, ...]
-    own: Array | None = None
+    trial_values: Array | None = None
 
 
 def sizes(p: EffectParameter) -> tuple[float, ...]:
@@ -163,26 +158,26 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int | None =
     sound = np.ones(len(probes), dtype=bool)
     changes: dict[int, Array] = {}
     for number, everyone in enumerate(problem.inputs):  # the responses of all would take gigabytes
-        base, *moved = problem.bench.run(_tasks(problem, fit, probes, number), keep=False)
-        sound &= np.array([base is not None and run is not None for run in moved], dtype=bool)
+        base, *stepped = problem.bench.run(_tasks(problem, fit, probes, number), keep=False)
+        sound &= np.array([base is not None and run is not None for run in stepped], dtype=bool)
         if base is None:
             break
-        changes |= _shown(problem, fit, everyone, base, moved)
-    own: dict[str, list[int]] = {}
-    for k in (k for k in np.flatnonzero(sound).tolist() if probes[k].is_own):
-        own.setdefault(probes[k].candidate, []).append(k)
-    shared = [k for k in np.flatnonzero(sound).tolist() if not probes[k].is_own]
-    order = [*shared, *(k for group in own.values() for k in group)]
+        changes |= _shown(problem, fit, everyone, base, stepped)
+    per_trial: dict[str, list[int]] = {}
+    for k in (k for k in np.flatnonzero(sound).tolist() if probes[k].parameter.per_trial):
+        per_trial.setdefault(probes[k].candidate, []).append(k)
+    shared = [k for k in np.flatnonzero(sound).tolist() if not probes[k].parameter.per_trial]
+    order = [*shared, *(k for group in per_trial.values() for k in group)]
     columns = {i: problem.columns(i, fit.point, fit.slopes) for i, _ in enumerate(problem.trials)}
     if order:
         columns = {i: np.column_stack([table, changes.pop(i)[:, order]]) for i, table in columns.items()}
     further = Further.numbered(len(order), len(order) - len(shared))
-    normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=further, known=columns, keep=False)
+    normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=further, given=columns, keep=False)
     first = [everyone[0] for everyone in problem.commands]
     raw = {i: columns[i] for i in first}
     return Screen(
         tuple(probes[k] for k in shared),
-        {id_: tuple(probes[k] for k in group) for id_, group in own.items()},
+        {id_: tuple(probes[k] for k in group) for id_, group in per_trial.items()},
         *_reduced(problem, normal, fit),
         len(problem.trials),
         Shelved((normal, raw)),
@@ -190,22 +185,22 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int | None =
 
 
 def _shown(
-    problem: Problem, fit: Fit, own: Sequence[int], base: Array, moved: list[Array | None]
+    problem: Problem, fit: Fit, trials: Sequence[int], base: Array, stepped: list[Array | None]
 ) -> dict[int, Array]:
     """Return per trial of an input the (C n, k) bins of what k simulations differ by from one of it.
 
     As many at a time become bins as fit into `MEMORY`, and the simulations are given up.
     """
-    found: dict[int, list[Array]] = {i: [] for i in own}
+    bins_of: dict[int, list[Array]] = {i: [] for i in trials}
     count = max(1, int(MEMORY / base.nbytes))
-    for first in range(0, len(moved), count):
-        part = [base * 0 if run is None else run - base for run in moved[first : first + count]]
-        moved[first : first + count] = [None] * len(part)
+    for first in range(0, len(stepped), count):
+        part = [base * 0 if run is None else run - base for run in stepped[first : first + count]]
+        stepped[first : first + count] = [None] * len(part)
         changes = stacked(part, base)
-        for i in own:
+        for i in trials:
             shown = problem.trials[i].effect_columns
-            found[i].append(shown(changes, fit.point.trials[i], fit.point.sensors))
-    return {i: np.hstack(tables) for i, tables in found.items() if tables}
+            bins_of[i].append(shown(changes, fit.point.trials[i], fit.point.sensors))
+    return {i: np.hstack(tables) for i, tables in bins_of.items() if tables}
 
 
 def _tasks(problem: Problem, fit: Fit, probes: Sequence[Probe], number: int) -> list[Task]:
@@ -214,15 +209,15 @@ def _tasks(problem: Problem, fit: Fit, probes: Sequence[Probe], number: int) -> 
     for probe in probes:
         values = list(probe.about)
         values[probe.place] += probe.size
-        moved = problem.with_effect(fit.point, probe.candidate, values)
-        tasks.append(problem.centre(moved, number))
+        point = problem.with_effect(fit.point, probe.candidate, values)
+        tasks.append(problem.centre(point, number))
     return tasks
 
 
 def rescreened(problem: Problem, screened: Screen, fit: Fit) -> Screen:
     """Return a screen about the same point under the scales of another fit there."""
-    found, marginal = _reduced(problem, screened.normal, fit)
-    return replace(screened, posterior=found, marginal=marginal)
+    after, marginal = _reduced(problem, screened.normal, fit)
+    return replace(screened, posterior=after, marginal=marginal)
 
 
 def _reduced(problem: Problem, normal: Normal, fit: Fit) -> tuple[Posterior, tuple[Array, float]]:
@@ -250,9 +245,12 @@ def gain(rest: Array, places: Sequence[int], variances: Array) -> tuple[float, A
 
 def scores(problem: Problem, screened: Screen) -> list[Score]:
     """Return what each candidate would bring, the best first."""
-    ids = dict.fromkeys([*(p.candidate for p in screened.probes), *screened.own])
-    found = [_own(problem, screened, i) if i in screened.own else _shared(problem, screened, i) for i in ids]
-    return sorted(found, key=lambda s: -s.gain)
+    ids = dict.fromkeys([*(p.candidate for p in screened.probes), *screened.per_trial])
+    ranked = [
+        _per_trial(problem, screened, i) if i in screened.per_trial else _shared(problem, screened, i)
+        for i in ids
+    ]
+    return sorted(ranked, key=lambda s: -s.gain)
 
 
 def _shared(problem: Problem, screened: Screen, id_: str) -> Score:
@@ -292,7 +290,7 @@ def around(problem: Problem, point: Point, id_: str) -> list[Point]:
         point: with the effect.
         id_: of the effect.
     """
-    found = []
+    points = []
     for k, (effect, p) in enumerate(problem.parameters(point.effects, per_trial=False)):
         if effect == id_ and p.moving:
             size = point.common[k] - p.neutral
@@ -301,8 +299,8 @@ def around(problem: Problem, point: Point, id_: str) -> list[Point]:
             for other in (*smaller, *larger):
                 common = point.common.copy()
                 common[k] = p.neutral + other
-                found.append(replace(point, common=common))
-    return found
+                points.append(replace(point, common=common))
+    return points
 
 
 def rivals(screened: Screen, id_: str) -> list[str]:
@@ -319,34 +317,34 @@ def rivals(screened: Screen, id_: str) -> list[str]:
         best[p.candidate] = max(best.get(p.candidate, (-np.inf, k, variance)), (alone, k, variance))
     if id_ not in best:
         return []
-    own, first, variance = best[id_]
-    found = []
+    reference, first, variance = best[id_]
+    names = []
     for other, (alone, k, wide) in best.items():
-        if other != id_ and alone >= own / 2:
+        if other != id_ and alone >= reference / 2:
             both, _ = gain(rest, [first, k], np.array([variance, wide]))
-            found += [other] if both - own < alone / 2 else []
-    return found
+            names += [other] if both - reference < alone / 2 else []
+    return names
 
 
 def others_of(problem: Problem) -> list[list[int]]:
     """Return, command by command, the trials of all others; all trials where there is one command."""
-    every = [i for own in problem.commands for i in own]
-    return [[i for i in every if i not in own] or every for own in problem.commands]
+    every = [i for repetitions in problem.commands for i in repetitions]
+    return [[i for i in every if i not in repetitions] or every for repetitions in problem.commands]
 
 
-def _own(problem: Problem, screened: Screen, id_: str) -> Score:
+def _per_trial(problem: Problem, screened: Screen, id_: str) -> Score:
     """Try the numbers that each trial has of its own, at several scales of them.
 
     The gain is that of all commands but the one that speaks for them most: an order of the wheels shows at
     every speed, a resonance of the frame coincides with it at one (order tracking: R. B. Randall,
     Vibration-based Condition Monitoring, Wiley 2011).
     """
-    places = screened.places_of_own(id_)
-    probes = screened.own[id_]
+    places = screened.places_per_trial(id_)
+    probes = screened.per_trial[id_]
     size = np.array([p.size for p in probes])
     width = np.array([width_of(p.parameter) for p in probes])
     best = Score(id_, -np.inf, ())
-    for scale in OWN_SCALES:
+    for scale in SCALES_TRIED:
         variances = np.tile((scale * width / size) ** 2, screened.trials)
         _, mean = gain(screened.posterior.rest, _listed(places), variances)
         value = min(
@@ -354,8 +352,8 @@ def _own(problem: Problem, screened: Screen, id_: str) -> Score:
             for some in others_of(problem)
         )
         if value > best.gain:
-            own = mean.reshape(places.shape) * size
-            best = Score(id_, value, tuple(p.neutral for p in problem.parameters_of(id_)), own)
+            trial_values = mean.reshape(places.shape) * size
+            best = Score(id_, value, tuple(p.neutral for p in problem.parameters_of(id_)), trial_values)
     return best
 
 

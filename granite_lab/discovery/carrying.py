@@ -35,15 +35,15 @@ def carried(problem: Problem, fit: Fit, tolerance: float) -> Array | None:
     simulation has no solution, or a trial leaves the numbers open.
     """
     equations = Equations(problem, fit)
-    order = [i for own in problem.commands for i in own]
+    order = [i for out in problem.commands for i in out]
     rows = []
-    for own in units(problem):
+    for out in units(problem):
         try:
-            step = shared_step(equations, tolerance, [k for k, i in enumerate(order) if i not in own])
+            step = shared_step(equations, tolerance, [k for k, i in enumerate(order) if i not in out])
         except np.linalg.LinAlgError:
             return None
         whole = np.append(np.zeros(fit.point.vector.size - step.size), step)
-        rows.append(_lacking(problem, problem.moved(fit.point, whole), own))
+        rows.append(_lacking(problem, problem.stepped(fit.point, whole), out))
     return _stacked(rows)
 
 
@@ -55,7 +55,7 @@ def filed(problem: Problem, alone: Fit) -> Array | None:
         alone: a fit without effects, of which start, tilt and offsets of the trials are taken.
     """
     point = at_files(alone.point)
-    return _stacked([_lacking(problem, point, own) for own in units(problem)])
+    return _stacked([_lacking(problem, point, out) for out in units(problem)])
 
 
 def at_files(point: Point) -> Point:
@@ -75,25 +75,25 @@ def worse(after: Array | None, before: Array | None, tolerance: float) -> bool:
     """
     if after is None or before is None:
         return after is None and before is not None
-    known = np.isfinite(after).any(axis=0) & np.isfinite(before).any(axis=0)
-    after, before = (np.maximum(x[:, known], tolerance**2) for x in (after, before))
+    comparable = np.isfinite(after).any(axis=0) & np.isfinite(before).any(axis=0)
+    after, before = (np.maximum(x[:, comparable], tolerance**2) for x in (after, before))
     more = np.nansum((after - before) / np.nanmean(before, axis=0), axis=1)
     scatter = np.std(more, ddof=1) if more.size > 1 else 0.0
     return bool(more.sum() > np.sqrt(more.size) * scatter)
 
 
-def _lacking(problem: Problem, point: Point, own: Sequence[int]) -> Array | None:
+def _lacking(problem: Problem, point: Point, some: Sequence[int]) -> Array | None:
     """Return per signal the mean square in motion, over that of the signal; mean over some trials.
 
     Raking and gains of the trials are those of the files. NaN for a channel that was not logged.
     """
     names = [*dict.fromkeys(c for t in problem.trials for c in t.channels), VELOCITY]
     point = replace(point, trials=tuple(map(_as_filed, problem.trials, point.trials)))
-    runs = problem.respond([problem.task(point, i) for i in own])
+    runs = problem.respond([problem.task(point, i) for i in some])
     if runs is None:
         return None
-    table = np.full((len(own), len(names)), np.nan)
-    for row, i, run in zip(table, own, runs, strict=True):
+    table = np.full((len(some), len(names)), np.nan)
+    for row, i, run in zip(table, some, runs, strict=True):
         trial, x, command = problem.trials[i], point.trials[i], problem.command_of[i]
         left = trial.measured - trial.predict(run, x[: trial.size], point.sensors)
         for c, values in zip(trial.channels, left, strict=True):
@@ -104,8 +104,8 @@ def _lacking(problem: Problem, point: Point, own: Sequence[int]) -> Array | None
         if "accel_x" in trial.channels:
             _, moving = problem.size_of(command, "accel_x")
             row[-1] = _of_velocity(trial, left[trial.channels.index("accel_x")], moving > 0)
-    known = np.isfinite(table).sum(axis=0)
-    return np.asarray(np.where(known > 0, np.nansum(table, axis=0) / np.fmax(known, 1), np.nan))
+    counts = np.isfinite(table).sum(axis=0)
+    return np.asarray(np.where(counts > 0, np.nansum(table, axis=0) / np.fmax(counts, 1), np.nan))
 
 
 def _of_velocity(trial: TrialModel, error: Array, moving: NDArray[np.bool_]) -> float:
@@ -125,8 +125,8 @@ def _of_velocity(trial: TrialModel, error: Array, moving: NDArray[np.bool_]) -> 
 
 
 def _stacked(rows: Sequence[Array | None]) -> Array | None:
-    known = [row for row in rows if row is not None]
-    return np.stack(known) if len(known) == len(rows) else None
+    complete = [row for row in rows if row is not None]
+    return np.stack(complete) if len(complete) == len(rows) else None
 
 
 def _as_filed(trial: TrialModel, x: Array) -> Array:

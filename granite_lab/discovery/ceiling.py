@@ -45,13 +45,13 @@ def ceiling(problem: Problem, alone: Fit, pushes: Pushes, tolerance: float) -> C
     normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=pushes.further, keep=False)
     solve = _Solver(problem, fit, normal, tolerance, kind)
     sizes = solve.learnt()
-    found, value = solve.closed(sizes)
+    fitted, value = solve.closed(sizes)
     parts = {}
     for q, name in enumerate(PUSHES):
-        own = np.where(np.arange(sizes.size) == q, sizes, 0.0)
-        parts[name] = _share(left - solve.closed(own)[1], gap)
-    amplitudes = found.step[-kind.size :]
-    std = np.sqrt(np.fmax(np.diag(found.covariance)[-kind.size :], 0.0))
+        alone_in = np.where(np.arange(sizes.size) == q, sizes, 0.0)
+        parts[name] = _share(left - solve.closed(alone_in)[1], gap)
+    amplitudes = fitted.step[-kind.size :]
+    std = np.sqrt(np.fmax(np.diag(fitted.covariance)[-kind.size :], 0.0))
     return Ceiling(
         value=_share(left - value, gap),
         left=_share(left - min(floor for _, floor in misfits), gap),
@@ -87,14 +87,14 @@ class _Solver:
         """Return the posterior under std of the pushes, (5,), and the (K,) share the trials determine."""
         s = np.fmax(sizes[self.kind], NOTHING * UNSEEN)
         precision = np.concatenate([self.precision, s**-2.0])
-        found = posterior(self.M, self.logdet, precision, np.append(self.pull, np.zeros(s.size)))
-        known = 1 - np.diag(found.covariance)[-s.size :] / s**2
-        return found, np.clip(known, 0.0, 1.0)
+        fitted = posterior(self.M, self.logdet, precision, np.append(self.pull, np.zeros(s.size)))
+        determined = 1 - np.diag(fitted.covariance)[-s.size :] / s**2
+        return fitted, np.clip(determined, 0.0, 1.0)
 
     def closed(self, sizes: Array) -> tuple[Posterior, float]:
         """Return the posterior, and the misfit with what the pushes take up of the noise added."""
-        found, known = self.at(sizes)
-        return found, found.misfit + float(known.sum())
+        fitted, determined = self.at(sizes)
+        return fitted, fitted.misfit + float(determined.sum())
 
     def learnt(self) -> Array:
         """Return the (5,) std of the pushes, by MacKay's fixed point from large ones down.
@@ -103,11 +103,11 @@ class _Solver:
         """
         sizes = np.ones(len(PUSHES))
         for _ in range(ROUNDS):
-            found, known = self.at(sizes)
-            squares = found.step[-self.kind.size :] ** 2
+            fitted, determined = self.at(sizes)
+            squares = fitted.step[-self.kind.size :] ** 2
             new = np.array(
                 [
-                    np.sqrt(squares[self.kind == q].sum() / max(known[self.kind == q].sum(), TINY))
+                    np.sqrt(squares[self.kind == q].sum() / max(determined[self.kind == q].sum(), TINY))
                     for q in range(sizes.size)
                 ]
             )
@@ -121,25 +121,25 @@ class _Solver:
 
 def _shown(problem: Problem, pushes: Pushes, amplitudes: Array) -> dict[str, float]:
     """Return channel to how far the forces move it, at most over the commands, over its rms in motion."""
-    found: dict[str, float] = {}
-    for command, own in enumerate(problem.commands):
-        trial, x = problem.trials[own[0]], pushes.fit.point.trials[own[0]]
-        felt = pushes.changes[problem.input_of[own[0]]] @ amplitudes[pushes.further.places(command)]
+    largest: dict[str, float] = {}
+    for command, repetitions in enumerate(problem.commands):
+        trial, x = problem.trials[repetitions[0]], pushes.fit.point.trials[repetitions[0]]
+        felt = pushes.changes[problem.input_of[repetitions[0]]] @ amplitudes[pushes.further.places(command)]
         shown = trial.effect_columns(felt[..., None], x, pushes.fit.point.sensors)
         for c, row in zip(trial.channels, shown.reshape(len(trial.channels), -1), strict=True):
             size, moving = problem.size_of(command, c)
             if size > 0:
                 rms = float(np.sqrt(np.mean(row[moving > 0] ** 2))) / size
-                found[c] = max(found.get(c, 0.0), rms)
-    return found
+                largest[c] = max(largest.get(c, 0.0), rms)
+    return largest
 
 
 def _where(problem: Problem, pushes: Pushes, amplitudes: Array, std: Array) -> tuple[Push, ...]:
     """Return the intervals in which a force is certain, those that need the most force first."""
     rows: list[tuple[float, Push]] = []
     certain = -ndtri((1 - CREDIBLE) / 2 / amplitudes.size)  # none by chance in nine of ten searches
-    for command, own in enumerate(problem.commands):
-        o = problem.trials[own[0]].observation
+    for command, repetitions in enumerate(problem.commands):
+        o = problem.trials[repetitions[0]].observation
         place = pushes.further.places(command)
         for q, (name, unit) in enumerate(PUSHES.items()):
             at = place[pushes.kind[command] == q]

@@ -55,22 +55,26 @@ def forces(problem: Problem, pushes: Pushes, number: int, terms: Sequence[Term])
     names = tuple(dict.fromkeys(name.format(axle) for axle in "fr" for name in OF_AXLE))
     plain, *changed = along(p, effects, others, names, world.accuracy)
     row = {name: k for k, name in enumerate(names)}
-    moved = {t.quantity: (after - plain) / LINEAR for t, after in zip(factors, changed, strict=True)}
+    by_factor = {t.quantity: (after - plain) / LINEAR for t, after in zip(factors, changed, strict=True)}
     i = problem.inputs[number][0]
     trial, command = problem.trials[i], problem.command_of[i]
     of = {axle: [plain[row[name.format(axle)]] for name in OF_AXLE] for axle in "fr"}
     groups = {t.groups for t in terms}
     φ = {axle: {g: _phi(g, of[axle], p) for g in groups} for axle in "fr"}
-    found = np.zeros((len(terms), pushes.kind[command].size))
+    amplitudes = np.zeros((len(terms), pushes.kind[command].size))
     for n, term in enumerate(terms):
-        own = {axle: φ[axle][term.groups] for axle in "fr"}
-        change = {name: moved[term.quantity][k] for name, k in row.items()} if term.quantity in moved else {}
-        acting = _acting(term, own, change, of, p) / pushes.sizes[:, None]
+        of_term = {axle: φ[axle][term.groups] for axle in "fr"}
+        change = (
+            {name: by_factor[term.quantity][k] for name, k in row.items()}
+            if term.quantity in by_factor
+            else {}
+        )
+        acting = _acting(term, of_term, change, of, p) / pushes.sizes[:, None]
         for q in range(len(PUSHES)):
             at = pushes.kind[command] == q
-            found[n, at] = np.interp(pushes.centres[command][at], trial.t, acting[q])
+            amplitudes[n, at] = np.interp(pushes.centres[command][at], trial.t, acting[q])
     overlap = WIDTH * np.sqrt(2 * np.pi) / SPACING
-    return np.asarray(found / overlap)  # neighbouring pushes overlap
+    return np.asarray(amplitudes / overlap)  # neighbouring pushes overlap
 
 
 def _phi(groups: tuple[str, ...], of: Sequence[Array], p: ModelParameters) -> Array:
@@ -137,13 +141,13 @@ class Screened:
             fit.point, fit.slopes, fit.residuals, apart=True, further=pushes.further, keep=False
         )
         acting = [forces(problem, pushes, k, terms) for k, _ in enumerate(problem.inputs)]
-        self._acting = [acting[problem.input_of[i]] for own in problem.commands for i in own]
-        self._known: dict[tuple[int, float], tuple[Array, float]] = {}
+        self._acting = [acting[problem.input_of[i]] for repetitions in problem.commands for i in repetitions]
+        self._parts: dict[tuple[int, float], tuple[Array, float]] = {}
 
     def part(self, number: int, share: float) -> tuple[Array, float]:
         """Return the matrix of one trial: its parameters, the terms, the residual; and a log determinant."""
         key = number, share
-        if key not in self._known:
+        if key not in self._parts:
             place = self.normal.parts[number].place
             M, logdet = self.normal.marginal(tolerated(self.fit.scales, share), [number])
             M = M[np.ix_(place, place)]
@@ -153,8 +157,8 @@ class Screened:
             X[:first, :first] = np.eye(first)
             X[first:-1, first:-1] = self._acting[number].T
             X[-1, -1] = 1.0
-            self._known[key] = X.T @ M @ X, logdet
-        return self._known[key]
+            self._parts[key] = X.T @ M @ X, logdet
+        return self._parts[key]
 
     def beside(self, chosen: Sequence[int]) -> Chosen:
         """Return the equations with some terms in the model."""
@@ -167,28 +171,28 @@ class Screened:
             chosen: places of the terms that are in the model; they gain nothing.
             share: discrepancy that is taken for granted.
         """
-        own = self.beside(range(len(self.terms)))
-        M, logdet = own.marginal(share, range(len(self.normal.parts)))
+        equations = self.beside(range(len(self.terms)))
+        M, logdet = equations.marginal(share, range(len(self.normal.parts)))
         n = len(self.terms)
         widths = np.array([width_of(t.parameters[0]) for t in self.terms])
-        p = own.precision.size - n
-        rest = posterior(M, logdet, own.precision[:p], own.pull[:p]).rest
+        p = equations.precision.size - n
+        rest = posterior(M, logdet, equations.precision[:p], equations.pull[:p]).rest
         scaled = rest * np.outer(np.append(widths, 1.0), np.append(widths, 1.0))
         if chosen:
             at = list(chosen)
             inner = np.eye(len(at)) + scaled[np.ix_(at, at)]
             scaled = scaled - scaled[:, at] @ np.linalg.solve(inner, scaled[at, :])
         power, pull = np.fmax(np.diag(scaled)[:n], 0.0), scaled[:n, -1]
-        found = 0.5 * (pull**2 / (1 + power) - np.log1p(power)) + np.log(EFFECT_ODDS / n)
-        found[list(chosen)] = -np.inf
-        return np.asarray(found)
+        gains = 0.5 * (pull**2 / (1 + power) - np.log1p(power)) + np.log(EFFECT_ODDS / n)
+        gains[list(chosen)] = -np.inf
+        return np.asarray(gains)
 
     def sizes(self, chosen: Sequence[int], share: float) -> Array:
         """Return the likeliest coefficients of some terms."""
-        own = self.beside(chosen)
-        M, logdet = own.marginal(share, range(len(self.normal.parts)))
-        found = posterior(M, logdet, own.precision, own.pull).step
-        return found[found.size - len(chosen) :]
+        equations = self.beside(chosen)
+        M, logdet = equations.marginal(share, range(len(self.normal.parts)))
+        step = posterior(M, logdet, equations.precision, equations.pull).step
+        return step[step.size - len(chosen) :]
 
 
 class Chosen(Equations):
@@ -210,11 +214,11 @@ class Chosen(Equations):
         M, total = np.zeros((size, size)), 0.0
         p = self.normal.parameters
         for number in only:
-            own, logdet = self.screened.part(number, share)
+            block, logdet = self.screened.part(number, share)
             place = self.normal.parts[number].place
             place = place[place < p]
-            here = np.concatenate([np.arange(place.size), place.size + self.chosen, [own.shape[0] - 1]])
+            here = np.concatenate([np.arange(place.size), place.size + self.chosen, [block.shape[0] - 1]])
             there = np.concatenate([place, np.arange(p, size)])
-            M[np.ix_(there, there)] += own[np.ix_(here, here)]
+            M[np.ix_(there, there)] += block[np.ix_(here, here)]
             total += logdet
         return M, total

@@ -44,27 +44,27 @@ def described(problem: Problem, pushes: Pushes, tolerance: float) -> Fit | None:
         point = problem.with_effect(point, screened.terms[k].id, [float(np.clip(a, p.low, p.high))])
     while len(point.effects) > len(before.point.effects):
         try:
-            found = fit(problem, point, before.scales, rounds=FINE)
+            fitted = fit(problem, point, before.scales, rounds=FINE)
         except EstimateError:
             return None
-        stay = _staying(problem, found, tolerance)
-        lost = [id_ for id_ in found.point.effects if is_term(id_) and id_ not in stay]
+        stay = _staying(problem, fitted, tolerance)
+        lost = [id_ for id_ in fitted.point.effects if is_term(id_) and id_ not in stay]
         if not lost:
-            after = predict(problem, found, tolerance)
-            return found if predicts_better(predict(problem, before, tolerance), after) else None
-        point = found.point
+            after = predict(problem, fitted, tolerance)
+            return fitted if predicts_better(predict(problem, before, tolerance), after) else None
+        point = fitted.point
         for id_ in lost:
             point = problem.without_effect(point, id_)
     return None
 
 
-def _staying(problem: Problem, found: Fit, tolerance: float) -> list[str]:
+def _staying(problem: Problem, fitted: Fit, tolerance: float) -> list[str]:
     """Return the terms that predict what was left out beside the others; the least useful goes first."""
-    stay = list(filter(is_term, found.point.effects))
+    stay = list(filter(is_term, fitted.point.effects))
     gone: list[str] = []
     while stay:
-        now = lacking(problem, found, gone, tolerance)
-        without = {id_: lacking(problem, found, [*gone, id_], tolerance) for id_ in stay}
+        now = lacking(problem, fitted, gone, tolerance)
+        without = {id_: lacking(problem, fitted, [*gone, id_], tolerance) for id_ in stay}
         lost = [id_ for id_ in stay if not predicts_better(without[id_], now)]
         if not lost:
             break
@@ -74,11 +74,11 @@ def _staying(problem: Problem, found: Fit, tolerance: float) -> list[str]:
     return stay
 
 
-def lacking(problem: Problem, found: Fit, ids: Sequence[str], tolerance: float) -> Predicted:
+def lacking(problem: Problem, fitted: Fit, ids: Sequence[str], tolerance: float) -> Predicted:
     """Return the prediction without some effects, everything else refitted; linear about the fit."""
-    names = problem.parameters(found.point.effects, per_trial=False)
+    names = problem.parameters(fitted.point.effects, per_trial=False)
     pinned = [k for k, (e, _) in enumerate(names) if e in ids]
-    return predict(problem, found, tolerance, Equations(problem, found, pinned))
+    return predict(problem, fitted, tolerance, Equations(problem, fitted, pinned))
 
 
 def _chosen(problem: Problem, screened: Screened, tolerance: float, most: int) -> list[int]:

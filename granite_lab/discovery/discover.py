@@ -77,7 +77,7 @@ def discover(
     order = sorted(range(len(trials)), key=lambda i: trials[i].name)
     readings = clocks([trials[i] for i in order], [motions[i] for i in order])
     candidates = dict(sorted((id_, e) for id_, e in effects.items() if id_ != LATENCY_EFFECT))
-    left_out, said = _not_asked([m.variant for m in motions], candidates)
+    left_out, unobservable = _unobservable([m.variant for m in motions], candidates)
     candidates = {id_: e for id_, e in candidates.items() if id_ not in left_out}
     library = tuple(candidates)
     simulated = candidates | dictionary() | {LatentForce.id: LatentForce()}
@@ -93,9 +93,9 @@ def discover(
         text, step = stage
         progress(f"{text} ({bench.runs} simulations)", step, STEPS)
 
-    every = [trial_models(own, robot, seen) for own, seen in readings]
+    every = [trial_models(some, robot, seen) for some, seen in readings]
     plain = World(robot, soil, every[0][1], simulated)
-    worlds = [under_conditions(plain, own, m) for (own, _), (m, _) in zip(readings, every, strict=True)]
+    worlds = [under_conditions(plain, some, m) for (some, _), (m, _) in zip(readings, every, strict=True)]
     with one_thread(), ExitStack() as stack:
         bench = stack.enter_context(Bench(worlds[0], jobs, tick, respond))
         tell("fitting the model without effects", 0)
@@ -109,44 +109,44 @@ def discover(
         if count != robot.wheels.lugs:
             bench = stack.enter_context(Bench(_with_lugs(bench.world, count), jobs, tick, respond))
             bench.runs, problem.bench = problem.bench.runs, bench
-        found = search(problem, base, library, tolerance, lambda text, named: tell(text, 1 + named))
+        searched = search(problem, base, library, tolerance, lambda text, named: tell(text, 1 + named))
         parts = Attempts()
         tell("predicting trials that are left out", STEPS - 2)
         judged = parts.of(
             "predictions of trials that are left out",
-            lambda: judge(problem, found, tolerance),
-            by_posterior(problem, found),
+            lambda: judge(problem, searched, tolerance),
+            by_posterior(problem, searched),
         )
-        judged = parts.of("what may be saved", lambda: savable(problem, found, judged, tolerance), judged)
+        judged = parts.of("what may be saved", lambda: savable(problem, searched, judged, tolerance), judged)
         nothing: tuple[Judgement, Ceiling | None] = (judged, None)
         judgement, limit = parts.of(
             "what the library leaves",
-            lambda: remainder(problem, found, judged, tolerance, lambda text: tell(text, STEPS - 2)),
+            lambda: remainder(problem, searched, judged, tolerance, lambda text: tell(text, STEPS - 2)),
             nothing,
         )
         tell("checking what these trials could show", STEPS - 1)
         power = parts.of(
             "what these trials could show",
-            lambda: _power(problem, found, judged, library, tolerance),
+            lambda: _power(problem, searched, judged, library, tolerance),
             None,
         )
         finding = assemble(
             problem=problem,
-            search=found,
+            search=searched,
             judgement=judgement,
             limit=limit,
             power=power,
             effects=effects,
             tolerance=tolerance,
             latency=latency,
-            moved={t.name: m.clock_applied for t, m in zip(trials, motions, strict=True)},
+            clock_applied={t.name: m.clock_applied for t, m in zip(trials, motions, strict=True)},
             dropped=dropped,
             virtual=all(t.info.virtual for t in trials),
             parts=parts,
         )
-        finding = _told_of_lugs(finding, robot, count)
+        finding = _noting_lugs(finding, robot, count)
         return replace(
-            finding, notes=(*finding.notes, *said), failures=tuple(parts.lines),
+            finding, notes=(*finding.notes, *unobservable), failures=tuple(parts.lines),
             tracebacks=tuple(parts.tracebacks),
         )  # fmt: skip
 
@@ -168,7 +168,7 @@ def _with_lugs(world: World, count: float) -> World:
     return replace(world, robot=replace(world.robot, wheels=replace(world.robot.wheels, lugs=count)))
 
 
-def _told_of_lugs(finding: Finding, robot: Robot, count: float) -> Finding:
+def _noting_lugs(finding: Finding, robot: Robot, count: float) -> Finding:
     """Say which number of lugs the search took, where an effect that was found depends on it."""
     if not any(active.effect.by_lugs for active in finding.active):
         return replace(finding, robot=robot)
@@ -179,32 +179,34 @@ def _told_of_lugs(finding: Finding, robot: Robot, count: float) -> Finding:
     return replace(finding, notes=(*finding.notes, f"{repeats} {stated}"))
 
 
-def _not_asked(variants: Sequence[Variant], candidates: Mapping[str, Effect]) -> tuple[set[str], list[str]]:
+def _unobservable(
+    variants: Sequence[Variant], candidates: Mapping[str, Effect]
+) -> tuple[set[str], list[str]]:
     """Return the effects that trials whose wheels drive them cannot tell of, and how that is said."""
     turned = [v for v in variants if is_driven(v)]
     free = sum(isinstance(v, Course) and not v.commanded for v in turned)
     of_drives = [id_ for id_, e in candidates.items() if turned and drives(e)]
     of_command = [id_ for id_, e in candidates.items() if free and goes_by_command(e)]
-    said = []
+    notes = []
     if of_drives:
-        said.append(
+        notes.append(
             f"The measured wheel speeds drive {len(turned)} of {len(variants)} trials: effects of drives and "
             f"encoders are no candidates ({', '.join(of_drives)})."
         )
     if of_command:
-        said.append(
+        notes.append(
             f"No command is known of {free} of {len(variants)} trials, k_92 goes by their wheels: effects of "
             f"the command on k_92 are no candidates ({', '.join(of_command)})."
         )
-    return {*of_drives, *of_command}, said
+    return {*of_drives, *of_command}, notes
 
 
 def _power(
-    problem: Problem, found: Search, judgement: Judgement, library: Sequence[str], tolerance: float
+    problem: Problem, searched: Search, judgement: Judgement, library: Sequence[str], tolerance: float
 ) -> tuple[tuple[Detectable, ...], Confusion]:
     """Return what the trials could show beside what was named; the search's screen serves where it can."""
     model = judgement.model
-    looks = found.looks.get(model.effects, ())
+    looks = searched.looks.get(model.effects, ())
     rest = [c for c in library if c not in model.effects]
     screened = next((k.screened for k in looks if k.screened), None) or screen(
         problem, model.fit, rest, most=FEW
@@ -220,7 +222,7 @@ def _possible(problem: Problem) -> tuple[Problem, tuple[tuple[str, str], ...]]:
     """
     neutral = problem.neutral()
     runs = problem.bench.run([problem.centre(neutral, c) for c in range(len(problem.inputs))])
-    out = {i for own, run in zip(problem.inputs, runs, strict=True) if run is None for i in own}
+    out = {i for served, run in zip(problem.inputs, runs, strict=True) if run is None for i in served}
     if len(out) == len(problem.trials):
         raise EstimateError(
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
@@ -241,15 +243,17 @@ def _outliers(problem: Problem, base: Fit) -> dict[int, str]:
     """
     if len(problem.trials) <= 2:  # which of two is strange?
         return {}
-    found: dict[int, str] = {}
+    reasons: dict[int, str] = {}
     rows = zip(nominal(problem), base.residuals, strict=True)
-    residuals = [np.concatenate([w(r) for w, r in zip(own, table, strict=True)]) for own, table in rows]
+    residuals = [
+        np.concatenate([w(r) for w, r in zip(whiteners, table, strict=True)]) for whiteners, table in rows
+    ]
     numbers = [x / [s.std for s in t.slacks] for t, x in zip(problem.trials, base.point.trials, strict=True)]
-    for what, values in (
+    for subject, values in (
         ("its residuals are", residuals), ("its sand, offsets and gains lie off their files", numbers),
     ):  # fmt: skip
         rms = np.sqrt([np.mean(v**2) for v in values])
         ratio = rms / np.median(rms)
         for i in np.flatnonzero(ratio > OUTLIER).tolist():
-            found.setdefault(i, f"{what} {ratio[i]:.0f} times those of the others")
-    return found
+            reasons.setdefault(i, f"{subject} {ratio[i]:.0f} times those of the others")
+    return reasons

@@ -27,5 +27,5 @@ def views(finding: Finding, fit: AThetaFit | None) -> tuple[View, ...]:
         parts += [part.times(value / fit.a_theta.value) for part in radius]
     std = math.hypot(*(part.contribution for part in parts))
     low, high = Estimate(math.log(value), std / value).interval()
-    own = View("found", Estimate(value, std), (math.exp(low), math.exp(high)), tuple(parts))
-    return (*(views_of(fit) if fit is not None else ()), own)
+    augmented = View("found", Estimate(value, std), (math.exp(low), math.exp(high)), tuple(parts))
+    return (*(views_of(fit) if fit is not None else ()), augmented)

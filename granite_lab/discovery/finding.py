@@ -31,7 +31,7 @@ Status = Literal["named", "twin", "described", "small", "less likely", "screened
 
 
 @dataclass(frozen=True)
-class FoundParameter:
+class FittedParameter:
     """One fitted number of an effect.
 
     Attributes:
@@ -48,7 +48,7 @@ class FoundParameter:
 
 
 @dataclass(frozen=True)
-class FoundEffect:
+class EffectFinding:
     """An effect that the trials show.
 
     Attributes:
@@ -64,7 +64,7 @@ class FoundEffect:
     id: str
     title: str
     formula: str
-    parameters: tuple[FoundParameter, ...]
+    parameters: tuple[FittedParameter, ...]
     twins: tuple[str, ...]
     probability: float
     closes: Estimate
@@ -320,9 +320,9 @@ class Finding(Shown):
     sentence: str
     probability: float
     provisional: tuple[str, ...]
-    effects: tuple[FoundEffect, ...]
-    description: tuple[FoundEffect, ...]
-    small: tuple[FoundEffect, ...]
+    effects: tuple[EffectFinding, ...]
+    description: tuple[EffectFinding, ...]
+    small: tuple[EffectFinding, ...]
     closed: Mapping[str, Estimate]
     ceiling: Ceiling | None
     strained: tuple[str, ...]
@@ -358,31 +358,31 @@ class Finding(Shown):
     simulates: tuple[float, ...] = ()
 
     @property
-    def terms(self) -> tuple[FoundEffect, ...]:
+    def terms(self) -> tuple[EffectFinding, ...]:
         """All that the likeliest model holds and that matters, named or not."""
         return (*self.effects, *self.description)
 
     @property
     def fitted_sand(self) -> dict[str, Estimate]:
         """a_θ [s/m], and numbers of the soil that all trials share, in their units as in `Soil`."""
-        found = {}
+        sand = {}
         for name, log in self.sand.items():
             base = load_paper().a_theta if name == "a_theta" else float(getattr(self.soil, name))
             value = base * math.exp(log.value)
-            found[name] = Estimate(value, value * log.std)
-        return found
+            sand[name] = Estimate(value, value * log.std)
+        return sand
 
     def sand_of(self, trial: str = "") -> tuple[Soil, float]:
         """Return the sand of a trial as fitted, and its a_θ [s/m]; of no or another trial that of all."""
         common = {name: number.value for name, number in self.fitted_sand.items()}
-        own: dict[str, Any] = {**common, **dict(self.sand_per_trial).get(trial, {})}
-        a_theta = own.pop("a_theta", load_paper().a_theta)
-        return replace(self.soil, **own), a_theta
+        numbers: dict[str, Any] = {**common, **dict(self.sand_per_trial).get(trial, {})}
+        a_theta = numbers.pop("a_theta", load_paper().a_theta)
+        return replace(self.soil, **numbers), a_theta
 
     def __repr__(self) -> str:
-        found = ", ".join(effect.id for effect in self.effects)
+        names = ", ".join(effect.id for effect in self.effects)
         return (
-            f"Finding('{self.verdict}'{', virtual' if self.virtual else ''}: {found or 'no effect'}, "
+            f"Finding('{self.verdict}'{', virtual' if self.virtual else ''}: {names or 'no effect'}, "
             f"probability {self.probability:.3g}, {len(self.candidates)} candidates)"
         )
 

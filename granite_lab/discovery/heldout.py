@@ -10,10 +10,10 @@ import numpy as np
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import UNSEEN
 from granite_lab.inference.fit import Fit
-from granite_lab.inference.gap import held, tolerated
+from granite_lab.inference.gap import determined_by_prior, tolerated
 from granite_lab.inference.normal import JITTER, least_within, posterior
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.scales import SHARES
+from granite_lab.inference.scales import DISCREPANCIES
 from granite_lab.logs.trial import Array
 
 
@@ -22,7 +22,7 @@ class Predicted:
     """Misfits of all trials under noise and a discrepancy of the tolerated size.
 
     Attributes:
-        own: (trials,) with all trials in the fit.
+        in_fit: (trials,) with all trials in the fit.
         left_out: (trials,) each predicted by the others, see `by_others`; NaN where there are none.
         speed_left_out: (trials,) each predicted by the trials of other commands; NaN where there are none.
         expected: (trials,) what noise and the tolerance leave of a model that is right.
@@ -31,7 +31,7 @@ class Predicted:
         squares: the sum of squares in that density, over the covariance of noise, tolerance and uncertainty.
     """
 
-    own: Array
+    in_fit: Array
     left_out: Array
     speed_left_out: Array
     expected: Array
@@ -47,7 +47,7 @@ class Predicted:
     @property
     def unseen(self) -> Array:
         """(trials,) left out, or those of the fit itself where nothing can be left out."""
-        return self.left_out if np.isfinite(self.left_out).any() else self.own
+        return self.left_out if np.isfinite(self.left_out).any() else self.in_fit
 
 
 class Equations:
@@ -74,10 +74,10 @@ class Equations:
         """Return the matrix of some trials under a discrepancy of some share, and its log determinant."""
         return self.normal.marginal(tolerated(self.fit.scales, share), only)
 
-    def held(self, part: int, share: float) -> float:
+    def determined_by_prior(self, part: int, share: float) -> float:
         """Return the number of directions along which the discrepancy of a trial is held by its prior."""
         scales = tolerated(self.fit.scales, share)
-        return sum(held(c, scales) for c in self.normal.parts[part].channels)
+        return sum(determined_by_prior(c, scales) for c in self.normal.parts[part].channels)
 
 
 def predict(problem: Problem, fit: Fit, tolerance: float, equations: Equations | None = None) -> Predicted:
@@ -96,17 +96,19 @@ def predict(problem: Problem, fit: Fit, tolerance: float, equations: Equations |
 
 
 def _predict(problem: Problem, equations: Equations, tolerance: float) -> Predicted:
-    order = [i for own in problem.commands for i in own]
+    order = [i for repetitions in problem.commands for i in repetitions]
     n = len(order)
     parts = {i: k for k, i in enumerate(order)}
-    own, left, speed, expected = (np.full(n, np.nan) for _ in range(4))
+    in_fit, left, speed, expected = (np.full(n, np.nan) for _ in range(4))
     everyone = shared_step(equations, tolerance, list(range(n)))
-    flexible = shared_step(equations, SHARES[-1], list(range(n)))
+    flexible = shared_step(equations, DISCREPANCIES[-1], list(range(n)))
     for i in range(n):
         k = parts[i]
-        own[i] = _misfit(equations, k, i, tolerance, everyone)
-        expected[i] = _misfit(equations, k, i, SHARES[-1], flexible)
-        expected[i] += equations.held(k, tolerance) - equations.held(k, SHARES[-1])
+        in_fit[i] = _misfit(equations, k, i, tolerance, everyone)
+        expected[i] = _misfit(equations, k, i, DISCREPANCIES[-1], flexible)
+        expected[i] += equations.determined_by_prior(k, tolerance) - equations.determined_by_prior(
+            k, DISCREPANCIES[-1]
+        )
     for i in range(n) if n > 1 else ():
         left[[i]] = by_others(problem, equations, tolerance, [i])
     for out in problem.commands if len(problem.commands) > 1 else ():
@@ -115,13 +117,13 @@ def _predict(problem: Problem, equations: Equations, tolerance: float) -> Predic
     rest = [[k for k, i in enumerate(order) if i not in out] for out in units(problem)]
     losses = [whole - _density(equations, tolerance, some) if some else (np.nan, np.nan) for some in rest]
     loss, squares = np.array(losses).T
-    return Predicted(own, left, speed, expected, loss, squares)
+    return Predicted(in_fit, left, speed, expected, loss, squares)
 
 
 def _density(equations: Equations, share: float, only: Sequence[int]) -> Array:
     """Return minus twice the log marginal likelihood of some trials, and the sum of squares in it."""
-    found = posterior(*equations.marginal(share, only), equations.precision, equations.pull)
-    return np.array([-2 * found.evidence, found.misfit])
+    fitted = posterior(*equations.marginal(share, only), equations.precision, equations.pull)
+    return np.array([-2 * fitted.evidence, fitted.misfit])
 
 
 def by_others(problem: Problem, equations: Equations, tolerance: float, out: Sequence[int]) -> Array:
@@ -133,11 +135,11 @@ def by_others(problem: Problem, equations: Equations, tolerance: float, out: Seq
         problem, equations, tolerance: as in `predict`.
         out: numbers of the trials that are left out, each predicted by itself.
     """
-    order = [i for own in problem.commands for i in own]
+    order = [i for repetitions in problem.commands for i in repetitions]
     rest = [k for k, i in enumerate(order) if i not in out]
-    known = _density(equations, tolerance, rest)
+    given = _density(equations, tolerance, rest)
     parts = [order.index(i) for i in out]
-    return np.array([(_density(equations, tolerance, [*rest, k]) - known)[1] for k in parts])
+    return np.array([(_density(equations, tolerance, [*rest, k]) - given)[1] for k in parts])
 
 
 def shared_step(equations: Equations, share: float, only: Sequence[int]) -> Array:
@@ -156,12 +158,12 @@ def _misfit(equations: Equations, part: int, trial: int, share: float, step: Arr
     M, _ = equations.marginal(share, [part])
     sizes = [x.size for x in equations.fit.point.trials]
     begin, total = sum(sizes[:trial]), sum(sizes)
-    own = np.arange(begin, begin + sizes[trial])
+    local = np.arange(begin, begin + sizes[trial])
     shared = np.arange(total, equations.precision.size)
-    precision, pull = equations.precision[own], equations.pull[own]
-    right = M[own, -1] - M[np.ix_(own, shared)] @ step + precision * pull
+    precision, pull = equations.precision[local], equations.pull[local]
+    right = M[local, -1] - M[np.ix_(local, shared)] @ step + precision * pull
     squares = M[-1, -1] - 2 * step @ M[shared, -1] + step @ M[np.ix_(shared, shared)] @ step
-    N = M[np.ix_(own, own)] + np.diag(precision)
+    N = M[np.ix_(local, local)] + np.diag(precision)
     scale = 1 / np.sqrt(np.diag(N))
     solved = scale * np.linalg.solve(N * np.outer(scale, scale), scale * right)
     return float(squares + precision @ pull**2 - right @ solved)
@@ -190,7 +192,7 @@ def units(problem: Problem) -> tuple[Sequence[int], ...]:
 
 def speeds(problem: Problem) -> set[float]:
     """Return the desired velocities of the commands [m/s]; wheels of repetitions differ in the last digit."""
-    return {problem.trials[own[0]].observation.variant.velocity for own in problem.commands}
+    return {problem.trials[repetitions[0]].observation.variant.velocity for repetitions in problem.commands}
 
 
 def closed(before: Array, after: Array, gap: Array) -> Estimate:
@@ -200,8 +202,8 @@ def closed(before: Array, after: Array, gap: Array) -> Estimate:
         before, after: (trials,) misfits without and with what closes it.
         gap: (trials,) the whole gap.
     """
-    known = np.isfinite(before) & np.isfinite(after) & np.isfinite(gap)
-    closes, whole, n = (before - after)[known], gap[known], int(known.sum())
+    finite = np.isfinite(before) & np.isfinite(after) & np.isfinite(gap)
+    closes, whole, n = (before - after)[finite], gap[finite], int(finite.sum())
     if n == 0 or whole.sum() <= 0:
         return Estimate(float("nan"), float("nan"))
     share = float(closes.sum() / whole.sum())

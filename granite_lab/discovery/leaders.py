@@ -65,10 +65,10 @@ def screened(
     looks = [Look(origin, columns, tuple(scores(problem, columns)))]
     if tolerance is not None:
         learnt = problem.learnt_std
-        own = {name: std for name, std in origin.scales.priors.items() if name not in learnt}
-        held = taken(problem, origin, replace(tolerated(origin.scales, tolerance), priors=own))
-        other = rescreened(problem, columns, held)
-        looks.append(Look(held, other, tuple(scores(problem, other)), True))
+        priors = {name: std for name, std in origin.scales.priors.items() if name not in learnt}
+        fixed = taken(problem, origin, replace(tolerated(origin.scales, tolerance), priors=priors))
+        other = rescreened(problem, columns, fixed)
+        looks.append(Look(fixed, other, tuple(scores(problem, other)), True))
     return looks
 
 
@@ -92,12 +92,12 @@ def _promises(looks: Sequence[Look]) -> dict[str, Promise]:
     for look in looks:
         for score in look.scores:
             every.setdefault(score.candidate, []).append((look.origin, score))
-    found = {}
-    for id_, own in every.items():
-        gains = [origin.posterior.evidence + score.gain - first for origin, score in own]
+    promises = {}
+    for id_, entries in every.items():
+        gains = [origin.posterior.evidence + score.gain - first for origin, score in entries]
         best = int(np.argmax(gains))
-        found[id_] = Promise(gains[best], own[best][1], tuple(own))
-    return found
+        promises[id_] = Promise(gains[best], entries[best][1], tuple(entries))
+    return promises
 
 
 def _promising(promises: Mapping[str, Promise], most: int) -> list[Promise]:
@@ -111,13 +111,13 @@ def _promising(promises: Mapping[str, Promise], most: int) -> list[Promise]:
     return ranked[:most]
 
 
-def _of_one_kind(looks: Sequence[Look], most: int) -> list[Promise]:
+def _best_and_rivals(looks: Sequence[Look], most: int) -> list[Promise]:
     """Return what is promised by the best candidate and its rivals.
 
     What adds to the best candidate in place of being its rival has its turn beside it.
     """
     ranked = _promising(_promises(looks), most)
-    if not ranked or ranked[0].score.own is not None:
+    if not ranked or ranked[0].score.trial_values is not None:
         return ranked
     first = ranked[0].score.candidate
     close = {first, *(c for look in looks if look.screened for c in rivals(look.screened, first))}
@@ -129,10 +129,10 @@ def leaders(looks: Sequence[Look]) -> list[Promise]:
 
     They are `TRIED` under the scales as learnt, which come first, and `FEW` under the tolerated ones.
     """
-    found = _of_one_kind([k for k in looks if not k.tolerated], TRIED)
-    if held := [k for k in looks if k.tolerated]:
-        found += _of_one_kind(held, FEW)
+    promises = _best_and_rivals([k for k in looks if not k.tolerated], TRIED)
+    if tolerated := [k for k in looks if k.tolerated]:
+        promises += _best_and_rivals(tolerated, FEW)
     first: dict[str, Promise] = {}
-    for promise in found:
+    for promise in promises:
         first.setdefault(promise.score.candidate, promise)
     return list(first.values())

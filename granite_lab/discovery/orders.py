@@ -38,9 +38,9 @@ def gains(problem: Problem, fit: Fit) -> Array:
         fit: of them; `ORDERS` are looked for in what it leaves.
     """
     left = remaining(problem, fit)
-    found = np.zeros((len(SHOWN_BY), 2, len(problem.commands), ORDERS.size))
-    for command, own in enumerate(problem.commands):
-        for i in own:
+    table = np.zeros((len(SHOWN_BY), 2, len(problem.commands), ORDERS.size))
+    for command, repetitions in enumerate(problem.commands):
+        for i in repetitions:
             trial = problem.trials[i]
             if "wheel" not in trial.channels:
                 continue
@@ -49,10 +49,10 @@ def gains(problem: Problem, fit: Fit) -> Array:
             sizes = [np.ones(seen["wheel"].size), *([seen["accel_x"]] if "accel_x" in seen else [])]
             for c, name in enumerate(SHOWN_BY):
                 for w, size in enumerate(sizes if name in place else []):
-                    found[c, w, command] += [
+                    table[c, w, command] += [
                         _gain(_waves(n * seen["wheel"], size), left[i][place[name]]) for n in ORDERS
                     ]
-    return np.concatenate([*found, found.sum(axis=0)])
+    return np.concatenate([*table, table.sum(axis=0)])
 
 
 def _waves(phase: Array, size: Array) -> Array:
@@ -66,8 +66,8 @@ def _gain(columns: Array, residual: Array) -> float:
     The noise as learnt does not serve: what turns with the wheels has another phase in each trial, so that it
     counts as noise, and the line itself weighs least. Slow parts are taken out by differences.
     """
-    known = np.isfinite(residual) & np.isfinite(columns).all(axis=1)
-    y, A = np.diff(residual[known]), np.diff(columns[known], axis=0)
+    finite = np.isfinite(residual) & np.isfinite(columns).all(axis=1)
+    y, A = np.diff(residual[finite]), np.diff(columns[finite], axis=0)
     if y.size <= A.shape[1]:
         return 0.0
     amplitudes, *_ = np.linalg.lstsq(A, y, rcond=None)

@@ -45,14 +45,14 @@ def detectable(
         screened: candidates about that fit.
         tolerance: as a share of a channel's rms.
     """
-    own = screened.own
+    per_trial = screened.per_trial
     gram = screened.posterior.rest[:-1, :-1]
-    shares = _shares(problem, fit, screened)
+    visible = _visible(problem, fit, screened)
     needed = WORTH + np.log(CREDIBLE / (1 - CREDIBLE))
     limits = {
         k: (
             _by_noise(float(gram[k, k]), (width_of(p.parameter) / p.size) ** 2, needed),
-            tolerance / shares[k] if shares[k] > 0 else np.inf,
+            tolerance / visible[k] if visible[k] > 0 else np.inf,
         )
         for k, p in enumerate(screened.probes)
     }
@@ -62,7 +62,7 @@ def detectable(
         noise, matter = limits[k]
         limits[k] = _by_growing(problem, fit, screened, k, variance, needed, noise), matter
     cosines = _cosines(gram, [k for k, _ in probes])
-    found = []
+    rows = []
     sizes: dict[int, float] = {}
     for n, (k, probe) in enumerate(probes):
         close = tuple(
@@ -72,19 +72,19 @@ def detectable(
             )
         )  # fmt: skip
         sizes[n] = max(limits[k])
-        found.append(_row(probe, *limits[k], close))
-    for id_, group in own.items():
-        places = screened.places_of_own(id_)
+        rows.append(_row(probe, *limits[k], close))
+    for id_, group in per_trial.items():
+        places = screened.places_per_trial(id_)
         power = np.diag(gram)[places]
         circles = problem.bench.world.effects[id_].circles
         for circle in circles or [(p.parameter.name,) for p in group]:
             at = [k for k, p in enumerate(group) if p.parameter.name in circle]
             most = _reach(group[at[0]])
-            noise = max(_by_noise_own(power[some], at, needed, most) for some in others_of(problem))
-            worst = [max(shares[k] for k in places[:, n].tolist()) for n in at]
+            noise = max(_by_noise_per_trial(power[some], at, needed, most) for some in others_of(problem))
+            worst = [max(visible[k] for k in places[:, n].tolist()) for n in at]
             share = float(np.sqrt(np.mean(np.square(worst))))
-            found.append(_row(group[at[0]], noise, tolerance / share if share > 0 else np.inf, ()))
-    return tuple(found), _confusion(gram, probes, sizes, cosines)
+            rows.append(_row(group[at[0]], noise, tolerance / share if share > 0 else np.inf, ()))
+    return tuple(rows), _confusion(gram, probes, sizes, cosines)
 
 
 def _row(probe: Probe, noise: float, matter: float, close: tuple[str, ...]) -> Detectable:
@@ -159,7 +159,7 @@ def _by_growing(
     return float("inf")
 
 
-def _by_noise_own(power: Array, at: Sequence[int], needed: float, most: float) -> float:
+def _by_noise_per_trial(power: Array, at: Sequence[int], needed: float, most: float) -> float:
     """Return the same for an effect with numbers of its own in each trial.
 
     Args:
@@ -176,8 +176,8 @@ def _by_noise_own(power: Array, at: Sequence[int], needed: float, most: float) -
         prior = power * (amplitude**2 * share.mean())
         taken = prior / (1 + prior)
         gain = 0.5 * float(np.sum((1 + signal) * taken - np.log1p(prior)))
-        spread = float(np.sqrt(np.sum(taken**2 * (0.5 + signal))))
-        return gain - POWER * spread - needed
+        std = float(np.sqrt(np.sum(taken**2 * (0.5 + signal))))
+        return gain - POWER * std - needed
 
     return float(brentq(beyond, 0.0, most)) if beyond(most) > 0 else float("inf")
 
@@ -188,14 +188,14 @@ def _cosines(gram: Array, places: Sequence[int]) -> Array:
     return np.asarray(G / np.outer(norm, norm))
 
 
-def _shares(problem: Problem, fit: Fit, screened: Screen) -> Array:
+def _visible(problem: Problem, fit: Fit, screened: Screen) -> Array:
     """Return per column the largest rms over commands and channels of what the parameters cannot follow.
 
     It is given as a share of the channel's rms in motion. Parameters that follow a trace in one channel may
     add to it in another. For an effect that differs from trial to trial this is not counted: it depends on
     the noise, which is learnt from the differences between repetitions and which such an effect raises.
     """
-    own = np.arange(screened.posterior.follow.shape[1]) >= len(screened.probes)
+    per_trial = np.arange(screened.posterior.follow.shape[1]) >= len(screened.probes)
     follow = screened.posterior.follow
     sizes = [x.size for x in fit.point.trials]
     local = sum(sizes)
@@ -213,7 +213,7 @@ def _shares(problem: Problem, fit: Fit, screened: Screen) -> Array:
             at = moving > 0
             if size > 0:
                 alone, beside = (np.mean(change[bins][at] ** 2, axis=0) for change in (trace, left))
-                counted = np.where(own, np.fmin(alone, beside), beside)
+                counted = np.where(per_trial, np.fmin(alone, beside), beside)
                 worst = np.fmax(worst, np.sqrt(counted) / size)
     return worst
 

@@ -83,14 +83,14 @@ def pushed(problem: Problem, fit: Fit) -> Pushes | None:
                 setting = (*centre.setting, (LatentForce.id, tuple(values)))
                 tasks.append(replace(centre, setting=setting))
     runs = problem.bench.run(tasks, keep=False)
-    found = [r for r in runs if r is not None]
-    if len(found) < len(runs):
+    responses = [r for r in runs if r is not None]
+    if len(responses) < len(runs):
         return None
     each = 1 + len(PUSHES) * phases.size
     parts = [
-        _apart(problem, k, found[k * each : (k + 1) * each], phases) for k, _ in enumerate(problem.inputs)
+        _apart(problem, k, responses[k * each : (k + 1) * each], phases) for k, _ in enumerate(problem.inputs)
     ]
-    first = [problem.input_of[own[0]] for own in problem.commands]
+    first = [problem.input_of[repetitions[0]] for repetitions in problem.commands]
     kind, centres = zip(*(parts[k][1:] for k in first), strict=True)
     return Pushes(fit, tuple(changes for changes, *_ in parts), kind, centres, sizes)
 

@@ -9,14 +9,17 @@ import numpy as np
 
 from granite_lab.inference.constants import FORMULA_ERROR, LEAST_SHARE
 from granite_lab.inference.fit import Fit, taken, under
-from granite_lab.inference.gap import moved, shares, tolerated
+from granite_lab.inference.gap import largest_discrepancies, prediction_change, tolerated
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.problem import Problem
 
 
 def good(problem: Problem, result: Fit, tolerance: float) -> bool:
     """Tell whether a fit leaves no discrepancy beyond the tolerance and no louder noise."""
-    return max(shares(problem, result).values(), default=0.0) <= tolerance and not result.scales.loud
+    return (
+        max(largest_discrepancies(problem, result).values(), default=0.0) <= tolerance
+        and not result.scales.loud
+    )
 
 
 def strained(problem: Problem, result: Fit) -> bool:
@@ -30,7 +33,7 @@ def strained(problem: Problem, result: Fit) -> bool:
 
 def matters(problem: Problem, alone: Fit, best: Fit, tolerance: float) -> bool:
     """Tell whether the model alone leaves, or another model changes, more than the tolerance in a channel."""
-    changed = max(moved(problem, alone, best).values(), default=0.0)
+    changed = max(prediction_change(problem, alone, best).values(), default=0.0)
     return changed > tolerance or not good(problem, under(problem, alone, best.scales), tolerance)
 
 
@@ -67,7 +70,7 @@ def unexplained(problem: Problem, result: Fit, scales: Scales, tolerance: float)
     """
     alone = under(problem, result, scales)
     worst = replace(tolerated(alone.scales, tolerance), formula=FORMULA_ERROR[1])
-    return shares(problem, taken(problem, alone, worst))
+    return largest_discrepancies(problem, taken(problem, alone, worst))
 
 
 def made(changes: Mapping[str, float], whole: Mapping[str, float], tolerance: float) -> dict[str, float]:
@@ -77,7 +80,7 @@ def made(changes: Mapping[str, float], whole: Mapping[str, float], tolerance: fl
         changes, whole: channel to how far the effect, and the set, moves the prediction.
         tolerance: as in `search`.
     """
-    return {c: own / max(whole[c], own) for c, own in changes.items() if own > tolerance}
+    return {c: change / max(whole[c], change) for c, change in changes.items() if change > tolerance}
 
 
 def shows(made: Mapping[str, float], scales: Scales) -> bool:

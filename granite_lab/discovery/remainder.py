@@ -57,9 +57,9 @@ def remainder(
         bases = [m for m in (search.model(names), judgement.model) if m is not None]
         for base in {m.effects: m for m in bases}.values():
             pushes = pushed(problem, base.fit)
-            found = described(problem, pushes, tolerance) if pushes else None
-            if found is not None and _better(problem, alone.fit, judgement.model.fit, found, tolerance):
-                judgement, pushes = _with_terms(problem, alone.fit, judgement, found, tolerance), None
+            extended = described(problem, pushes, tolerance) if pushes else None
+            if extended is not None and _better(problem, alone.fit, judgement.model.fit, extended, tolerance):
+                judgement, pushes = _with_terms(problem, alone.fit, judgement, extended, tolerance), None
                 break
     if good(problem, judgement.model.fit, tolerance):
         return judgement, None
@@ -74,9 +74,9 @@ def _better(problem: Problem, alone: Fit, before: Fit, after: Fit, tolerance: fl
     same = under(problem, before, after.scales)
     if not predicts_better(predict(problem, same, tolerance), predict(problem, after, tolerance)):
         return False
-    own = carried(problem, after, tolerance)
+    simulated = carried(problem, after, tolerance)
     others = carried(problem, before, tolerance), filed(problem, alone)
-    return not any(worse(own, other, tolerance) for other in others)
+    return not any(worse(simulated, other, tolerance) for other in others)
 
 
 def savable(problem: Problem, search: Search, judgement: Judgement, tolerance: float) -> Judgement:
@@ -93,8 +93,8 @@ def savable(problem: Problem, search: Search, judgement: Judgement, tolerance: f
     alone = search.model(())
     if alone is None or judgement.named:
         return judgement
-    known = filed(problem, alone.fit)
-    if not worse(carried(problem, judgement.model.fit, tolerance), known, tolerance):
+    by_files = filed(problem, alone.fit)
+    if not worse(carried(problem, judgement.model.fit, tolerance), by_files, tolerance):
         return judgement
     plain = fit(problem, at_files(alone.fit.point), alone.fit.scales, rounds=0)
     nothing = Estimate(0.0, 0.0) if np.isfinite(judgement.closed.value) else judgement.closed
@@ -110,27 +110,27 @@ def savable(problem: Problem, search: Search, judgement: Judgement, tolerance: f
 
 
 def _with_terms(
-    problem: Problem, alone: Fit, judgement: Judgement, found: Fit, tolerance: float
+    problem: Problem, alone: Fit, judgement: Judgement, extended: Fit, tolerance: float
 ) -> Judgement:
     """Return the judgement with a model that holds terms; what is named stays as it is."""
-    before = predict(problem, under(problem, alone, found.scales), tolerance)
-    after = predict(problem, found, tolerance)
+    before = predict(problem, under(problem, alone, extended.scales), tolerance)
+    after = predict(problem, extended, tolerance)
     whole = whole_of(before, after)
     terms = []
-    for id_ in filter(is_term, found.point.effects):
-        without = lacking(problem, found, [id_], tolerance)
+    for id_ in filter(is_term, extended.point.effects):
+        without = lacking(problem, extended, [id_], tolerance)
         terms.append(
             Named(
                 id_, (), 1.0, closed(without.unseen, after.unseen, whole.gap),
                 closed(without.speed_left_out, after.speed_left_out, whole.gap_speeds),
-                strained_numbers(problem, found, id_),
+                strained_numbers(problem, extended, id_),
             )
         )  # fmt: skip
-    kept = tuple(n for n in judgement.described if n.id in found.point.effects)
+    kept = tuple(n for n in judgement.described if n.id in extended.point.effects)
     small = tuple(n for n in judgement.described if n not in kept)
     return replace(
         judgement,
-        model=Model(tuple(sorted(found.point.effects)), found, found.evidence),
+        model=Model(tuple(sorted(extended.point.effects)), extended, extended.evidence),
         described=(*kept, *sorted(terms, key=lambda n: -n.closes.value)),
         small=(*judgement.small, *small),
         before=before,

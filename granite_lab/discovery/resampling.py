@@ -66,15 +66,15 @@ def compete(
     """
     models = competitors(search)
     places = units(problem)
-    found = predicted(models)
-    losses, squares = (np.array([getattr(p, kind) for p in found]) for kind in ("loss", "squares"))
-    free = np.array([found[0].expected[list(own)].sum() for own in places])
-    known = np.isfinite(losses).all(axis=0) & (squares > 0).all(axis=0) & (free > 0)
-    if known.sum() < FEWEST_SPEEDS:
+    predictions = predicted(models)
+    losses, squares = (np.array([getattr(p, kind) for p in predictions]) for kind in ("loss", "squares"))
+    free = np.array([predictions[0].expected[list(out)].sum() for out in places])
+    comparable = np.isfinite(losses).all(axis=0) & (squares > 0).all(axis=0) & (free > 0)
+    if comparable.sum() < FEWEST_SPEEDS:
         return by_evidence(search)
     odds = np.array([m.log_posterior - m.fit.evidence for m in models])
     densities = -0.5 * (losses - squares + free * np.log(np.fmax(squares, TINY)))
-    return Competition(models, winners(densities[:, known], odds))
+    return Competition(models, winners(densities[:, comparable], odds))
 
 
 def competitors(search: Search) -> tuple[Model, ...]:
@@ -83,13 +83,13 @@ def competitors(search: Search) -> tuple[Model, ...]:
     That which lacks nothing else is always among them, and so is the model alone.
     """
     best = search.best
-    found = [best]
+    models = [best]
     for id_ in best.effects:
         lacking = [m for m in search.models if id_ not in m.effects]
         rest = [m for m in lacking if set(m.effects) == set(best.effects) - {id_}]
-        found += [*rest, *lacking[:TRIED]]
-    found += [m for m in search.models if not m.effects]
-    return tuple({m.effects: m for m in found}.values())
+        models += [*rest, *lacking[:TRIED]]
+    models += [m for m in search.models if not m.effects]
+    return tuple({m.effects: m for m in models}.values())
 
 
 def winners(densities: Array, odds: Array) -> Array:

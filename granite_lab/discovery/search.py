@@ -15,7 +15,7 @@ from granite_lab.discovery.relevance import good, made, needed, shows, strained,
 from granite_lab.discovery.sets import attempts, fit_sets, set_of
 from granite_lab.inference.constants import DRAWS, EFFECT_ODDS, FEW, LEFT, RIVAL, TOLERANCE, TRIED, WORTH
 from granite_lab.inference.fit import LEAST, ROUNDS, Fit, under
-from granite_lab.inference.gap import moved
+from granite_lab.inference.gap import prediction_change
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
@@ -198,8 +198,8 @@ class _Steps:
     def refitted(self, model: Model, starts: Sequence[Point], scales: Scales) -> Model:
         """Return a set fitted again from other starts, if that is likelier."""
         self.tell(f"fitting {_words(model.effects)}", self.named)
-        found = attempts(self.problem, [(start, scales) for start in starts]).get(model.effects)
-        other = model if found is None else _model(model.effects, found)
+        fits = attempts(self.problem, [(start, scales) for start in starts]).get(model.effects)
+        other = model if fits is None else _model(model.effects, fits)
         if other.log_posterior <= model.log_posterior + WORTH:
             return model
         self.models[model.effects] = other
@@ -218,10 +218,10 @@ class _Steps:
             self.named = MOST
             points = [self.problem.without_effect(best.fit.point, e) for e in best.effects]
             self.fitted([(point, best.fit) for point in points])
-            known = [
+            parts = [
                 m for key in map(set_of, points) if (m := self.models.get(key)) and key not in self.looks
             ]
-            for rest in sorted(known, key=lambda m: -m.log_posterior)[:FEW]:
+            for rest in sorted(parts, key=lambda m: -m.log_posterior)[:FEW]:
                 other, tried = self.extended(rest)
                 if other.log_posterior > best.log_posterior + WORTH:
                     best, way = self.path(other)
@@ -245,33 +245,33 @@ class _Steps:
     def extended(self, model: Model) -> tuple[Model, list[Score]]:
         """Return the best set with one more effect, the set itself if none is better, and what was tried."""
         self.named = max(self.named, len(model.effects))
-        found = self.promised(model)
+        promises = self.promised(model)
         tried: list[Promise] = []
-        for group in self.in_turn(model, found):
+        for group in self.in_turn(model, promises):
             tried += group
             self.fit(model, group)
             best = self.best_of(model, tried)
-            if best is not model and len(tried) < len(found):
-                tried = found  # its rivals
-                self.fit(model, found)
-                best = self.best_of(model, found)
+            if best is not model and len(tried) < len(promises):
+                tried = promises  # its rivals
+                self.fit(model, promises)
+                best = self.best_of(model, promises)
             if best is not model:
                 return best, [p.score for p in tried]
         return model, [p.score for p in tried]
 
-    def in_turn(self, model: Model, found: list[Promise]) -> list[list[Promise]]:
+    def in_turn(self, model: Model, promises: list[Promise]) -> list[list[Promise]]:
         """Return the groups in which candidates are fitted beside a model until one of them stays.
 
         Beside effects that leave no discrepancy that is one after the other, for most often none stays. Where
         errors of the formulas may explain all that is left, it is the first alone; elsewhere all together.
         """
         if self.settled(model):
-            return [[p] for p in found]
+            return [[p] for p in promises]
         if model.effects:
             left = unexplained(self.problem, model.fit, model.fit.scales, self.tolerance)
             if max(left.values(), default=0.0) <= self.tolerance:
-                return [found[:1]]
-        return [found]
+                return [promises[:1]]
+        return [promises]
 
     def promised(self, model: Model) -> list[Promise]:
         """Return the candidates to be fitted beside a model, those of the scales as learnt first."""
@@ -294,7 +294,7 @@ class _Steps:
     def fit(self, model: Model, group: Sequence[Promise]) -> None:
         """Fit some leaders beside a model, from each start once."""
         starts = {
-            (origin.point, score.candidate, score.values, id(score.own)): (origin.point, score)
+            (origin.point, score.candidate, score.values, id(score.trial_values)): (origin.point, score)
             for promise in group for origin, score in promise.starts
         }  # fmt: skip
         ids = dict.fromkeys(promise.score.candidate for promise in group)
@@ -344,13 +344,13 @@ class _Steps:
         law beside another one must be needed: it may be the error of that formula.
         """
         problem, scales = self.problem, other.fit.scales
-        changes = moved(problem, model.fit, other.fit)
+        changes = prediction_change(problem, model.fit, other.fit)
         if max(changes.values(), default=0.0) <= self.tolerance:
             return False
         if model.effects:
             (id_,) = set(other.effects) - set(model.effects)
             left = needed(problem, model.fit, scales, id_, changes, self.tolerance)
-            share = made(changes, moved(problem, self.models[()].fit, other.fit), self.tolerance)
+            share = made(changes, prediction_change(problem, self.models[()].fit, other.fit), self.tolerance)
             laws = [e for e in other.effects if self.problem.bench.world.effects[e].law]
             corrects = id_ in laws and len(laws) > 1
             if max(left.values(), default=0.0) <= self.tolerance and (corrects or not shows(share, scales)):
@@ -386,8 +386,8 @@ class _Steps:
             points.append(_where_alone(self.problem, without, self.models))
             least = before.log_posterior + RIVAL * (after.log_posterior - before.log_posterior)
             for score in (s for s in step.tried if s.candidate not in best.effects):
-                own = self.models.get(tuple(sorted((*before.effects, score.candidate))))
-                if own and own.log_posterior > least:
+                alternative = self.models.get(tuple(sorted((*before.effects, score.candidate))))
+                if alternative and alternative.log_posterior > least:
                     points.append(_with(self.problem, without, score))
         self.fitted([(point, best.fit) for point in points], FINE)
         for key in map(set_of, points):
@@ -402,10 +402,10 @@ class _Steps:
         Sand that has moved to make up for a wrong effect shows there. None is set aside where every set does.
         """
         ranked = sorted(self.models.values(), key=lambda m: -m.log_posterior)
-        known = filed(self.problem, self.models[()].fit)
+        by_files = filed(self.problem, self.models[()].fit)
         bad: list[tuple[str, ...]] = []
         for m in (m for m in ranked if m.effects and m.effects not in self.small):
-            if not worse(carried(self.problem, m.fit, self.tolerance), known, self.tolerance):
+            if not worse(carried(self.problem, m.fit, self.tolerance), by_files, self.tolerance):
                 self.small.update(bad)
                 return
             bad.append(m.effects)
@@ -423,27 +423,27 @@ class _Steps:
         wanted = [m for m in (best, *others[: TRIED - 1]) if not m.fit.converged]
         self.tell(f"fitting {', '.join(_words(m.effects) for m in wanted)}", self.named)
         starts = [(m.fit.point, m.fit.scales) for m in wanted]
-        found = attempts(self.problem, starts, LEAST, FINE)
+        fits = attempts(self.problem, starts, LEAST, FINE)
         for m in wanted:
-            fine = found.get(m.effects)
+            fine = fits.get(m.effects)
             if fine is not None and (fine.converged or fine.evidence > m.fit.evidence):
                 self.models[m.effects] = _model(m.effects, fine)
 
 
 def _with(problem: Problem, point: Point, score: Score) -> Point:
-    return problem.with_effect(point, score.candidate, score.values, score.own)
+    return problem.with_effect(point, score.candidate, score.values, score.trial_values)
 
 
-def _where_alone(problem: Problem, point: Point, known: Mapping[tuple[str, ...], Model]) -> Point:
+def _where_alone(problem: Problem, point: Point, models: Mapping[tuple[str, ...], Model]) -> Point:
     """Return a point with the sand, offsets and gains of the best fit of a part of its effects.
 
     There they stand in already for what the point lacks.
     """
-    parts = [m.fit for k, m in known.items() if set(k) < set(point.effects)]
+    parts = [m.fit for k, m in models.items() if set(k) < set(point.effects)]
     part = max(parts, key=lambda f: f.evidence).point
     pairs = zip(problem.trials, point.trials, part.trials, strict=True)
-    own = tuple(np.concatenate([theirs[: t.size], x[t.size :]]) for t, x, theirs in pairs)
-    return replace(point, shared=part.shared, trials=own)
+    trials = tuple(np.concatenate([theirs[: t.size], x[t.size :]]) for t, x, theirs in pairs)
+    return replace(point, shared=part.shared, trials=trials)
 
 
 def _model(effects: tuple[str, ...], result: Fit) -> Model:

@@ -14,7 +14,7 @@ from granite_lab.inference.problem import Problem
 def fit_sets(
     problem: Problem,
     starts: Sequence[tuple[Point, Scales]],
-    known: Mapping[tuple[str, ...], Fit],
+    others: Mapping[tuple[str, ...], Fit],
     rounds: int = ROUNDS,
 ) -> dict[tuple[str, ...], Fit]:
     """Return the best fit of each set of effects, those left out whose starts have no solution.
@@ -25,23 +25,23 @@ def fit_sets(
     Args:
         problem: the trials.
         starts: where to begin, with the set switched on, and the scales to begin with; several of a set.
-        known: fits of other sets.
+        others: fits of other sets.
         rounds: most steps of a fit.
     """
-    found = attempts(problem, starts, rounds=rounds)
+    fits = attempts(problem, starts, rounds=rounds)
     again: dict[tuple[str, ...], tuple[Point, Scales]] = {}
     for key, effects in {set_of(start): start.effects for start, _ in starts}.items():
-        parts = [f for k, f in {**known, **found}.items() if set(k) < set(key)]
+        parts = [f for k, f in {**others, **fits}.items() if set(k) < set(key)]
         part = max(parts, key=lambda f: f.evidence, default=None)
-        if part is not None and not (key in found and found[key].evidence > part.evidence):
+        if part is not None and not (key in fits and fits[key].evidence > part.evidence):
             point = part.point
             for id_ in (e for e in effects if e not in point.effects):
                 point = problem.with_effect(point, id_, [p.neutral for p in problem.parameters_of(id_)])
             again[key] = point, part.scales
     for key, other in attempts(problem, list(again.values()), rounds=rounds).items():
-        if key not in found or other.evidence > found[key].evidence:
-            found[key] = other
-    return found
+        if key not in fits or other.evidence > fits[key].evidence:
+            fits[key] = other
+    return fits
 
 
 def attempts(
@@ -52,18 +52,18 @@ def attempts(
 ) -> dict[tuple[str, ...], Fit]:
     """Return the best fit of each set of effects from several starts, those without a solution left out."""
 
-    def one(k: int) -> Fit | None:
+    def attempt(k: int) -> Fit | None:
         try:
             return fit(problem, *starts[k], rounds=rounds, least=least)
         except EstimateError:
             return None
 
-    found: dict[tuple[str, ...], Fit] = {}
-    for (start, _), f in zip(starts, problem.bench.side_by_side(one, len(starts)), strict=True):
+    best: dict[tuple[str, ...], Fit] = {}
+    for (start, _), f in zip(starts, problem.bench.side_by_side(attempt, len(starts)), strict=True):
         key = set_of(start)
-        if f is not None and (key not in found or f.evidence > found[key].evidence):
-            found[key] = f
-    return found
+        if f is not None and (key not in best or f.evidence > best[key].evidence):
+            best[key] = f
+    return best
 
 
 def set_of(point: Point) -> tuple[str, ...]:

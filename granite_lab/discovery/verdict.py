@@ -24,7 +24,7 @@ from granite_lab.inference.constants import (
     TRIED,
 )
 from granite_lab.inference.fit import Fit, under
-from granite_lab.inference.gap import moved, scatter
+from granite_lab.inference.gap import prediction_change, scatter
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FORMULAS
@@ -74,7 +74,7 @@ class Named:
 
     def stands_out(self, scatter: Mapping[str, float], tolerance: float) -> bool:
         """Tell whether it changes some channel by more than repetitions differ there, and the tolerance."""
-        return any(moved > max(scatter.get(c, 0.0), tolerance) for c, moved in self.changes.items())
+        return any(change > max(scatter.get(c, 0.0), tolerance) for c, change in self.changes.items())
 
     def matters(self, remainder: float, tolerance: float, scales: Scales) -> bool:
         """Tell whether it closes enough to be named.
@@ -94,8 +94,8 @@ class Named:
             return False  # trials left out do not show it
         left = max(remainder, 0.0)
         closes = np.sqrt(max(left + self.closes.value, 0.0)) - np.sqrt(left)
-        own = [c for c, share in self.made.items() if share >= LEAST_SHARE]
-        if closes >= RELEVANT or any(self.needed.get(c, 0.0) > tolerance for c in own):
+        channels = [c for c, share in self.made.items() if share >= LEAST_SHARE]
+        if closes >= RELEVANT or any(self.needed.get(c, 0.0) > tolerance for c in channels):
             return True
         return self.probability >= CERTAIN and shows(self.made, scales)
 
@@ -129,8 +129,8 @@ class Named:
         A cause for which it stands in would close what it closes and what is unexplained: of these two, only
         its own share speaks for it.
         """
-        own, more = max(self.closes.value, 0.0), max(unexplained, 0.0)
-        return replace(self, probability=self.probability * own / (own + more) if own > 0 else 0.0)
+        closes, more = max(self.closes.value, 0.0), max(unexplained, 0.0)
+        return replace(self, probability=self.probability * closes / (closes + more) if closes > 0 else 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,9 +181,9 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     """
     every = scatter(problem, search.best.fit)
     differ = {c: share for c, share in every.items() if share > LEAST_SHARE}
-    found = _judged(problem, search, tolerance, every if differ else {})
-    verdict: Verdict = "unknown" if found.verdict == "none" and differ else found.verdict
-    return replace(found, scatter=differ, verdict=verdict)
+    judgement = _judged(problem, search, tolerance, every if differ else {})
+    verdict: Verdict = "unknown" if judgement.verdict == "none" and differ else judgement.verdict
+    return replace(judgement, scatter=differ, verdict=verdict)
 
 
 def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[str, float]) -> Judgement:
@@ -211,17 +211,17 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     assert alone is not None
     alone = replace(alone, fit=under(problem, alone.fit, search.best.fit.scales))
     together, best = problem.bench.side_by_side, search.best
-    held_out = _HeldOut(problem, best.fit.scales, tolerance)
-    before, after = held_out.of((alone, best))
-    beside = _held(by_evidence(search), search.beside)
+    predictions = _Predictions(problem, best.fit.scales, tolerance)
+    before, after = predictions.of((alone, best))
+    beside = _by_probability(by_evidence(search), search.beside)
     if not matters(problem, alone.fit, best.fit, tolerance):
-        small = (*beside, *_held(by_evidence(search), best.effects))
-        gap = np.zeros_like(before.own)
+        small = (*beside, *_by_probability(by_evidence(search), best.effects))
+        gap = np.zeros_like(before.in_fit)
         return Judgement("none", nothing_missing(search), alone, (), (), small, before, before, gap)
     whole = whole_of(before, after)
-    competition = compete(problem, search, held_out.of)
+    competition = compete(problem, search, predictions.of)
     parts = together(
-        lambda k: _named(problem, search, best.effects[k], whole, competition, held_out), len(best.effects)
+        lambda k: _named(problem, search, best.effects[k], whole, competition, predictions), len(best.effects)
     )
     # what only a strength at its bound explains has another cause
     remainder = 1 - whole.closed.value + sum(n.closes.value for n in parts if n.at_bound and n.is_shown())
@@ -248,7 +248,7 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     )  # fmt: skip
 
 
-class _HeldOut:
+class _Predictions:
     """Predictions of trials and speeds that are left out, each set's once.
 
     Args:
@@ -259,23 +259,23 @@ class _HeldOut:
 
     def __init__(self, problem: Problem, scales: Scales, tolerance: float) -> None:
         self.problem, self.scales, self.tolerance = problem, scales, tolerance
-        self._known: dict[tuple[str, ...], Predicted] = {}
+        self._predicted: dict[tuple[str, ...], Predicted] = {}
 
     def of(self, models: Sequence[Model]) -> list[Predicted]:
         """Return the predictions of some sets."""
-        new = [m for m in models if m.effects not in self._known]
-        found = self.problem.bench.side_by_side(lambda k: self._predict(new[k]), len(new))
-        self._known |= {m.effects: p for m, p in zip(new, found, strict=True)}
-        return [self._known[m.effects] for m in models]
+        new = [m for m in models if m.effects not in self._predicted]
+        predicted = self.problem.bench.side_by_side(lambda k: self._predict(new[k]), len(new))
+        self._predicted |= {m.effects: p for m, p in zip(new, predicted, strict=True)}
+        return [self._predicted[m.effects] for m in models]
 
     def _predict(self, model: Model) -> Predicted:
         scales = replace(model.fit.scales, priors=self.scales.priors)
         return predict(self.problem, replace(model.fit, scales=scales), self.tolerance)
 
 
-def _held(known: Competition, effects: Sequence[str]) -> tuple[Named, ...]:
+def _by_probability(competition: Competition, effects: Sequence[str]) -> tuple[Named, ...]:
     """Return effects with their probability alone: what they close is not known."""
-    return tuple(Named(e, (), known.probability(holding(e)), Estimate(np.nan)) for e in effects)
+    return tuple(Named(e, (), competition.probability(holding(e)), Estimate(np.nan)) for e in effects)
 
 
 def by_posterior(problem: Problem, search: Search) -> Judgement:
@@ -283,7 +283,7 @@ def by_posterior(problem: Problem, search: Search) -> Judgement:
     best = search.best
     nothing, unseen = np.full(len(problem.trials), np.nan), Predicted.unknown(problem)
     competition = by_evidence(search)
-    named = _held(competition, best.effects)
+    named = _by_probability(competition, best.effects)
     sure = all(n.probability >= CREDIBLE for n in named)
     verdict: Verdict = "none" if not named else "named" if sure else "unknown"
     probability = min((n.probability for n in named), default=nothing_missing(search))
@@ -330,7 +330,12 @@ def holding(id_: str, without: str = "") -> Callable[[Model], bool]:
 
 
 def _named(
-    problem: Problem, search: Search, id_: str, whole: Whole, competition: Competition, held_out: _HeldOut
+    problem: Problem,
+    search: Search,
+    id_: str,
+    whole: Whole,
+    competition: Competition,
+    predictions: _Predictions,
 ) -> Named:
     """Return what speaks for one effect of the best set: its rivals, and what it closes.
 
@@ -340,11 +345,11 @@ def _named(
     close nearly as much: a formula that is off by that much cannot exclude another that is off by as much
     more.
     """
-    best, tolerance = search.best, held_out.tolerance
+    best, tolerance = search.best, predictions.tolerance
     rest = tuple(e for e in best.effects if e != id_)
     without = search.model(rest) or next(m for m in search.models if set(m.effects) <= set(rest))
 
-    changes, (lacking,) = moved(problem, without.fit, best.fit), held_out.of((without,))
+    changes, (lacking,) = prediction_change(problem, without.fit, best.fit), predictions.of((without,))
     closes = closed(lacking.unseen, whole.after.unseen, whole.gap)
     speeds = closed(lacking.speed_left_out, whole.after.speed_left_out, whole.gap_speeds)
     remainder = 1 - whole.closed.value
@@ -359,14 +364,14 @@ def _named(
     for share, rival, model in sorted(rivals, key=lambda r: r[:2], reverse=True):
         likely = probability < CREDIBLE and share >= LEAST_SHARE * doubt
         if not likely and remainder > 0:
-            left = 1 - closed(whole.base, held_out.of((model,))[0].unseen, whole.gap).value
+            left = 1 - closed(whole.base, predictions.of((model,))[0].unseen, whole.gap).value
             likely = left < 2**2 * remainder and left - remainder < STANDS_IN * closes.value
         if likely:
             twins.append(rival)
             probability += share
     alone = search.model(())
     assert alone is not None
-    every = moved(problem, alone.fit, best.fit)
+    every = prediction_change(problem, alone.fit, best.fit)
     return Named(
         id_, tuple(twins), min(probability, 1.0), closes, speeds, strained_numbers(problem, best.fit, id_),
         any(_is_bound(p, value) for p, value in _strengths(problem, best.fit, id_)), changes,

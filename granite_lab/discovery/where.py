@@ -16,17 +16,17 @@ from granite_lab.inference.problem import Problem
 
 
 def disagreements(
-    problem: Problem, found: Sequence[Discrepancy], tolerance: float
+    problem: Problem, discrepancies: Sequence[Discrepancy], tolerance: float
 ) -> tuple[Disagreement, ...]:
     """Return the intervals in which a discrepancy exceeds tolerance and noise, the largest first.
 
     Args:
         problem: gives times and phases.
-        found: the discrepancies.
+        discrepancies: the discrepancies.
         tolerance: as a share of a channel's rms.
     """
     rows = []
-    for d in found:
+    for d in discrepancies:
         o = problem.trials[problem.commands[d.command][0]].observation
         phase = o.phase
         certain = -ndtri((1 - CREDIBLE) / 2 / d.value.size)  # no instant by chance in nine of ten intervals

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from granite_lab.discovery.finding import UNCONVERGED, FoundEffect, Verdict
+from granite_lab.discovery.finding import UNCONVERGED, EffectFinding, Verdict
 from granite_lab.discovery.heldout import FEWEST_SPEEDS, speeds
 from granite_lab.discovery.verdict import Judgement
 from granite_lab.inference.constants import LEAST_SHARE
@@ -19,7 +19,7 @@ def provisional(problem: Problem) -> tuple[str, ...]:
     """Return why a verdict on these trials is provisional."""
     reasons = []
     driven = len(speeds(problem))
-    if max(len(own) for own in problem.commands) < 2:
+    if max(len(repetitions) for repetitions in problem.commands) < 2:
         reasons.append("no command was repeated, so noise and discrepancy cannot be separated")
     if driven < FEWEST_SPEEDS:
         reasons.append(f"{driven} of at least {FEWEST_SPEEDS} speeds driven")
@@ -28,8 +28,8 @@ def provisional(problem: Problem) -> tuple[str, ...]:
 
 def sentence(
     verdict: Verdict,
-    effects: Sequence[FoundEffect],
-    description: Sequence[FoundEffect],
+    effects: Sequence[EffectFinding],
+    description: Sequence[EffectFinding],
     judgement: Judgement,
     reasons: Sequence[str],
     tolerance: float,
@@ -80,7 +80,7 @@ def _shrinks(judgement: Judgement) -> str:
     return text + ("." if left < LEAST_SHARE else f"; {100 * left:.0f} % is not explained.")
 
 
-def _name(effect: FoundEffect) -> str:
+def _name(effect: EffectFinding) -> str:
     if effect.twins:
         names = " or ".join([effect.id, *effect.twins])
         return f"{names} (these trials cannot tell them apart)"
@@ -90,12 +90,12 @@ def _name(effect: FoundEffect) -> str:
 def notes(
     problem: Problem,
     judgement: Judgement,
-    effects: Sequence[FoundEffect],
+    effects: Sequence[EffectFinding],
 ) -> tuple[str, ...]:
     """List what could not be told and why."""
-    found = []
+    lines = []
     if len(problem.commands) == 1:
-        found.append(
+        lines.append(
             "At one speed, effects that differ in how they grow with speed cannot be told apart, nor from "
             "sand that differs from its file."
         )
@@ -107,31 +107,31 @@ def notes(
     ):
         driven = kind == "wheel" and any(is_driven(t.observation.variant) for t in problem.trials)
         if not driven and not any(c.startswith(kind) for c in channels):
-            found.append(f"No {name} were logged, so {lost} cannot be seen.")
+            lines.append(f"No {name} were logged, so {lost} cannot be seen.")
     if judgement.verdict == "unknown" and judgement.small:
         best = ", ".join(n.id for n in judgement.small)
-        found.append(f"The likeliest candidates ({best}) do not explain enough to be named.")
-    known = problem.bench.world.effects
-    laws = [e.id for e in effects if e.id in known and known[e.id].law]
+        lines.append(f"The likeliest candidates ({best}) do not explain enough to be named.")
+    library = problem.bench.world.effects
+    laws = [e.id for e in effects if e.id in library and library[e.id].law]
     if laws:
-        found.append(f"The soil follows another law than the model's: {' and '.join(laws)}.")
+        lines.append(f"The soil follows another law than the model's: {' and '.join(laws)}.")
     if judgement.scatter:
-        found.append(differing(judgement))
+        lines.append(differing(judgement))
     if not (fit := judgement.model.fit).converged:
         promised = np.sqrt(fit.promised)
-        found.append(
+        lines.append(
             f"{UNCONVERGED}: no step reached the {promised:.1f} std that its derivatives promise. The shear "
             "stress (10) has kinks, on both sides of which they differ."
         )
     for n in judgement.named:
         if n.closes.value < LEAST_SHARE:
-            found.append(
+            lines.append(
                 f"{n.id} closes {100 * n.closes.value:.1f} % of the whole gap; of the change of "
                 f"{n.channel[0]} by all effects, it makes {100 * n.channel[1]:.0f} %."
             )
     for e in effects:
         for p in e.parameters:
             if p.per_trial and np.isfinite(p.estimate.value):
-                found.append(f"{e.id}: {p.name} differs from trial to trial; its root mean square is given.")
+                lines.append(f"{e.id}: {p.name} differs from trial to trial; its root mean square is given.")
                 break
-    return tuple(found)
+    return tuple(lines)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 from granite_lab.model.symbols import ModelParameters
 
 
@@ -31,8 +31,8 @@ class AccelScaleError(Effect):
                         -0.3, 0.3, 0.0, -0.03, 0.03, relative=True, linear=True),
     )  # fmt: skip
 
-    def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Own) -> dict[str, Any]:
+    def sensors(self, signals: dict[str, Any], p: ModelParameters, sym: Symbols) -> dict[str, Any]:
         """Scale both axes."""
         return signals | {
-            f"imu_a{axis}_mps2": signals[f"imu_a{axis}_mps2"] * (1 + own.p[axis]) for axis in "xz"
+            f"imu_a{axis}_mps2": signals[f"imu_a{axis}_mps2"] * (1 + sym.p[axis]) for axis in "xz"
         }

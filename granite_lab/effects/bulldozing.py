@@ -9,7 +9,7 @@ import numpy as np
 
 from granite_lab.model.command import V_FLOOR, magnitude
 from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 from granite_lab.parameters import Soil
 
 UNIT_WEIGHT = 15_000.0
@@ -49,12 +49,12 @@ class Bulldozing(Effect):
     )  # fmt: skip
 
     def wheel_forces(
-        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own
+        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, sym: Symbols
     ) -> WheelForces:
         """Add the resistance at the wheel centre, through which a normal pressure on the face acts."""
         K_p = ca.tan(np.pi / 4 + soil.friction_angle * np.pi / 360) ** 2
         z0 = ca.fmax(state.sinkage, 0)
         F_b = state.width * (2 * soil.cohesion * ca.sqrt(K_p) * z0 + UNIT_WEIGHT * K_p * z0**2 / 2)
-        piled = 1 - ca.exp(-magnitude(state.travel, ROUND) / own.p["length"])
+        piled = 1 - ca.exp(-magnitude(state.travel, ROUND) / sym.p["length"])
         direction = ca.tanh(state.velocity / V_FLOOR)
-        return replace(forces, extra=forces.extra - own.p["strength"] * F_b * piled * direction)
+        return replace(forces, extra=forces.extra - sym.p["strength"] * F_b * piled * direction)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 
 
 class ClockOffset(Effect):
@@ -28,6 +28,6 @@ class ClockOffset(Effect):
                                "stamps of encoders and currents early against the IMU's")),
     )  # fmt: skip
 
-    def delays(self, own: Own) -> dict[str, Any]:
+    def delays(self, sym: Symbols) -> dict[str, Any]:
         """Delay the sensors of the drive units."""
-        return {"enc": own.p["offset"], "cur": own.p["offset"]}
+        return {"enc": sym.p["offset"], "cur": sym.p["offset"]}

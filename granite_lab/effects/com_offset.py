@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 from granite_lab.model.symbols import ModelParameters
 
 
@@ -26,6 +26,6 @@ class ComOffset(Effect):
                         signs=("centre of mass shifted to the front", "centre of mass shifted to the rear")),
     )  # fmt: skip
 
-    def system(self, p: ModelParameters, own: Own) -> ModelParameters:
+    def system(self, p: ModelParameters, sym: Symbols) -> ModelParameters:
         """Shift x_CM."""
-        return replace(p, chassis=replace(p.chassis, com_x=p.chassis.com_x + own.p["forward"]))
+        return replace(p, chassis=replace(p.chassis, com_x=p.chassis.com_x + sym.p["forward"]))

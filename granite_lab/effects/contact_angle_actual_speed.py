@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from granite_lab.model.command import magnitude, relaxed
-from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Symbols
 from granite_lab.model.symbols import ModelParameters
 
 ROUND = 1e-3
@@ -35,11 +35,11 @@ class ContactAngleActualSpeed(Effect):
     )  # fmt: skip
     states = ("speed",)
 
-    def desired_velocity(self, v_desired: Any, v: Any, own: Own) -> Any:
+    def desired_velocity(self, v_desired: Any, v: Any, sym: Symbols) -> Any:
         """Move from the desired to the actual velocity."""
-        return v_desired + own.p["weight"] * (own.x["speed"] - v_desired)
+        return v_desired + sym.p["weight"] * (sym.x["speed"] - v_desired)
 
-    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
+    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, sym: Symbols) -> dict[str, Any]:
         """Let the average follow with the travel; below V_FLOOR as with that speed."""
         v = axles[0].state.velocity
-        return {"speed": relaxed(magnitude(v, ROUND), own.x["speed"], v, own.p["length"])}
+        return {"speed": relaxed(magnitude(v, ROUND), sym.x["speed"], v, sym.p["length"])}

@@ -9,7 +9,7 @@ import casadi as ca
 
 from granite_lab.model.command import V_FLOOR
 from granite_lab.model.contact import ContactAngles, WheelState
-from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Symbols
 from granite_lab.model.symbols import ModelParameters
 
 REFERENCE = 0.4
@@ -43,19 +43,19 @@ class ContactAngleLag(Effect):
     )  # fmt: skip
     states = ("ratio",)
 
-    def contact_angles(self, angles: ContactAngles, state: WheelState, own: Own) -> ContactAngles:
+    def contact_angles(self, angles: ContactAngles, state: WheelState, sym: Symbols) -> ContactAngles:
         """Replace k_92 by its lagged value."""
-        T = _lag(state, own)
-        behind = T / (T + FASTEST) * (own.x["ratio"] - state.k92)
+        T = _lag(state, sym)
+        behind = T / (T + FASTEST) * (sym.x["ratio"] - state.k92)
         return replace(angles, rear=angles.rear + behind * angles.front)
 
-    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
+    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, sym: Symbols) -> dict[str, Any]:
         """Let the lagged ratio follow."""
         state = axles[0].state
-        return {"ratio": (state.k92 - own.x["ratio"]) / (_lag(state, own) + FASTEST)}
+        return {"ratio": (state.k92 - sym.x["ratio"]) / (_lag(state, sym) + FASTEST)}
 
 
-def _lag(state: WheelState, own: Own) -> Any:
+def _lag(state: WheelState, sym: Symbols) -> Any:
     """Return T [s] at the speed of the moment; speeds below V_FLOOR count as that."""
     speed = ca.sqrt(state.velocity**2 + V_FLOOR**2)
-    return own.p["time"] * (REFERENCE / speed) ** own.p["exponent"]
+    return sym.p["time"] * (REFERENCE / speed) ** sym.p["exponent"]

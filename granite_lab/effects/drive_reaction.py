@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from granite_lab.model.body import BodyLoad, BodyState
-from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Symbols
 from granite_lab.model.symbols import ModelParameters
 
 
@@ -29,8 +29,8 @@ class DriveReaction(Effect):
     )  # fmt: skip
 
     def body_load(
-        self, load: BodyLoad, body: BodyState, axles: tuple[Axle, Axle], p: ModelParameters, own: Own
+        self, load: BodyLoad, body: BodyState, axles: tuple[Axle, Axle], p: ModelParameters, sym: Symbols
     ) -> BodyLoad:
         """Subtract the torques of all four wheels; the pitch is positive nose down, as they are."""
         torque = 2 * (axles[0].drive_torque + axles[1].drive_torque)
-        return replace(load, moment=load.moment - own.p["share"] * torque)
+        return replace(load, moment=load.moment - sym.p["share"] * torque)

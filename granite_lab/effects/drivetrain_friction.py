@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 
 from granite_lab.model.contact import WheelState
-from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Symbols
 from granite_lab.model.symbols import ModelParameters
 
 
@@ -35,15 +35,15 @@ class DrivetrainFriction(Effect):
     )  # fmt: skip
     states = ("held_f", "held_r")
 
-    def drive_torque(self, torque: Any, state: WheelState, own: Own) -> Any:
+    def drive_torque(self, torque: Any, state: WheelState, sym: Symbols) -> Any:
         """Subtract the friction from what reaches the rim."""
-        held = own.x["held_f" if state.front else "held_r"]
-        return torque - own.p["coulomb"] * held - own.p["viscous"] * state.rate
+        held = sym.x["held_f" if state.front else "held_r"]
+        return torque - sym.p["coulomb"] * held - sym.p["viscous"] * state.rate
 
-    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
+    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, sym: Symbols) -> dict[str, Any]:
         """Let the share of the dry friction at work approach 1 in the sense of the turning."""
         rates: dict[str, Any] = {}
         for name, axle in zip("fr", axles, strict=True):
-            ω, z = axle.state.rate, own.x[f"held_{name}"]
-            rates[f"held_{name}"] = (ω - ca.fabs(ω) * z) / own.p["creep"]
+            ω, z = axle.state.rate, sym.x[f"held_{name}"]
+            rates[f"held_{name}"] = (ω - ca.fabs(ω) * z) / sym.p["creep"]
         return rates

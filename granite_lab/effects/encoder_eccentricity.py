@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from granite_lab.model.effect import Axle, Effect, EffectParameter, Own, Shaft
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Shaft, Symbols
 
 
 class EncoderEccentricity(Effect):
@@ -33,10 +33,10 @@ class EncoderEccentricity(Effect):
     )  # fmt: skip
     circles = (("cos_front", "sin_front"), ("cos_rear", "sin_rear"))
 
-    def reading(self, shaft: Shaft, axle: Axle, own: Own) -> Shaft:
+    def reading(self, shaft: Shaft, axle: Axle, sym: Symbols) -> Shaft:
         """Add the error of the disc."""
         name, angle = "front" if axle.state.front else "rear", axle.state.angle
-        c, s = own.p[f"cos_{name}"], own.p[f"sin_{name}"]
+        c, s = sym.p[f"cos_{name}"], sym.p[f"sin_{name}"]
         return Shaft(
             shaft.angle + c * ca.sin(angle) + s * (ca.cos(angle) - 1),
             shaft.rate + (c * ca.cos(angle) - s * ca.sin(angle)) * axle.state.rate,

@@ -8,7 +8,7 @@ import casadi as ca
 
 from granite_lab.model.command import contact_angle_ratio, magnitude
 from granite_lab.model.contact import ContactAngles, WheelState
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 
 REFERENCE = 0.4
 """Velocity at which (5) gives the rear angle [m/s]: the middle of Table 2."""
@@ -48,10 +48,10 @@ class ExitBySinkage(Effect):
                         0.005, 0.2, 0.03, 0.01, 0.1, shape=True),
     )  # fmt: skip
 
-    def contact_angles(self, angles: ContactAngles, state: WheelState, own: Own) -> ContactAngles:
+    def contact_angles(self, angles: ContactAngles, state: WheelState, sym: Symbols) -> ContactAngles:
         """Move from the paper's rear angle to that of the sinkage."""
-        rest = ca.exp(-magnitude(state.velocity, ROUND) / own.p["onset"])
-        κ0 = contact_angle_ratio(REFERENCE, own.model) ** 2
+        rest = ca.exp(-magnitude(state.velocity, ROUND) / sym.p["onset"])
+        κ0 = contact_angle_ratio(REFERENCE, sym.model) ** 2
         root = ca.sqrt(κ0 + (1 - κ0) * rest)
         rear = 2 * ca.asin(root * ca.sin(angles.front / 2))  # arccos(1 − κ z/r), exact also for small angles
-        return replace(angles, rear=angles.rear + own.p["share"] * (rear - angles.rear))
+        return replace(angles, rear=angles.rear + sym.p["share"] * (rear - angles.rear))

@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from granite_lab.model.effect import Axle, Effect, EffectParameter, Own, Shaft
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Shaft, Symbols
 from granite_lab.model.symbols import ModelParameters
 
 SEATING = 10.0
@@ -56,29 +56,29 @@ class GearBacklash(Effect):
     )  # fmt: skip
     states = ("lead_f", "lead_rate_f", "lead_r", "lead_rate_r")
 
-    def shaft(self, shaft: Shaft, axle: Axle, own: Own) -> Shaft:
+    def shaft(self, shaft: Shaft, axle: Axle, sym: Symbols) -> Shaft:
         """Let the motor lead the wheel."""
-        half, name = _half(own), _name(axle)
+        half, name = _half(sym), _name(axle)
         return Shaft(
-            shaft.angle + half * own.x[f"lead_{name}"], shaft.rate + half * own.x[f"lead_rate_{name}"]
+            shaft.angle + half * sym.x[f"lead_{name}"], shaft.rate + half * sym.x[f"lead_rate_{name}"]
         )
 
-    def rim_acceleration(self, acceleration: Any, axle: Axle, p: ModelParameters, own: Own) -> Any:
+    def rim_acceleration(self, acceleration: Any, axle: Axle, p: ModelParameters, sym: Symbols) -> Any:
         """Let the teeth turn the rim, whose inertia is without the motor's."""
-        rim = (1 - own.p["motor_share"]) * p.chassis.wheel_inertia
-        return acceleration + _loose(own) * ((_teeth(axle, p, own) + axle.rim_load) / rim - acceleration)
+        rim = (1 - sym.p["motor_share"]) * p.chassis.wheel_inertia
+        return acceleration + _loose(sym) * ((_teeth(axle, p, sym) + axle.rim_load) / rim - acceleration)
 
-    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
+    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, sym: Symbols) -> dict[str, Any]:
         """Return the rates of the leads."""
         rates: dict[str, Any] = {}
         for axle in axles:
             name = _name(axle)
             plain = axle.rim_acceleration(p.chassis.wheel_inertia)
-            motor = own.p["motor_share"] * p.chassis.wheel_inertia
-            ahead = (axle.drive_torque - _teeth(axle, p, own)) / motor
-            ahead -= self.rim_acceleration(plain, axle, p, own)
-            rates[f"lead_{name}"] = own.x[f"lead_rate_{name}"]
-            rates[f"lead_rate_{name}"] = ahead / _reach(own)
+            motor = sym.p["motor_share"] * p.chassis.wheel_inertia
+            ahead = (axle.drive_torque - _teeth(axle, p, sym)) / motor
+            ahead -= self.rim_acceleration(plain, axle, p, sym)
+            rates[f"lead_{name}"] = sym.x[f"lead_rate_{name}"]
+            rates[f"lead_rate_{name}"] = ahead / _reach(sym)
         return rates
 
 
@@ -86,29 +86,29 @@ def _name(axle: Axle) -> str:
     return "f" if axle.state.front else "r"
 
 
-def _half(own: Own) -> Any:
-    return own.p["play"] * np.pi / 360
+def _half(sym: Symbols) -> Any:
+    return sym.p["play"] * np.pi / 360
 
 
-def _loose(own: Own) -> Any:
+def _loose(sym: Symbols) -> Any:
     """Return 1 with play, and 0 without; between them for very small play."""
-    return _half(own) ** 2 / (_half(own) ** 2 + RIGID**2)
+    return _half(sym) ** 2 / (_half(sym) ** 2 + RIGID**2)
 
 
-def _reach(own: Own) -> Any:
+def _reach(sym: Symbols) -> Any:
     """Return half the play [rad], but never so little that the rates become infinite."""
-    return _half(own) + 50 * RIGID * (1 - _loose(own))
+    return _half(sym) + 50 * RIGID * (1 - _loose(sym))
 
 
-def _teeth(axle: Axle, p: ModelParameters, own: Own) -> Any:
+def _teeth(axle: Axle, p: ModelParameters, sym: Symbols) -> Any:
     """Return the torque of the teeth: a spring beyond the dead zone, damped where they touch."""
-    u, rate = own.x[f"lead_{_name(axle)}"], own.x[f"lead_rate_{_name(axle)}"]
+    u, rate = sym.x[f"lead_{_name(axle)}"], sym.x[f"lead_rate_{_name(axle)}"]
     over, under = ca.sqrt((u - 1) ** 2 + ROUND**2), ca.sqrt((u + 1) ** 2 + ROUND**2)
-    loose = _loose(own)
+    loose = _loose(sym)
     bite = u - loose * (under - over) / 2
     touch = 1 - loose * ((u + 1) / under - (u - 1) / over) / 2
     stiffness = SEATING / GIVE
-    inertia = own.p["motor_share"] * p.chassis.wheel_inertia * _reach(own)
+    inertia = sym.p["motor_share"] * p.chassis.wheel_inertia * _reach(sym)
     # rigid teeth do not ring
     damping = 2 * (1 + loose * (DAMPING - 1)) * ca.sqrt(stiffness * inertia)
     return stiffness * bite + damping * touch * rate

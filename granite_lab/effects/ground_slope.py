@@ -9,7 +9,7 @@ import numpy as np
 
 from granite_lab.model.body import BodyLoad, BodyState
 from granite_lab.model.command import V_FLOOR, smoothstep
-from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Symbols
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import GRAVITY
 
@@ -32,10 +32,10 @@ class GroundSlope(Effect):
     )  # fmt: skip
 
     def body_load(
-        self, load: BodyLoad, body: BodyState, axles: tuple[Axle, Axle], p: ModelParameters, own: Own
+        self, load: BodyLoad, body: BodyState, axles: tuple[Axle, Axle], p: ModelParameters, sym: Symbols
     ) -> BodyLoad:
         """Turn gravity; at rest sand and gears hold its component downhill."""
-        slope = own.p["slope"] * np.pi / 180
+        slope = sym.p["slope"] * np.pi / 180
         moving = sum(smoothstep(axle.state.speed / V_FLOOR) for axle in axles) / 2
         held = (1 - moving) * p.chassis.total_mass * GRAVITY * ca.sin(slope)
         return replace(

@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 from granite_lab.model.symbols import ModelParameters
 
 
@@ -29,9 +29,9 @@ class ImuTilt(Effect):
                         linear=True, signs=("IMU mounted nose down", "IMU mounted nose up")),
     )  # fmt: skip
 
-    def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Own) -> dict[str, Any]:
+    def sensors(self, signals: dict[str, Any], p: ModelParameters, sym: Symbols) -> dict[str, Any]:
         """Turn the specific force into the axes of the sensor."""
-        β = own.p["tilt"] * np.pi / 180
+        β = sym.p["tilt"] * np.pi / 180
         x, z = signals["imu_ax_mps2"], signals["imu_az_mps2"]
         return signals | {
             "imu_ax_mps2": x * ca.cos(β) - z * ca.sin(β),

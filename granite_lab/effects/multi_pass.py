@@ -8,7 +8,7 @@ import casadi as ca
 
 from granite_lab.model.command import smoothstep
 from granite_lab.model.contact import WheelState, stiffer
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 from granite_lab.parameters import Soil
 
 ENTRY = 0.06
@@ -42,12 +42,12 @@ class MultiPass(Effect):
                         0.0, 20.0, 1.0, 0.0, 6.0, shape=True),
     )  # fmt: skip
 
-    def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
+    def soil(self, soil: Soil, state: WheelState, sym: Symbols) -> Soil:
         """Stiffen the soil under the rear wheels behind the place where the front wheels stood."""
         if state.front:
             return soil
-        inside = smoothstep((state.travel - own.model.chassis.wheel_base) / ENTRY + 0.5)
+        inside = smoothstep((state.travel - sym.model.chassis.wheel_base) / ENTRY + 0.5)
         # the front wheels passed here with about the present slip of the rear wheels
-        inside *= 1 + own.p["slip_growth"] * ca.fabs(state.slip)
-        sheared = replace(soil, shear_modulus=soil.shear_modulus / (1 + own.p["shear"] * inside))
-        return stiffer(sheared, 1 + own.p["pressure"] * inside)
+        inside *= 1 + sym.p["slip_growth"] * ca.fabs(state.slip)
+        sheared = replace(soil, shear_modulus=soil.shear_modulus / (1 + sym.p["shear"] * inside))
+        return stiffer(sheared, 1 + sym.p["pressure"] * inside)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 from granite_lab.model.symbols import ModelParameters
 
 
@@ -21,6 +21,6 @@ class PayloadMass(Effect):
     )
     parameters = (EffectParameter("mass", "kg", "additional mass of the body", -20.0, 100.0, 0.0, 0.5, 8.0),)
 
-    def system(self, p: ModelParameters, own: Own) -> ModelParameters:
+    def system(self, p: ModelParameters, sym: Symbols) -> ModelParameters:
         """Add to m_0."""
-        return replace(p, chassis=replace(p.chassis, body_mass=p.chassis.body_mass + own.p["mass"]))
+        return replace(p, chassis=replace(p.chassis, body_mass=p.chassis.body_mass + sym.p["mass"]))

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 
 from granite_lab.model.contact import ContactAngles, WheelForces, WheelState, normal_force
-from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Symbols
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import Soil
 
@@ -58,39 +58,39 @@ class RadialTyreCompliance(Effect):
     )  # fmt: skip
     states = ("load_f", "load_r")
 
-    def wheel(self, state: WheelState, own: Own) -> WheelState:
+    def wheel(self, state: WheelState, sym: Symbols) -> WheelState:
         """Divide the descent of the axle between tyre and soil."""
-        δ = own.p["compliance"] * own.x["load_f" if state.front else "load_r"]
-        shorter = own.p["rolling"] * δ
+        δ = sym.p["compliance"] * sym.x["load_f" if state.front else "load_r"]
+        shorter = sym.p["rolling"] * δ
         return replace(
             state,
             sinkage=state.sinkage - δ,
             radius=state.radius - shorter,
-            deflection=state.deflection + own.p["flattening"] * δ,
+            deflection=state.deflection + sym.p["flattening"] * δ,
             shortened=state.shortened + shorter,
         )
 
     def wheel_forces(
-        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own
+        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, sym: Symbols
     ) -> WheelForces:
         """Let the soil's share of (17) damp the tread, which goes down by less than the axle; move (15)."""
-        in_tyre = own.p["damped"] * own.p["compliance"] * self._load_rate(forces, state, own)
-        damping, rate = own.model.chassis.contact_damping, state.sinkage_rate - in_tyre
+        in_tyre = sym.p["damped"] * sym.p["compliance"] * self._load_rate(forces, state, sym)
+        damping, rate = sym.model.chassis.contact_damping, state.sinkage_rate - in_tyre
         normal = normal_force(state.sinkage, forces.vertical, damping, rate)
-        longer = (1 - own.p["lever"]) * state.shortened / state.radius
+        longer = (1 - sym.p["lever"]) * state.shortened / state.radius
         return replace(forces, normal=normal, moment=forces.moment * (1 + longer))
 
-    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
+    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, sym: Symbols) -> dict[str, Any]:
         """Let the load that deflects the tyre follow that of the soil."""
         return {
-            f"load_{name}": self._load_rate(axle.forces, axle.state, own)
+            f"load_{name}": self._load_rate(axle.forces, axle.state, sym)
             for name, axle in zip("fr", axles, strict=True)
         }
 
     @staticmethod
-    def _load_rate(forces: WheelForces, state: WheelState, own: Own) -> Any:
+    def _load_rate(forces: WheelForces, state: WheelState, sym: Symbols) -> Any:
         """Return dL/dt [N/s]."""
-        damping = own.p["damped"] * own.model.chassis.contact_damping
+        damping = sym.p["damped"] * sym.model.chassis.contact_damping
         damped = forces.vertical + ca.if_else(state.sinkage > 0, damping, 0) * state.sinkage_rate
-        own_time = own.p["compliance"] * damping + own.p["retardation"]
-        return (damped - own.x["load_f" if state.front else "load_r"]) / own_time
+        own_time = sym.p["compliance"] * damping + sym.p["retardation"]
+        return (damped - sym.x["load_f" if state.front else "load_r"]) / own_time

@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 
 from granite_lab.model.contact import WheelState
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 
 REFERENCE = 0.1
 """Speed of penetration at which `stiffening` is stated [m/s]."""
@@ -39,9 +39,9 @@ class RateDependentSoil(Effect):
                         0.2, 2.0, 1.0, 0.3, 1.5, shape=True),
     )  # fmt: skip
 
-    def pressure(self, pressure: Any, angle: Any, state: WheelState, own: Own) -> Any:
+    def pressure(self, pressure: Any, angle: Any, state: WheelState, sym: Symbols) -> Any:
         """Raise the pressure where the arc moves into the soil, ahead of the lowest point."""
         v_p = ca.fmax(state.velocity * ca.sin(angle), 0)
-        m = own.p["exponent"]
+        m = sym.p["exponent"]
         rise = ((v_p / REFERENCE) ** 2 + ROUND**2) ** (m / 2) - ROUND**m
-        return pressure * (1 + own.p["stiffening"] * rise)
+        return pressure * (1 + sym.p["stiffening"] * rise)

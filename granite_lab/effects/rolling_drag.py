@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from granite_lab.model.command import V_FLOOR
 from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 from granite_lab.parameters import Soil
 
 REFERENCE = 0.5
@@ -33,10 +33,10 @@ class RollingDrag(Effect):
     )
 
     def wheel_forces(
-        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own
+        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, sym: Symbols
     ) -> WheelForces:
         """Add the drag at the wheel centre; it passes smoothly through zero speed."""
         v = state.velocity / REFERENCE
         speed = v**2 + (V_FLOOR / REFERENCE) ** 2
-        drag = own.p["force"] / 4 * v * speed ** ((own.p["exponent"] - 1) / 2)
+        drag = sym.p["force"] / 4 * v * speed ** ((sym.p["exponent"] - 1) / 2)
         return replace(forces, extra=forces.extra - drag)

@@ -8,7 +8,7 @@ import casadi as ca
 
 from granite_lab.model.command import V_FLOOR, smoothstep
 from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 from granite_lab.parameters import Soil
 
 HALF = 0.15
@@ -31,10 +31,10 @@ class SandThrow(Effect):
     )
 
     def wheel_forces(
-        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own
+        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, sym: Symbols
     ) -> WheelForces:
         """Reduce the traction force, but not the moment."""
         v_o = state.circumferential_velocity
         driving = smoothstep(v_o / V_FLOOR)  # a wheel that turns backward would be given power else
         s = driving * ca.fmax(v_o - state.velocity, 0) ** 2
-        return replace(forces, thrust=forces.thrust * (1 - own.p["loss"] * s / (s + HALF**2)))
+        return replace(forces, thrust=forces.thrust * (1 - sym.p["loss"] * s / (s + HALF**2)))

@@ -6,7 +6,7 @@ from typing import Any
 
 import casadi as ca
 
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 
 
 class ShearSoftening(Effect):
@@ -31,7 +31,7 @@ class ShearSoftening(Effect):
                         0.005, 0.1, 0.02, 0.01, 0.05, shape=True),
     )  # fmt: skip
 
-    def shear(self, share: Any, displacement: Any, own: Own) -> Any:
+    def shear(self, share: Any, displacement: Any, sym: Symbols) -> Any:
         """Lower the share of the strength that a long displacement mobilises."""
-        fallen = 1 - ca.exp(-((displacement / own.p["peak"]) ** 2))
-        return share * (1 - own.p["loss"] * fallen)
+        fallen = 1 - ca.exp(-((displacement / sym.p["peak"]) ** 2))
+        return share * (1 - sym.p["loss"] * fallen)

@@ -7,7 +7,7 @@ from typing import Any
 
 from granite_lab.model.command import magnitude, relaxed
 from granite_lab.model.contact import WheelState
-from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Symbols
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import Soil
 
@@ -38,15 +38,15 @@ class SlipSinkage(Effect):
     )  # fmt: skip
     states = ("front", "rear")
 
-    def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
+    def soil(self, soil: Soil, state: WheelState, sym: Symbols) -> Soil:
         """Raise the exponent, which lowers the pressure at depths below 1 m."""
-        slip = own.x["front" if state.front else "rear"]
-        return replace(soil, exponent=soil.exponent + own.p["growth"] * magnitude(slip, ROUND))
+        slip = sym.x["front" if state.front else "rear"]
+        return replace(soil, exponent=soil.exponent + sym.p["growth"] * magnitude(slip, ROUND))
 
-    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
+    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, sym: Symbols) -> dict[str, Any]:
         """Let the mean slip follow with the travel; below V_FLOOR as with that speed."""
         states = {"front": axles[0].state, "rear": axles[1].state}
         return {
-            name: relaxed(state.slip, own.x[name], state.speed, own.p["length"])
+            name: relaxed(state.slip, sym.x[name], state.speed, sym.p["length"])
             for name, state in states.items()
         }

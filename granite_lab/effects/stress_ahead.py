@@ -8,7 +8,7 @@ import casadi as ca
 
 from granite_lab.model.command import V_FLOOR, smoothstep
 from granite_lab.model.contact import ContactAngles, WheelState
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 
 ROUND = 0.01
 """Slip below which its positive part is rounded off, so that the model stays smooth."""
@@ -50,11 +50,11 @@ class StressAhead(Effect):
                         0.0, 0.8, 0.3, 0.15, 0.35, shape=True),
     )  # fmt: skip
 
-    def bearing(self, angle: Any, angles: ContactAngles, state: WheelState, own: Own) -> Any:
+    def bearing(self, angle: Any, angles: ContactAngles, state: WheelState, sym: Symbols) -> Any:
         """Return the angle of the front branch that bears the same stress."""
-        ϑ1, share = angles.front, own.p["share"] * smoothstep(state.velocity / V_FLOOR)
+        ϑ1, share = angles.front, sym.p["share"] * smoothstep(state.velocity / V_FLOOR)
         λ = (state.slip + ca.sqrt(state.slip**2 + ROUND**2)) / 2
-        ϑm = share * (own.p["c1"] + own.p["c2"] * λ) * ϑ1
+        ϑm = share * (sym.p["c1"] + sym.p["c2"] * λ) * ϑ1
         ϑe = ϑ1 + share * (angles.rear - ϑ1)
         steep = (ϑ1 - ϑm) / (ϑm + ϑe)
         behind = (ϑ1 - ϑe * steep) - angle * steep  # so grouped, exactly -ϑ for the paper's law

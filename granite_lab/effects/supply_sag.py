@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Symbols
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import Drive
 
@@ -35,13 +35,13 @@ class SupplySag(Effect):
     states = ("drawn",)
 
     def voltages(
-        self, voltages: tuple[Any, Any], currents: tuple[Any, Any], drive: Drive, own: Own
+        self, voltages: tuple[Any, Any], currents: tuple[Any, Any], drive: Drive, sym: Symbols
     ) -> tuple[Any, Any]:
         """Scale the voltages with that of the bus."""
-        left = 1 - own.p["resistance"] * own.x["drawn"] / drive.voltage_max
+        left = 1 - sym.p["resistance"] * sym.x["drawn"] / drive.voltage_max
         return voltages[0] * left, voltages[1] * left
 
-    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
+    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, sym: Symbols) -> dict[str, Any]:
         """Return İ_b from what the four motors together draw."""
         drawn = sum(2 * axle.voltage / p.drive.voltage_max * axle.current for axle in axles)
-        return {"drawn": (drawn - own.x["drawn"]) / own.p["time"]}
+        return {"drawn": (drawn - sym.x["drawn"]) / sym.p["time"]}

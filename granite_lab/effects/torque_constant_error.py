@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 from granite_lab.model.symbols import ModelParameters
 
 
@@ -28,7 +28,7 @@ class TorqueConstantError(Effect):
                                "torque constant or gear efficiency below that of the robot's file")),
     )  # fmt: skip
 
-    def system(self, p: ModelParameters, own: Own) -> ModelParameters:
+    def system(self, p: ModelParameters, sym: Symbols) -> ModelParameters:
         """Scale k_m in the torque; the back-EMF keeps its own constant k_e."""
-        constant = p.drive.torque_constant * (1 + own.p["error"])
+        constant = p.drive.torque_constant * (1 + sym.p["error"])
         return replace(p, drive=replace(p.drive, torque_constant=constant))

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 
 from granite_lab.model.contact import ContactAngles, WheelForces, WheelState, stiffer, stronger
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 from granite_lab.parameters import Soil
 
 OF = {"": "pressure", "_strength": "shear strength", "_pull": "pull"}
@@ -46,19 +46,19 @@ class TreadRipple(Effect):
     )  # fmt: skip
     circles = tuple((f"cos_{axle}{of}", f"sin_{axle}{of}") for of in OF for axle in ("front", "rear"))
 
-    def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
+    def soil(self, soil: Soil, state: WheelState, sym: Symbols) -> Soil:
         """Modulate both moduli and the shear strength with the angle of the wheel."""
-        stiff = stiffer(soil, 1 + _ripple(state, own, ""))
-        return stronger(stiff, 1 + _ripple(state, own, "_strength"))
+        stiff = stiffer(soil, 1 + _ripple(state, sym, ""))
+        return stronger(stiff, 1 + _ripple(state, sym, "_strength"))
 
     def wheel_forces(
-        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own
+        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, sym: Symbols
     ) -> WheelForces:
         """Modulate the longitudinal force with the angle of the wheel."""
-        return replace(forces, extra=forces.extra + _ripple(state, own, "_pull") * forces.longitudinal)
+        return replace(forces, extra=forces.extra + _ripple(state, sym, "_pull") * forces.longitudinal)
 
 
-def _ripple(state: WheelState, own: Own, of: str) -> Any:
+def _ripple(state: WheelState, sym: Symbols, of: str) -> Any:
     """Return the relative ripple of the pressure or of the pull."""
-    name, angle = "front" if state.front else "rear", own.model.wheels.lugs * state.angle
-    return own.p[f"cos_{name}{of}"] * ca.cos(angle) + own.p[f"sin_{name}{of}"] * ca.sin(angle)
+    name, angle = "front" if state.front else "rear", sym.model.wheels.lugs * state.angle
+    return sym.p[f"cos_{name}{of}"] * ca.cos(angle) + sym.p[f"sin_{name}{of}"] * ca.sin(angle)

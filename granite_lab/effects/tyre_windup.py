@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from granite_lab.model.contact import WheelState
-from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Symbols
 from granite_lab.model.symbols import ModelParameters
 
 TREAD_LAG = 2e-5
@@ -50,23 +50,23 @@ class TyreWindup(Effect):
     )  # fmt: skip
     states = ("torque_f", "torque_rate_f", "torque_r", "torque_rate_r")
 
-    def wheel(self, state: WheelState, own: Own) -> WheelState:
+    def wheel(self, state: WheelState, sym: Symbols) -> WheelState:
         """Let the tread turn slower than the rim while the twist grows."""
-        u_rate = own.x[f"torque_rate_{_name(state)}"]
-        return replace(state, tread_rate=state.tread_rate - own.p["compliance"] * u_rate)
+        u_rate = sym.x[f"torque_rate_{_name(state)}"]
+        return replace(state, tread_rate=state.tread_rate - sym.p["compliance"] * u_rate)
 
-    def rim_acceleration(self, acceleration: Any, axle: Axle, p: ModelParameters, own: Own) -> Any:
+    def rim_acceleration(self, acceleration: Any, axle: Axle, p: ModelParameters, sym: Symbols) -> Any:
         """Load the rim with what turns the tread."""
-        return acceleration + own.p["tread_share"] * own.p["compliance"] * _jerk(acceleration, axle, p, own)
+        return acceleration + sym.p["tread_share"] * sym.p["compliance"] * _jerk(acceleration, axle, p, sym)
 
-    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
+    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, sym: Symbols) -> dict[str, Any]:
         """Return u̇ and ü."""
         rates: dict[str, Any] = {}
         for axle in axles:
             name = _name(axle.state)
             plain = axle.rim_acceleration(p.chassis.wheel_inertia)
-            rates[f"torque_{name}"] = own.x[f"torque_rate_{name}"]
-            rates[f"torque_rate_{name}"] = _jerk(plain, axle, p, own)
+            rates[f"torque_{name}"] = sym.x[f"torque_rate_{name}"]
+            rates[f"torque_rate_{name}"] = _jerk(plain, axle, p, sym)
         return rates
 
 
@@ -74,11 +74,11 @@ def _name(wheel: WheelState) -> str:
     return "f" if wheel.front else "r"
 
 
-def _jerk(rigid: Any, axle: Axle, p: ModelParameters, own: Own) -> Any:
+def _jerk(rigid: Any, axle: Axle, p: ModelParameters, sym: Symbols) -> Any:
     """Return ü, given the acceleration that the rim of a rigid tyre would have."""
-    share, compliance, T_r = own.p["tread_share"], own.p["compliance"], own.p["retardation"]
+    share, compliance, T_r = sym.p["tread_share"], sym.p["compliance"], sym.p["retardation"]
     J_t, name = share * p.chassis.wheel_inertia, _name(axle.state)
-    unbalanced = -axle.forces.moment - own.x[f"torque_{name}"] - T_r * own.x[f"torque_rate_{name}"]
+    unbalanced = -axle.forces.moment - sym.x[f"torque_{name}"] - T_r * sym.x[f"torque_rate_{name}"]
     # ω̇ = rigid + share κ ü put into the equation of the tread
     slow = (1 - share) * J_t * compliance + TREAD_LAG * T_r
     return (unbalanced + J_t * rigid) / slow

@@ -9,7 +9,7 @@ import casadi as ca
 
 from granite_lab.model.command import V_FLOOR, smoothstep
 from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 from granite_lab.parameters import Soil
 
 
@@ -34,9 +34,9 @@ class WheelEccentricity(Effect):
     )  # fmt: skip
     circles = (("cos_front", "sin_front"), ("cos_rear", "sin_rear"))
 
-    def wheel(self, state: WheelState, own: Own) -> WheelState:
+    def wheel(self, state: WheelState, sym: Symbols) -> WheelState:
         """Move the wheel as the soil meets it."""
-        d_x, d_z = _offset(state, own)
+        d_x, d_z = _offset(state, sym)
         return replace(
             state,
             sinkage=state.sinkage - d_z,
@@ -45,21 +45,21 @@ class WheelEccentricity(Effect):
         )
 
     def wheel_forces(
-        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own
+        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, sym: Symbols
     ) -> WheelForces:
         """Carry the forces from the wheel's centre to the axle.
 
         At standstill the moment fades, as the shear does: the friction of the gears would hold it.
         """
-        d_x, d_z = _offset(state, own)
+        d_x, d_z = _offset(state, sym)
         lever = d_z * forces.longitudinal - d_x * forces.normal
         moving = smoothstep(ca.fabs(state.circumferential_velocity) / V_FLOOR)
         return replace(forces, moment=forces.moment + moving * lever)
 
 
-def _offset(state: WheelState, own: Own) -> tuple[Any, Any]:
+def _offset(state: WheelState, sym: Symbols) -> tuple[Any, Any]:
     """Return the place of the wheel's centre relative to the axle [m]."""
     name = "front" if state.front else "rear"
-    c, s = own.p[f"cos_{name}"], own.p[f"sin_{name}"]
+    c, s = sym.p[f"cos_{name}"], sym.p[f"sin_{name}"]
     cos, sin = ca.cos(state.angle), ca.sin(state.angle)
     return c * sin - s * cos, c * cos + s * sin

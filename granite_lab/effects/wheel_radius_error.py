@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 from granite_lab.model.symbols import ModelParameters
 
 
@@ -29,7 +29,7 @@ class WheelRadiusError(Effect):
                         signs=("wheel angles read too large", "wheel angles read too small")),
     )  # fmt: skip
 
-    def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Own) -> dict[str, Any]:
+    def sensors(self, signals: dict[str, Any], p: ModelParameters, sym: Symbols) -> dict[str, Any]:
         """Scale the angles."""
-        scale = 1 + own.p["error"]
+        scale = 1 + sym.p["error"]
         return {n: scale * s if n.startswith("enc_") else s for n, s in signals.items()}

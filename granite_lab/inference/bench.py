@@ -107,13 +107,13 @@ class World:
         Raises:
             InputError: a number is out of bounds.
         """
-        found = list(self.fixed)
+        active = list(self.fixed)
         for id_, values in task.setting:
             effect = self.effects[id_]
-            found.append(
+            active.append(
                 activate(effect, {q.name: v for q, v in zip(effect.parameters, values, strict=True)})
             )
-        return tuple(found)
+        return tuple(active)
 
     def respond(self, task: Task) -> Array | None:
         """Return the (8, M) signals of a run; None where it has no solution."""
@@ -149,8 +149,8 @@ def _batches(tasks: Sequence[Task]) -> list[list[Task]]:
     """
     most = math.isqrt(len(tasks)) + 1
     batches: list[list[Task]] = []
-    for _, own in groupby(sorted(tasks, key=lambda task: task.ids), key=lambda task: task.ids):
-        group = list(own)
+    for _, alike in groupby(sorted(tasks, key=lambda task: task.ids), key=lambda task: task.ids):
+        group = list(alike)
         batches += [group[k : k + most] for k in range(0, len(group), most)]
     return sorted(batches, key=len, reverse=True)
 
@@ -181,7 +181,7 @@ class Bench:
         self._respond = respond
         self._tick = tick
         self._pool = forked(jobs, _enter, world) if respond is None else None
-        self._known: dict[Task, Array | None] = {}
+        self._responses: dict[Task, Array | None] = {}
         self._last: Sequence[Task] = ()
 
     def __enter__(self) -> Self:
@@ -207,12 +207,12 @@ class Bench:
         """
         if count < 2 or self._pool is None:
             return [call(k) for k in range(count)]
-        found = []
+        answers = []
         for answer, runs in shared_out(_alone, (self, call), count, "searched", jobs=self._jobs):
-            found.append(answer)
+            answers.append(answer)
             self.runs += runs
             self._tick(runs)
-        return found
+        return answers
 
     def run(self, tasks: Sequence[Task], *, keep: bool = True) -> list[Array | None]:
         """Return the (8, M) signals of each task, None where a run has no solution.
@@ -225,20 +225,20 @@ class Bench:
         Raises:
             LabError: a process died.
         """
-        fresh = list(dict.fromkeys(t for t in tasks if t not in self._known))
+        fresh = list(dict.fromkeys(t for t in tasks if t not in self._responses))
         if self._respond is not None:
-            found = self._respond(self.world, fresh)
+            responses = self._respond(self.world, fresh)
         elif self._pool is None:
-            found = [self.world.respond(task) for task in fresh]
+            responses = [self.world.respond(task) for task in fresh]
         else:
             batches = _batches(fresh)
             fresh = list(chain.from_iterable(batches))
-            found = list(chain.from_iterable(spread(self._pool, _work, batches, "simulated")))
+            responses = list(chain.from_iterable(spread(self._pool, _work, batches, "simulated")))
         self.runs += len(fresh)
         self._tick(len(fresh))
-        known = self._known | dict(zip(fresh, found, strict=True))
-        size = sum(run.nbytes for t in {*tasks} if (run := known[t]) is not None)
+        every = self._responses | dict(zip(fresh, responses, strict=True))
+        size = sum(run.nbytes for t in {*tasks} if (run := every[t]) is not None)
         if keep and size <= REMEMBERED:
-            self._known = {task: known[task] for task in (*self._last, *tasks) if task in known}
+            self._responses = {task: every[task] for task in (*self._last, *tasks) if task in every}
             self._last = tuple(tasks)
-        return [known[task] for task in tasks]
+        return [every[task] for task in tasks]

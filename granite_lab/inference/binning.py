@@ -78,9 +78,9 @@ def values(t: Array, at: Array) -> Any:
     """
     k = np.clip(np.searchsorted(t, at, side="right") - 1, 0, t.size - 2)
     later = (at - t[k]) / (t[k + 1] - t[k])
-    columns, shares = np.stack([k, k + 1], axis=-1), np.stack([1 - later, later], axis=-1)
+    columns, weights = np.stack([k, k + 1], axis=-1), np.stack([1 - later, later], axis=-1)
     rows = 2 * np.arange(at.size + 1)
-    return csr_array((shares.ravel(), columns.ravel(), rows), shape=(at.size, t.size))
+    return csr_array((weights.ravel(), columns.ravel(), rows), shape=(at.size, t.size))
 
 
 def at_edges_or_between(stream: Stream, edges: Array) -> Any:
@@ -101,13 +101,13 @@ class _Group:
     sensor: int
     to_bins: Any
 
-    def to_stamps(self, t: Array, shift: float, spread: float) -> Any:
+    def to_stamps(self, t: Array, shift: float, low_pass: float) -> Any:
         """Return the matrix from a simulation's grid to what the sensor shows at its stamps.
 
         A low-pass is a longer window of the same variance: of its response, mean and variance show in what is
         slower than its cut-off.
         """
-        at, half = self.stamps - shift, float(np.sqrt(self.window**2 + 12 * spread)) / 2
+        at, half = self.stamps - shift, float(np.sqrt(self.window**2 + 12 * low_pass)) / 2
         if not half:
             return values(t, np.clip(at, t[0], t[-1]))
         # accelerations jump: what the sensor shows of a corner depends on where its window lies
@@ -131,7 +131,7 @@ class Binning:
             alike.setdefault((s.t.tobytes(), s.is_angle, s.window), []).append(name)
         self._groups = [self._group(names, streams, edges, t_start) for names in alike.values()]
         self._order = tuple(streams)
-        self._known: dict[tuple[int, tuple[float, float], int], tuple[Any, Any]] = {}
+        self._matrices: dict[tuple[int, tuple[float, float], int], tuple[Any, Any]] = {}
 
     @staticmethod
     def _group(names: list[str], streams: Mapping[str, Stream], edges: Array, t_start: float) -> _Group:
@@ -148,7 +148,7 @@ class Binning:
         start: float,
         late: Sequence[float] = (0.0, 0.0, 0.0),
         only: Sequence[str] = (),
-        spread: float = 0.0,
+        low_pass: float = 0.0,
     ) -> dict[str, Array]:
         """Return channel to its (n,) bins, or to the (n, k) bins of k responses.
 
@@ -158,35 +158,37 @@ class Binning:
             start: by how much the command starts later than `t_start` [s].
             late: by how much the stamps of each sensor of `SENSOR_OF` are late [s].
             only: channels that are wanted; all by default.
-            spread: variance of the impulse response of the IMU's low-pass [s^2].
+            low_pass: variance of the impulse response of the IMU's low-pass [s^2].
         """
         wanted = only or self._order
-        found: dict[str, Array] = {}
+        binned: dict[str, Array] = {}
         for number, group in enumerate(self._groups):
-            own = [(name, w) for name, w in zip(group.names, group.weights, strict=True) if name in wanted]
-            if own:
-                signals = [sum(w[k] * response[k] for k in np.flatnonzero(w)) for _, w in own]
-                shift = start + late[group.sensor], spread if group.sensor == IMU else 0.0
+            members = [
+                (name, w) for name, w in zip(group.names, group.weights, strict=True) if name in wanted
+            ]
+            if members:
+                signals = [sum(w[k] * response[k] for k in np.flatnonzero(w)) for _, w in members]
+                shift = start + late[group.sensor], low_pass if group.sensor == IMU else 0.0
                 if response.ndim == 2:
                     bins = list(self._in_bins(number, t, shift, np.column_stack(signals), few=True).T)
                 else:
                     bins = [self._in_bins(number, t, shift, signal, few=False) for signal in signals]
-                found.update(zip((name for name, _ in own), bins, strict=True))
-        return {name: found[name] for name in wanted}
+                binned.update(zip((name for name, _ in members), bins, strict=True))
+        return {name: binned[name] for name in wanted}
 
     def _in_bins(
         self, number: int, t: Array, shift: tuple[float, float], signals: Array, *, few: bool
     ) -> Array:
         """Return the (n, k) bins of (M, k) signals; the matrices are multiplied first unless they are few."""
         group, key = self._groups[number], (number, shift, t.size)
-        if key not in self._known:
-            while len(self._known) >= KEPT * len(self._groups):
-                del self._known[next(iter(self._known))]
-            self._known[key] = group.to_stamps(t, *shift), None
-        to_stamps, product = self._known[key]
+        if key not in self._matrices:
+            while len(self._matrices) >= KEPT * len(self._groups):
+                del self._matrices[next(iter(self._matrices))]
+            self._matrices[key] = group.to_stamps(t, *shift), None
+        to_stamps, product = self._matrices[key]
         if few:
             return np.asarray(group.to_bins @ (to_stamps @ signals))
         if product is None:
             product = group.to_bins @ to_stamps
-            self._known[key] = to_stamps, product
+            self._matrices[key] = to_stamps, product
         return np.asarray(product @ signals)

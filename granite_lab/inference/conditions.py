@@ -15,7 +15,7 @@ from granite_lab.inference.nuisances import TrialModel
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.body import BodyLoad, BodyState
 from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
-from granite_lab.model.effect import Axle, Effect, Own
+from granite_lab.model.effect import Axle, Effect, Symbols
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import Soil
 from granite_lab.parameters.quantity import key_of, quantity
@@ -76,20 +76,20 @@ def conditions_of(trial: Trial) -> Conditions:
     Raises:
         InputError: a value is neither true or false nor a number.
     """
-    found: dict[str, Any] = {}
+    stated: dict[str, Any] = {}
     for key, name in KEYS.items():
         text = trial.info.extra.get(key, "").strip().lower()
         if not text:
             continue
         try:
             number = name in ("payload", "slope")
-            found[name] = float(text) if number else {"true": True, "false": False}[text]
+            stated[name] = float(text) if number else {"true": True, "false": False}[text]
         except (ValueError, KeyError):
             raise InputError(
                 f"trial '{trial.name}': {key} = {text} cannot be used",
                 f"write a number, as in # {key} = 5" if number else f"write # {key} = true",
             ) from None
-    return Conditions(**found)
+    return Conditions(**stated)
 
 
 class OnABlock(Effect):
@@ -108,7 +108,7 @@ class OnABlock(Effect):
         state: WheelState,  # noqa: ARG002
         angles: ContactAngles,  # noqa: ARG002
         soil: Soil,  # noqa: ARG002
-        own: Own,  # noqa: ARG002
+        sym: Symbols,  # noqa: ARG002
     ) -> WheelForces:
         """Take the ground away."""
         return dataclasses.replace(
@@ -121,7 +121,7 @@ class OnABlock(Effect):
         body: BodyState,  # noqa: ARG002
         axles: tuple[Axle, Axle],  # noqa: ARG002
         p: ModelParameters,
-        own: Own,  # noqa: ARG002
+        sym: Symbols,  # noqa: ARG002
     ) -> BodyLoad:
         """Hold the body."""
         m: Any = p.chassis.total_mass
@@ -133,10 +133,10 @@ class InTheRut(MultiPass):
 
     id = "in_the_rut"
 
-    def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
+    def soil(self, soil: Soil, state: WheelState, sym: Symbols) -> Soil:
         """Stiffen the soil under every wheel."""
-        behind = 2 * own.model.chassis.wheel_base  # of travel: no wheel is at the edge of the rut
-        return super().soil(soil, dataclasses.replace(state, front=False, travel=behind), own)
+        behind = 2 * sym.model.chassis.wheel_base  # of travel: no wheel is at the edge of the rut
+        return super().soil(soil, dataclasses.replace(state, front=False, travel=behind), sym)
 
 
 STAGING: dict[str, Effect] = {e.id: e for e in (OnABlock(), InTheRut())}
@@ -166,8 +166,8 @@ class StagedWorld(World):
             chassis = dataclasses.replace(robot.chassis, body_mass=robot.chassis.body_mass + under.payload)
             robot = dataclasses.replace(robot, chassis=chassis)
         if under.slope or (under.turned and "ground_slope" in setting):
-            own = setting.get("ground_slope", (0.0,))[0]
-            setting["ground_slope"] = (under.slope + (-own if under.turned else own),)
+            slope = setting.get("ground_slope", (0.0,))[0]
+            setting["ground_slope"] = (under.slope + (-slope if under.turned else slope),)
         if under.same_rut and "multi_pass" in setting:
             setting[InTheRut.id] = setting.pop("multi_pass")
         if under.wheels_up:  # on a level block

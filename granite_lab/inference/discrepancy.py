@@ -123,10 +123,10 @@ def scale_of(
     desired = distances_at(o.t + o.width / 2, o.variant) / radius
     for c, values in bins.items():
         if c.startswith("wheel"):
-            own = values - desired if c == "wheel" else values
+            signal = values - desired if c == "wheel" else values
         else:
-            own = values - (values[before].mean() if before.any() else 0.0)
-        size[c] = float(np.sqrt(np.mean(own[at] ** 2)))
+            signal = values - (values[before].mean() if before.any() else 0.0)
+        size[c] = float(np.sqrt(np.mean(signal[at] ** 2)))
     if "wheel_split" in size and "wheel" in size:
         size["wheel_split"] = size["wheel"]
     return size, moving, resting

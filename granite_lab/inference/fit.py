@@ -15,10 +15,10 @@ from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import (
     FIRST,
     change,
-    discrepancy,
-    learn,
+    learn_discrepancy,
+    learn_scales,
     log_prior,
-    own_scales,
+    per_trial_scales,
     posterior_at,
 )
 from granite_lab.inference.shelf import Shelved
@@ -161,7 +161,7 @@ def fit(
         EstimateError: a simulation at the start has no solution.
     """
     fine, away = least <= LEAST, 0.0 if slopes is None else AS_GOOD
-    scales = replace(scales, priors={**own_scales(problem, start, start.vector), **scales.priors})
+    scales = replace(scales, priors={**per_trial_scales(problem, start, start.vector), **scales.priors})
     states = [_begun(problem, start, slopes, central=fine)]  # taken from here, so that nobody else holds one
     converged = False
     if rounds:
@@ -248,7 +248,7 @@ def _descended(
             continue
         drop, tried = -np.inf, None
         if promised >= least:
-            part = problem.moved(state.point, pace * (aim.vector - state.point.vector))
+            part = problem.stepped(state.point, pace * (aim.vector - state.point.vector))
             drop, tried = _tried(problem, state, scales, here, part)
         ratio = drop / (promised * pace * (2 - pace)) if promised > 0 else -np.inf
         near = promised < NEAR and damping == 0
@@ -318,7 +318,7 @@ def _evidence(problem: Problem, state: _State, scales: Scales) -> float:
 
 def _learnt(problem: Problem, state: _State, scales: Scales, passes: int = UPDATES) -> Scales:
     """Return the scales at a point."""
-    return learn(problem, state.point, state.normal, state.white, scales, passes)
+    return learn_scales(problem, state.point, state.normal, state.white, scales, passes)
 
 
 def _promise(problem: Problem, state: _State, scales: Scales, damping: float) -> tuple[float, Point, float]:
@@ -357,11 +357,11 @@ def under(problem: Problem, fitted: Fit, scales: Scales) -> Fit:
     A model that lacks something widens the priors of what stands in for it; those of a model that lacks
     nothing say how much the trials really differ.
     """
-    own = replace(fitted.scales, priors=scales.priors)
-    own = discrepancy(problem, fitted.normal, fitted.point, own)
-    post = posterior_at(problem, fitted.point, fitted.normal, own)
-    evidence = post.evidence + log_prior(problem, own, bool(fitted.point.effects))
-    return replace(fitted, scales=own, posterior=post, evidence=evidence)
+    adopted = replace(fitted.scales, priors=scales.priors)
+    adopted = learn_discrepancy(problem, fitted.normal, fitted.point, adopted)
+    post = posterior_at(problem, fitted.point, fitted.normal, adopted)
+    evidence = post.evidence + log_prior(problem, adopted, bool(fitted.point.effects))
+    return replace(fitted, scales=adopted, posterior=post, evidence=evidence)
 
 
 def taken(problem: Problem, fitted: Fit, scales: Scales) -> Fit:
@@ -373,8 +373,8 @@ def taken(problem: Problem, fitted: Fit, scales: Scales) -> Fit:
 
 def simulated(problem: Problem, point: Point) -> tuple[Array, ...] | None:
     """Return the response of every trial; None where one has no solution."""
-    found = problem.respond([problem.task(point, i) for i in range(len(problem.trials))])
-    return None if found is None else tuple(found)
+    responses = problem.respond([problem.task(point, i) for i in range(len(problem.trials))])
+    return None if responses is None else tuple(responses)
 
 
 def _aim(problem: Problem, point: Point, M: Array, std: Array, pull: Array, damping: float) -> Point:
@@ -382,7 +382,7 @@ def _aim(problem: Problem, point: Point, M: Array, std: Array, pull: Array, damp
     p = std.size
     N, right = M[:p, :p] + np.diag(std**-2.0), M[:p, -1] + pull / std**2
     low, high = (side - point.vector for side in problem.bounds(point))
-    return problem.moved(point, least_within(N, right, low, high, damping))
+    return problem.stepped(point, least_within(N, right, low, high, damping))
 
 
 def _linear(M: Array, std: Array, mean: Array, point: Point, aim: Point) -> float:

@@ -12,7 +12,7 @@ from granite_lab.inference.fit import Fit, under
 from granite_lab.inference.noise import ABOVE, CUT, LEAST, errors
 from granite_lab.inference.normal import ChannelPart, Scales, posterior
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.scales import FORMULAS, SHARES
+from granite_lab.inference.scales import DISCREPANCIES, FORMULAS
 from granite_lab.logs.trial import Array
 
 
@@ -53,42 +53,44 @@ def discrepancies(problem: Problem, fit: Fit, *, formulas: bool = True) -> list[
         formulas: the errors of the effects' formulas are included.
     """
     step = np.append(-fit.posterior.step, 1.0)
-    found = []
+    rows = []
     for command, part in enumerate(fit.normal.parts):
         at, names = step[part.place_in(step.size)], dict.fromkeys(c.name for c in part.channels)
         for name in names:
-            own = [c for c in part.channels if c.name == name]
+            channels = [c for c in part.channels if c.name == name]
             bases = problem.bases(fit.point, fit.slopes, command, name)
-            pairs = zip(own, bases, strict=True)
-            pieces = [_learnt(c, b.columns, at, fit.scales, formulas) for c, b in pairs]
+            pairs = zip(channels, bases, strict=True)
+            pieces = [_posterior_of(c, b.columns, at, fit.scales, formulas) for c, b in pairs]
             value, std = map(np.concatenate, zip(*pieces, strict=True))
             size, moving = problem.size_of(command, name)
-            found.append(Discrepancy(command, name, size, value * (moving > 0), std * (moving > 0)))
-    return found
+            rows.append(Discrepancy(command, name, size, value * (moving > 0), std * (moving > 0)))
+    return rows
 
 
-def _learnt(c: ChannelPart, basis: Array, step: Array, scales: Scales, formulas: bool) -> tuple[Array, Array]:
+def _posterior_of(
+    c: ChannelPart, basis: Array, step: Array, scales: Scales, formulas: bool
+) -> tuple[Array, Array]:
     """Return value and std (n,) of the discrepancy of a channel over a stretch [unit of the channel]."""
     amplitude, _ = c.amplitudes(step, scales)
-    own = np.flatnonzero((c.kind == MOTION) | ((c.kind == FORMULA) & formulas))
-    columns = basis[:, own]
+    kept = np.flatnonzero((c.kind == MOTION) | ((c.kind == FORMULA) & formulas))
+    columns = basis[:, kept]
     root, inverse = c.inverse(scales)
-    variance = (((columns * root[own]) @ inverse[own]) ** 2).sum(axis=1)
-    return columns @ amplitude[own], scales.louder.get(c.name, 1.0) * np.sqrt(variance)
+    variance = (((columns * root[kept]) @ inverse[kept]) ** 2).sum(axis=1)
+    return columns @ amplitude[kept], scales.louder.get(c.name, 1.0) * np.sqrt(variance)
 
 
-def shares(problem: Problem, fit: Fit) -> dict[str, float]:
+def largest_discrepancies(problem: Problem, fit: Fit) -> dict[str, float]:
     """Return channel to its largest discrepancy over the commands, as a share of its rms in motion.
 
     What an error of the formulas of the effects explains is left out.
     """
-    found: dict[str, float] = {}
+    largest: dict[str, float] = {}
     for d in discrepancies(problem, fit, formulas=False):
-        found[d.channel] = max(found.get(d.channel, 0.0), d.share)
-    return found
+        largest[d.channel] = max(largest.get(d.channel, 0.0), d.share)
+    return largest
 
 
-def moved(problem: Problem, before: Fit, after: Fit) -> dict[str, float]:
+def prediction_change(problem: Problem, before: Fit, after: Fit) -> dict[str, float]:
     """Return channel to how far two fits' predictions are apart, at most over the commands.
 
     It is the rms in motion of their difference, over the repetitions, too, over the channel's rms in motion.
@@ -96,33 +98,33 @@ def moved(problem: Problem, before: Fit, after: Fit) -> dict[str, float]:
     trials cannot stand in for what is missing.
     """
     alone = remaining(problem, under(problem, before, after.scales))
-    found: dict[str, float] = {}
-    for command, own in enumerate(problem.commands):
-        for c in dict.fromkeys(c for i in own for c in problem.trials[i].channels):
+    largest: dict[str, float] = {}
+    for command, repetitions in enumerate(problem.commands):
+        for c in dict.fromkeys(c for i in repetitions for c in problem.trials[i].channels):
             size, moving = problem.size_of(command, c)
             rows = [
                 alone[i][k] - after.residuals[i][k]
-                for i in own if c in problem.trials[i].channels
+                for i in repetitions if c in problem.trials[i].channels
                 for k in [problem.trials[i].channels.index(c)]
             ]  # fmt: skip
             apart = np.stack(rows)[:, moving > 0]
             apart = apart[np.isfinite(apart)]
             if apart.size and size > 0:
-                found[c] = max(found.get(c, 0.0), float(np.sqrt(np.mean(apart**2))) / size)
-    return found
+                largest[c] = max(largest.get(c, 0.0), float(np.sqrt(np.mean(apart**2))) / size)
+    return largest
 
 
 def remaining(problem: Problem, fit: Fit) -> list[Array]:
     """Return per trial the (C, n) residuals at the posterior mean, linear about the fit's point."""
-    step, found = fit.posterior.step, []
+    step, rows = fit.posterior.step, []
     shared = sum(x.size for x in fit.point.trials)
     begin = 0
     for i, (x, residual) in enumerate(zip(fit.point.trials, fit.residuals, strict=True)):
-        own = np.concatenate([step[begin : begin + x.size], step[shared:]])
-        change = problem.columns(i, fit.point, fit.slopes) @ own
-        found.append(residual - change.reshape(residual.shape))
+        numbers = np.concatenate([step[begin : begin + x.size], step[shared:]])
+        change = problem.columns(i, fit.point, fit.slopes) @ numbers
+        rows.append(residual - change.reshape(residual.shape))
         begin += x.size
-    return found
+    return rows
 
 
 def scatter(problem: Problem, fit: Fit) -> dict[str, float]:
@@ -139,12 +141,14 @@ def scatter(problem: Problem, fit: Fit) -> dict[str, float]:
     """
     left = remaining(problem, fit)
     every: dict[str, list[float]] = {}
-    for command, own in enumerate(problem.commands):
-        t = problem.trials[own[0]].observation
-        for c in problem.trials[own[0]].channels:
+    for command, repetitions in enumerate(problem.commands):
+        t = problem.trials[repetitions[0]].observation
+        for c in problem.trials[repetitions[0]].channels:
             size, moving = problem.size_of(command, c)
             rows = [
-                left[i][problem.trials[i].channels.index(c)] for i in own if c in problem.trials[i].channels
+                left[i][problem.trials[i].channels.index(c)]
+                for i in repetitions
+                if c in problem.trials[i].channels
             ]
             if len(rows) < 2 or size <= 0 or c.startswith("wheel"):  # wheels follow the command
                 continue
@@ -161,17 +165,19 @@ def scatter(problem: Problem, fit: Fit) -> dict[str, float]:
 
 def _powers(rows: Array, width: float, low: float, high: float) -> Array:
     """Return the power densities of (k, n) rows between two frequencies; none where they are too short."""
-    found = [np.zeros(0)]
+    densities = [np.zeros(0)]
     for row in (r[np.isfinite(r)] for r in rows):
         if row.size >= LEAST:
             f, power = periodogram(row, 1 / width, "hann")
-            found.append(power[(f > 0) & (f >= low) & (f < high)])
-    return np.concatenate(found)
+            densities.append(power[(f > 0) & (f >= low) & (f < high)])
+    return np.concatenate(densities)
 
 
-def tolerated(scales: Scales, share: float) -> Scales:
+def tolerated(scales: Scales, discrepancy: float) -> Scales:
     """Return scales under which a discrepancy of some share is taken for granted, and formulas for exact."""
-    return replace(scales, share=share, shares={}, formula=FORMULAS[0], formulas={}, louder={})
+    return replace(
+        scales, discrepancy=discrepancy, discrepancies={}, formula=FORMULAS[0], formulas={}, louder={}
+    )
 
 
 def beyond(problem: Problem, fit: Fit, tolerance: float) -> tuple[float, float]:
@@ -182,14 +188,14 @@ def beyond(problem: Problem, fit: Fit, tolerance: float) -> tuple[float, float]:
     """
     std, mean = problem.prior(fit.point, fit.scales)
     values, free = [], []
-    for share in (tolerance, SHARES[-1]):
+    for share in (tolerance, DISCREPANCIES[-1]):
         scales = tolerated(fit.scales, share)
         M, logdet = fit.normal.marginal(scales)
         values.append(posterior(M, logdet, std**-2.0, mean - fit.point.vector).misfit)
-        free.append(sum(held(c, scales) for p in fit.normal.parts for c in p.channels))
+        free.append(sum(determined_by_prior(c, scales) for p in fit.normal.parts for c in p.channels))
     return values[0], values[1] + free[0] - free[1]
 
 
-def held(channel: ChannelPart, scales: Scales) -> float:
+def determined_by_prior(channel: ChannelPart, scales: Scales) -> float:
     """Return the number of directions along which the discrepancy of a channel is held by its prior."""
     return float((channel.inverse(scales)[1] ** 2).sum())

@@ -66,28 +66,28 @@ class Filter:
     Attributes:
         inverse: (k, k) inverse of the lower Cholesky factor of the covariance of the bins that were
             measured, or (k,) inverse of their std where the noise is white.
-        known: (n,) bins that were measured.
+        measured: (n,) bins that were measured.
     """
 
     inverse: Array
-    known: Mask
+    measured: Mask
 
     def __call__(self, columns: Array) -> Array:
         """Return the whitened (n,) or (n, k) columns; zero where nothing was measured."""
         if not self.inverse.size:
             return np.zeros_like(columns)
-        whole = bool(self.known.all())
-        own = columns if whole else columns[self.known]
+        whole = bool(self.measured.all())
+        rows = columns if whole else columns[self.measured]
         if self.inverse.ndim == 1:
-            found = (own.T * self.inverse).T
-        elif own.ndim == 1:
-            found = self.inverse @ own
+            whitened = (rows.T * self.inverse).T
+        elif rows.ndim == 1:
+            whitened = self.inverse @ rows
         else:  # half the work of a full matrix
-            found = dtrmm(1.0, self.inverse.T, own.T, side=1, lower=0).T
+            whitened = dtrmm(1.0, self.inverse.T, rows.T, side=1, lower=0).T
         if whole:
-            return np.asarray(found)
+            return np.asarray(whitened)
         out = np.zeros_like(columns)
-        out[self.known] = found
+        out[self.measured] = whitened
         return out
 
 
@@ -98,15 +98,15 @@ class Whitener:
     filters: tuple[Filter, ...]
 
     @cached_property
-    def known(self) -> Mask:
+    def measured(self) -> Mask:
         """(n,) bins that were measured."""
-        return np.concatenate([f.known for f in self.filters])
+        return np.concatenate([f.measured for f in self.filters])
 
     def __call__(self, columns: Array) -> Array:
         """Return the whitened (n,) or (n, k) columns; zero where nothing was measured."""
         if len(self.filters) == 1:
             return self.filters[0](columns)
-        ends = np.cumsum([f.known.size for f in self.filters])
+        ends = np.cumsum([f.measured.size for f in self.filters])
         parts = np.split(columns, ends[:-1])
         return np.concatenate([f(part) for f, part in zip(self.filters, parts, strict=True)])
 
@@ -125,34 +125,34 @@ def stretches(n: int, width: float) -> tuple[slice, ...]:
     return tuple(slice(a, b) for a, b in itertools.pairwise(edges))
 
 
-def white(level: float, known: Mask, width: float) -> Whitener:
+def white(level: float, measured: Mask, width: float) -> Whitener:
     """Return the filter of white noise.
 
     Args:
         level: its std.
-        known: (n,) bins that were measured.
+        measured: (n,) bins that were measured.
         width: of a bin [s].
     """
-    own = [known[stretch] for stretch in stretches(known.size, width)]
-    return Whitener(tuple(Filter(np.full(int(part.sum()), 1 / level), part) for part in own))
+    masks = [measured[stretch] for stretch in stretches(measured.size, width)]
+    return Whitener(tuple(Filter(np.full(int(part.sum()), 1 / level), part) for part in masks))
 
 
-def whitener(known: Mask, width: float, covariance: Callable[[slice], Array]) -> Whitener:
+def whitener(measured: Mask, width: float, covariance: Callable[[slice], Array]) -> Whitener:
     """Return the filter of noise with some covariance.
 
     Args:
-        known: (n,) bins that were measured.
+        measured: (n,) bins that were measured.
         width: of a bin [s].
         covariance: returns that of the bins of a stretch.
     """
     filters = []
-    for stretch in stretches(known.size, width):
-        own = known[stretch]
+    for stretch in stretches(measured.size, width):
+        mask = measured[stretch]
         inverse = np.zeros((0, 0))
-        if own.any():
-            L = cholesky(covariance(stretch)[np.ix_(own, own)], lower=True)
+        if mask.any():
+            L = cholesky(covariance(stretch)[np.ix_(mask, mask)], lower=True)
             inverse = np.tril(dtrtri(L, lower=1)[0])
-        filters.append(Filter(inverse, own))
+        filters.append(Filter(inverse, mask))
     return Whitener(tuple(filters))
 
 
@@ -186,7 +186,7 @@ def at_rest(noise: Sequence[Array], floor: float, width: float) -> Array:
     return _spectrum(noise, REST_ORDER, floor, width, 0.0)
 
 
-def learn(
+def identify(
     residuals: Sequence[Array],
     speed: Array,
     slope: Array,
@@ -223,18 +223,18 @@ def learn(
     if more is not None:
         apart += more
 
-    def covariance(own: slice) -> Array:
-        n, v = own.stop - own.start, speed[own]
+    def covariance(stretch: slice) -> Array:
+        n, v = stretch.stop - stretch.start, speed[stretch]
         Σ = toeplitz(of_rest[:n]) + np.outer(v, v) * toeplitz(of_vibration[:n])
-        Σ[np.diag_indices(n)] += apart[own]
+        Σ[np.diag_indices(n)] += apart[stretch]
         return np.asarray(Σ)
 
-    known = np.isfinite(table)
-    found: dict[bytes, Whitener] = {}
-    for mask in known:
-        if mask.tobytes() not in found:
-            found[mask.tobytes()] = whitener(mask, width, covariance)
-    return [found[mask.tobytes()] for mask in known]
+    measured = np.isfinite(table)
+    whiteners: dict[bytes, Whitener] = {}
+    for mask in measured:
+        if mask.tobytes() not in whiteners:
+            whiteners[mask.tobytes()] = whitener(mask, width, covariance)
+    return [whiteners[mask.tobytes()] for mask in measured]
 
 
 _GRID = 2 ** math.ceil(math.log2(WHOLE / BIN))
@@ -246,10 +246,10 @@ def _spectrum(error: Sequence[Array], order: int, floor: float, width: float, cu
 
     The floor enters as white noise: a sensor at rest on one step of its scale has no noise to learn.
     """
-    known = [row[np.isfinite(row)] for row in error]
-    rows = [row for row in known if row.size >= LEAST]
+    every = [row[np.isfinite(row)] for row in error]
+    rows = [row for row in every if row.size >= LEAST]
     if not rows:  # wide bins, of slow sensors: too few for a spectrum, enough for a level
-        few = np.concatenate([np.zeros(0), *known])
+        few = np.concatenate([np.zeros(0), *every])
         return np.full(_GRID + 1, floor**2 + (float(np.mean(few**2)) if few.size else 0.0))
     raw = np.mean([np.abs(np.fft.rfft(row, 2 * _GRID)) ** 2 / row.size for row in rows], axis=0)
     f = np.fft.rfftfreq(2 * _GRID, width)

@@ -29,26 +29,26 @@ class Scales:
     """What is learnt by the marginal likelihood.
 
     Attributes:
-        share: discrepancy of the model, as a share of a channel's rms in motion, where `shares` has none.
+        discrepancy: of the model, as a share of a channel's rms in motion, where `discrepancies` has none.
         formula: error of the effects' formulas, as a share of their traces, where `formulas` has none.
         priors: name of a number that differs from trial to trial to the std of its prior.
-        shares: channel to the share as learnt.
+        discrepancies: channel to that share as learnt.
         formulas: channel to the error of the formulas as learnt: one may be exact for a speed and rough for
             a pitch rate.
         louder: channel to how many times larger its noise is than the repetitions show; above one where
             the model misses what is not smooth, so that a bad fit is not believed to the last digit.
     """
 
-    share: float
+    discrepancy: float
     formula: float
     priors: Mapping[str, float] = field(default_factory=dict)
-    shares: Mapping[str, float] = field(default_factory=dict)
+    discrepancies: Mapping[str, float] = field(default_factory=dict)
     formulas: Mapping[str, float] = field(default_factory=dict)
     louder: Mapping[str, float] = field(default_factory=dict)
 
-    def share_of(self, channel: str) -> float:
+    def discrepancy_of(self, channel: str) -> float:
         """Return the discrepancy of a channel."""
-        return self.shares.get(channel, self.share)
+        return self.discrepancies.get(channel, self.discrepancy)
 
     def formula_of(self, channel: str) -> float:
         """Return the error of the formulas in a channel."""
@@ -57,7 +57,7 @@ class Scales:
     @property
     def largest(self) -> float:
         """The largest share that was learnt."""
-        return max(self.shares.values(), default=self.share)
+        return max(self.discrepancies.values(), default=self.discrepancy)
 
     @property
     def loud(self) -> bool:
@@ -103,7 +103,7 @@ class ChannelPart:
     gram: Array
     basis: Array
     across: Array
-    _known: dict[tuple[float, float, float], Factor] = field(default_factory=dict, init=False, repr=False)
+    _factor: dict[tuple[float, float, float], Factor] = field(default_factory=dict, init=False, repr=False)
 
     def factor(self, scales: Scales) -> Factor:
         """Return sqrt(Λ), the upper Cholesky factor of 1 + sqrt(Λ) G sqrt(Λ), and log det of the latter.
@@ -111,10 +111,10 @@ class ChannelPart:
         The last one is remembered, as each step of a fit asks for it several times.
         """
         louder = scales.louder.get(self.name, 1.0)
-        share, formula = scales.share_of(self.name), scales.formula_of(self.name)
+        share, formula = scales.discrepancy_of(self.name), scales.formula_of(self.name)
         key = share, formula, louder
-        if (found := self._known.get(key)) is not None:
-            return found
+        if (factor := self._factor.get(key)) is not None:
+            return factor
         root = np.sqrt(variances(self.kind, share, formula)) / louder
         M = root[:, None] * self.basis * root
         M.flat[:: root.size + 1] += 1
@@ -122,9 +122,9 @@ class ChannelPart:
         if failed:  # where the unit is lost in rounding, add what rounding takes
             lost = np.finfo(float).eps * np.trace(M) * np.eye(root.size)
             U = cholesky(M + lost, check_finite=False)
-        self._known.clear()
-        self._known[key] = root, U, 2 * float(np.log(np.diag(U)).sum())
-        return self._known[key]
+        self._factor.clear()
+        self._factor[key] = root, U, 2 * float(np.log(np.diag(U)).sum())
+        return self._factor[key]
 
     def inverse(self, scales: Scales) -> tuple[Array, Array]:
         """Return sqrt(Λ), and the inverse of the upper Cholesky factor; see `factor`."""
@@ -204,7 +204,7 @@ class Normal:
     parts: tuple[CommandPart, ...]
     size: int
     parameters: int
-    _known: dict[object, tuple[Array, float]] = field(default_factory=dict, init=False, repr=False)
+    _marginals: dict[object, tuple[Array, float]] = field(default_factory=dict, init=False, repr=False)
 
     def at(self, white: Sequence[Array]) -> Normal:
         """Return the same with other whitened residuals."""
@@ -229,19 +229,19 @@ class Normal:
         logdet = 0.0
         for number in range(len(self.parts)) if only is None else only:
             place = self.parts[number].place
-            own, more = self._of_part(number, scales)
-            M[np.ix_(place, place)] += own
+            block, more = self._of_part(number, scales)
+            M[np.ix_(place, place)] += block
             logdet += more
         return M, logdet
 
     def _of_part(self, number: int, scales: Scales) -> tuple[Array, float]:
         """Return the matrix and the log determinant of one part; they are remembered."""
-        learnt = (*scales.louder.items(), *scales.shares.items(), *scales.formulas.items())
-        key = number, scales.share, scales.formula, learnt
-        if key not in self._known:
-            found = [channel.marginal(scales) for channel in self.parts[number].channels]
-            self._known[key] = sum(M for M, _ in found), sum(logdet for _, logdet in found)  # type: ignore[assignment]
-        return self._known[key]
+        learnt = (*scales.louder.items(), *scales.discrepancies.items(), *scales.formulas.items())
+        key = number, scales.discrepancy, scales.formula, learnt
+        if key not in self._marginals:
+            marginals = [channel.marginal(scales) for channel in self.parts[number].channels]
+            self._marginals[key] = sum(M for M, _ in marginals), sum(logdet for _, logdet in marginals)  # type: ignore[assignment]
+        return self._marginals[key]
 
     def misfits(self, white: Sequence[Array], scales: Scales) -> dict[str, float]:
         """Return channel to the misfit of other whitened residuals, the discrepancy refitted."""

@@ -26,7 +26,7 @@ from granite_lab.logs.trial import Array
 from granite_lab.model.instants import instants
 from granite_lab.parameters import GRAVITY, Robot, load_grade
 
-SENSORS = ("latency", "arm_x", "arm_z", "current_latency", "spread")
+SENSORS = ("latency", "arm_x", "arm_z", "current_latency", "low_pass")
 """What all trials share of the sensors: latency of the IMU's stamps behind those of the wheels [s], its place
 off the file [m], latency of the currents behind the wheels [s], variance of the impulse response of the IMU's
 low-pass [s^2]."""
@@ -42,7 +42,7 @@ LATENCY_OF = {IMU: "latency", CURRENTS: "current_latency"}
 ARM_OF = {"accel_x": "arm_z", "accel_z": "arm_x"}
 """The number of `SENSORS` by which turning shows in a channel."""
 
-_SHIFT_STEP, _SPREAD_STEP = 2e-4, LOW_PASS_STD / 8
+_SHIFT_STEP, _LOW_PASS_STEP = 2e-4, LOW_PASS_STD / 8
 """Steps of derivatives by time [s], within which trials determine a latency, and by the variance of a
 low-pass [s^2]: with less its window ends within the same step of the simulation, beyond which the derivative
 is another."""
@@ -103,10 +103,12 @@ class TrialModel:
         self, response: Array, x: Array, sensors: Array, only: Sequence[str] = ()
     ) -> dict[str, Array]:
         """Return channel to the (n,) bins of an (8, M) response, or (n, k) of (8, M, k); all by default."""
-        imu, currents, spread = (
-            float(sensors[SENSORS.index(name)]) for name in ("latency", "current_latency", "spread")
+        imu, currents, low_pass = (
+            float(sensors[SENSORS.index(name)]) for name in ("latency", "current_latency", "low_pass")
         )
-        return self.observation.binned(self.t, response, float(x[RAKED]), (0.0, imu, currents), only, spread)
+        return self.observation.binned(
+            self.t, response, float(x[RAKED]), (0.0, imu, currents), only, low_pass
+        )
 
     def predict(self, response: Array, x: Array, sensors: Array) -> Array:
         """Return the (C, n) bins that the trial should show."""
@@ -159,8 +161,8 @@ class TrialModel:
             sensor = self.observation.streams[c].sensor
             if sensor != WHEELS:
                 by_sensor[k, :, SENSORS.index(LATENCY_OF[sensor])] = later[c]
-        for c, by_spread in self._spread(changes[..., 0], x, sensors).items():
-            by_sensor[self.channels.index(c), :, SENSORS.index("spread")] = by_spread
+        for c, by_low_pass in self._by_low_pass(changes[..., 0], x, sensors).items():
+            by_sensor[self.channels.index(c), :, SENSORS.index("low_pass")] = by_low_pass
         for felt in ARM_OF if "accel_x" in bins else ():
             turning = self._shown({c: bins[c][:, 1] * (c == felt) for c in ARM_OF}, x)
             for c in ARM_OF:
@@ -185,16 +187,16 @@ class TrialModel:
         shown = self._shown(self.bins_of(changes, x, sensors), x)
         return np.concatenate([shown[c] for c in self.channels])
 
-    def _spread(self, response: Array, x: Array, sensors: Array) -> dict[str, Array]:
+    def _by_low_pass(self, response: Array, x: Array, sensors: Array) -> dict[str, Array]:
         """Return channel of the IMU to the (n,) derivative of its bins by the variance of the low-pass."""
-        own = [c for c in self.channels if self.observation.streams[c].sensor == IMU]
-        if not own:
+        channels = [c for c in self.channels if self.observation.streams[c].sensor == IMU]
+        if not channels:
             return {}
-        at, place = float(sensors[SENSORS.index("spread")]), np.array(SENSORS) == "spread"
-        narrow, wide = max(at - _SPREAD_STEP, 0.0), at + _SPREAD_STEP
-        low, high = (self.bins_of(response, x, np.where(place, s, sensors), own) for s in (narrow, wide))
-        shown = self._shown({c: (high[c] - low[c]) / (wide - narrow) for c in own}, x)
-        return {c: shown[c] for c in own}
+        at, place = float(sensors[SENSORS.index("low_pass")]), np.array(SENSORS) == "low_pass"
+        narrow, wide = max(at - _LOW_PASS_STEP, 0.0), at + _LOW_PASS_STEP
+        low, high = (self.bins_of(response, x, np.where(place, s, sensors), channels) for s in (narrow, wide))
+        shown = self._shown({c: (high[c] - low[c]) / (wide - narrow) for c in channels}, x)
+        return {c: shown[c] for c in channels}
 
     def _turning(self, response: Array) -> Array:
         """Return how specific force changes with the place of the IMU: Θ̈ along x, −Θ̈ along z."""

@@ -144,10 +144,10 @@ def observe(
     edges: Array = t_start + width * np.arange(-before, after + 1, dtype=np.float64)
     streams = {name: _from_zero(s, edges[before]) if s.is_angle else s for name, s in streams.items()}
     values = {name: _masked(s, edges) for name, s in streams.items()}
-    known = np.isfinite(np.concatenate(list(values.values()))).mean()
-    if known < COVERED:
+    covered = np.isfinite(np.concatenate(list(values.values()))).mean()
+    if covered < COVERED:
         raise EstimateError(
-            f"trial '{trial.name}': its sensors cover {100 * known:.0f} % of the time of the command",
+            f"trial '{trial.name}': its sensors cover {100 * covered:.0f} % of the time of the command",
             "check the start of the command",
         )
     step = trial.wheels.step if trial.wheels is not None and trial.wheels.rate is None else 0.0
@@ -167,41 +167,41 @@ def _from_zero(stream: Stream, start: float) -> Stream:
 
 
 def _streams(trial: Trial, robot: Robot) -> dict[str, Stream]:
-    found: dict[str, Stream] = {}
+    streams: dict[str, Stream] = {}
     if trial.imu is not None:
         mounting = Rotation.identity() if trial.imu.robot_axes else mounted(robot)
         force = mounting.apply(np.nan_to_num(trial.imu.specific_force))
         rate = mounting.apply(np.nan_to_num(trial.imu.angular_rate))
         if trial.imu.gravity_removed:
             force = force + np.array([0.0, 0.0, GRAVITY])
-        known = np.isfinite(trial.imu.specific_force), np.isfinite(trial.imu.angular_rate)
+        finite = np.isfinite(trial.imu.specific_force), np.isfinite(trial.imu.angular_rate)
         for k, (name, values, fine) in enumerate(
             (
-                ("accel_x", force[:, 0], np.asarray(known[0][:, [0, 2]].all(axis=1))),
-                ("accel_z", force[:, 2], np.asarray(known[0][:, [0, 2]].all(axis=1))),
-                ("pitch_rate", rate[:, 1], np.asarray(known[1][:, 1])),
+                ("accel_x", force[:, 0], np.asarray(finite[0][:, [0, 2]].all(axis=1))),
+                ("accel_z", force[:, 2], np.asarray(finite[0][:, [0, 2]].all(axis=1))),
+                ("pitch_rate", rate[:, 1], np.asarray(finite[1][:, 1])),
             )
         ):
             interval = float(np.median(np.diff(trial.imu.t)))
-            for own, stream in _stream(name, trial.imu.t, values, fine, k, is_angle=False).items():
-                found[own] = replace(stream, window=interval)  # an IMU integrates from sample to sample
+            for channel, stream in _stream(name, trial.imu.t, values, fine, k, is_angle=False).items():
+                streams[channel] = replace(stream, window=interval)  # an IMU integrates from sample to sample
     offset = trial.info.clock_offset or 0.0
     if trial.wheels is not None:
-        found |= _axles("wheel", trial.wheels.t + offset, trial.wheels.angle)
-        if {"wheel_f", "wheel_r"} <= found.keys():
-            front, rear = found.pop("wheel_f"), found.pop("wheel_r")
+        streams |= _axles("wheel", trial.wheels.t + offset, trial.wheels.angle)
+        if {"wheel_f", "wheel_r"} <= streams.keys():
+            front, rear = streams.pop("wheel_f"), streams.pop("wheel_r")
             if np.array_equal(front.t, rear.t):
                 mean, split = (front.value + rear.value) / 2, front.value - rear.value
-                found["wheel"] = Stream(front.t, mean, (front.weights + rear.weights) / 2, True)
-                found["wheel_split"] = Stream(front.t, split, front.weights - rear.weights, True)
+                streams["wheel"] = Stream(front.t, mean, (front.weights + rear.weights) / 2, True)
+                streams["wheel_split"] = Stream(front.t, split, front.weights - rear.weights, True)
             else:
-                found["wheel"] = front
-        elif found.keys() & {"wheel_f", "wheel_r"}:
-            found["wheel"] = found.pop("wheel_f" if "wheel_f" in found else "wheel_r")
+                streams["wheel"] = front
+        elif streams.keys() & {"wheel_f", "wheel_r"}:
+            streams["wheel"] = streams.pop("wheel_f" if "wheel_f" in streams else "wheel_r")
     if trial.currents is not None:
         stamps, table = trial.currents.t + offset, trial.currents.current
-        found |= _of_sides(stamps, table) if robot.motors == "side" else _axles("current", stamps, table)
-    return found
+        streams |= _of_sides(stamps, table) if robot.motors == "side" else _axles("current", stamps, table)
+    return streams
 
 
 def _of_sides(t: Array, table: Array) -> dict[str, Stream]:
@@ -218,15 +218,17 @@ def _of_sides(t: Array, table: Array) -> dict[str, Stream]:
 
 def _axles(kind: str, t: Array, table: Array) -> dict[str, Stream]:
     """Return the means of the wheels of each axle that were logged."""
-    found: dict[str, Stream] = {}
+    streams: dict[str, Stream] = {}
     first = SIGNALS.index("enc_f_rad" if kind == "wheel" else "cur_f_A")
     for k, axle in enumerate("fr"):
-        own = table[:, 2 * k : 2 * k + 2]
-        own = own[:, np.isfinite(own).sum(axis=0) > 1]
-        if own.shape[1]:
-            fine: Mask = np.asarray(np.isfinite(own).all(axis=1))
-            found |= _stream(f"{kind}_{axle}", t, own.mean(axis=1), fine, first + k, is_angle=kind == "wheel")
-    return found
+        wheels = table[:, 2 * k : 2 * k + 2]
+        wheels = wheels[:, np.isfinite(wheels).sum(axis=0) > 1]
+        if wheels.shape[1]:
+            fine: Mask = np.asarray(np.isfinite(wheels).all(axis=1))
+            streams |= _stream(
+                f"{kind}_{axle}", t, wheels.mean(axis=1), fine, first + k, is_angle=kind == "wheel"
+            )
+    return streams
 
 
 def _stream(

@@ -16,7 +16,7 @@ from granite_lab.inference.noise import Filter, Whitener, stretches
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
 from granite_lab.inference.nuisances import SENSORS, SENSORS_LEAST, SENSORS_STD, TrialModel
 from granite_lab.inference.point import SHARED, Difference, Further, Point, Slopes, stacked
-from granite_lab.inference.strengths import centre_of, is_central, own_name, step_of, width_of
+from granite_lab.inference.strengths import centre_of, is_central, step_of, trial_scale_name, width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 from granite_lab.model.leading import LEADS
@@ -35,8 +35,8 @@ rule, and a difference to one side shows one of the two."""
 def _numbered(of: Sequence[int]) -> tuple[tuple[tuple[int, ...], ...], tuple[int, ...]]:
     """Return the trials that have each of some numbers, in their order, and per trial its place there."""
     every = sorted(set(of))
-    groups = tuple(tuple(i for i, own in enumerate(of) if own == number) for number in every)
-    return groups, tuple(every.index(own) for own in of)
+    groups = tuple(tuple(i for i, value in enumerate(of) if value == number) for number in every)
+    return groups, tuple(every.index(value) for value in of)
 
 
 class Problem:
@@ -85,18 +85,20 @@ class Problem:
         """Return the point of the files' values."""
         return Point(np.zeros(len(SHARED)), (), np.zeros(0), tuple(np.zeros(t.size) for t in self.trials))
 
-    def with_effect(self, point: Point, id_: str, values: Sequence[float], own: Array | None = None) -> Point:
+    def with_effect(
+        self, point: Point, id_: str, values: Sequence[float], trial_values: Array | None = None
+    ) -> Point:
         """Return the point with one more effect switched on.
 
         Args:
             point: without it.
             id_: the effect.
             values: of all its parameters.
-            own: (trials, o) its own parameters of each trial, in place of those among `values`.
+            trial_values: (trials, o) its own parameters of each trial, in place of those among `values`.
         """
         pairs = list(zip(self.parameters_of(id_), values, strict=True))
         private = np.array([v for p, v in pairs if p.per_trial])
-        table = np.tile(private, (len(self.trials), 1)) if own is None else own
+        table = np.tile(private, (len(self.trials), 1)) if trial_values is None else trial_values
         return replace(
             point,
             effects=(*point.effects, id_),
@@ -107,13 +109,15 @@ class Problem:
     def without_effect(self, point: Point, id_: str) -> Point:
         """Return the point with an effect switched off."""
         keep = [k for k, (e, _) in enumerate(self.parameters(point.effects, per_trial=False)) if e != id_]
-        own = [k for k, (e, _) in enumerate(self.parameters(point.effects, per_trial=True)) if e != id_]
+        keep_private = [
+            k for k, (e, _) in enumerate(self.parameters(point.effects, per_trial=True)) if e != id_
+        ]
         return replace(
             point,
             effects=tuple(e for e in point.effects if e != id_),
             common=point.common[keep],
             trials=tuple(
-                np.concatenate([x[: t.size], x[t.size :][own]])
+                np.concatenate([x[: t.size], x[t.size :][keep_private]])
                 for t, x in zip(self.trials, point.trials, strict=True)
             ),
         )
@@ -123,14 +127,14 @@ class Problem:
         sides = []
         for sign, side, sensors in ((-1, "low", SENSORS_LEAST), (1, "high", np.full(len(SENSORS), np.inf))):
             private, common = (
-                [getattr(p, side) for _, p in self.parameters(point.effects, per_trial=own)]
-                for own in (True, False)
+                [getattr(p, side) for _, p in self.parameters(point.effects, per_trial=per_trial)]
+                for per_trial in (True, False)
             )
-            own = [np.append(np.full(t.size, sign * np.inf), private) for t in self.trials]
-            sides.append(np.concatenate([*own, REACH * sign * self.simulated_std, sensors, common]))
+            trials = [np.append(np.full(t.size, sign * np.inf), private) for t in self.trials]
+            sides.append(np.concatenate([*trials, REACH * sign * self.simulated_std, sensors, common]))
         return sides[0], sides[1]
 
-    def moved(self, point: Point, step: Array) -> Point:
+    def stepped(self, point: Point, step: Array) -> Point:
         """Return the point a step further, within the bounds."""
         whole = np.clip(point.vector + step, *self.bounds(point))
         *trials, shared, common = np.split(
@@ -141,8 +145,10 @@ class Problem:
     def prior(self, point: Point, scales: Scales) -> tuple[Array, Array]:
         """Return standard deviations and means of the priors of `Point.vector`."""
         private = self.parameters(point.effects, per_trial=True)
-        own = [scales.priors.get(own_name(id_), width_of(p)) for id_, p in private]
-        std = [np.array([*(scales.priors.get(s.name, s.std) for s in t.slacks), *own]) for t in self.trials]
+        widths = [scales.priors.get(trial_scale_name(id_), width_of(p)) for id_, p in private]
+        std = [
+            np.array([*(scales.priors.get(s.name, s.std) for s in t.slacks), *widths]) for t in self.trials
+        ]
         common = self.parameters(point.effects, per_trial=False)
         std += [self.simulated_std, SENSORS_STD, np.array([width_of(p) for _, p in common])]
         size = sum(s.size for s in std[:-1])
@@ -151,9 +157,9 @@ class Problem:
 
     # --- simulations
 
-    def setting(self, ids: Sequence[str], common: Array, own: Array) -> Setting:
+    def setting(self, ids: Sequence[str], common: Array, trial_values: Array) -> Setting:
         """Return the effects with their values, for the simulator."""
-        shared, private = iter(common.tolist()), iter(own.tolist())
+        shared, private = iter(common.tolist()), iter(trial_values.tolist())
         return tuple(
             (id_, tuple(next(private if p.per_trial else shared) for p in self.parameters_of(id_)))
             for id_ in ids
@@ -171,16 +177,16 @@ class Problem:
         """Return the simulation at the mean of the own numbers of some trials of an input."""
         numbers = point.shared[: len(SIMULATED)].copy()
         numbers[:RAKED] += np.mean([point.trials[i][:RAKED] for i in some], axis=0)
-        setting = self.setting(point.effects, point.common, self._own_mean(point, some))
+        setting = self.setting(point.effects, point.common, self._private_mean(point, some))
         return self.bench.world.task(self.trials[some[0]].variant, numbers, setting)
 
-    def _own_mean(self, point: Point, some: Sequence[int]) -> Array:
+    def _private_mean(self, point: Point, some: Sequence[int]) -> Array:
         return np.asarray(np.mean([point.trials[i][self.trials[i].size :] for i in some], axis=0))
 
     def respond(self, tasks: Sequence[Task]) -> list[Array] | None:
         """Return the (8, M) response of each simulation; None where one has no solution."""
-        found = [r for r in self.bench.run(tasks) if r is not None]
-        return found if len(found) == len(tasks) else None
+        responses = [r for r in self.bench.run(tasks) if r is not None]
+        return responses if len(responses) == len(tasks) else None
 
     def slopes(
         self, point: Point, sand_from: Slopes | None = None, *, central: bool = True, each: bool = False
@@ -211,26 +217,26 @@ class Problem:
         runs = dict(zip(tasks, self.bench.run(tasks), strict=True))
         lost = [d.behind for plan in plans for d in plan if not d.central and runs[d.ahead] is None]
         runs |= zip(lost, self.bench.run(lost) if lost else (), strict=True)
-        known = {task: run for task, run in runs.items() if run is not None}
-        if not known.keys() >= {*centres, *middles, *chain.from_iterable(without)}:
+        solved = {task: run for task, run in runs.items() if run is not None}
+        if not solved.keys() >= {*centres, *middles, *chain.from_iterable(without)}:
             return None
         shared = len(self.parameters(point.effects, per_trial=False))
         changes = []
         for j, (some, middle, plan) in enumerate(zip(places, middles, plans, strict=True)):
-            base = known[middle]
-            derived = [found for d in plan if (found := d.derivative(base, runs)) is not None]
+            base = solved[middle]
+            derived = [derivative for d in plan if (derivative := d.derivative(base, runs)) is not None]
             if len(derived) < len(plan):
                 return None
             n = len(SIMULATED) - first
-            sand, common, own = np.split(stacked(derived, base), [n, n + shared], axis=-1)
+            sand, common, private = np.split(stacked(derived, base), [n, n + shared], axis=-1)
             sand = sand if sand_from is None else sand_from.simulated(j)
             directions = self.trials[some[0]].directions(base)
-            changes.append(np.concatenate([directions, sand, own, common], axis=-1))
+            changes.append(np.concatenate([directions, sand, private, common], axis=-1))
         return Slopes(
-            response=tuple(known[centre] for centre in centres),
-            changes=tuple(changes[own[0]] for own in self.inputs) if each else tuple(changes),
+            response=tuple(solved[centre] for centre in centres),
+            changes=tuple(changes[served[0]] for served in self.inputs) if each else tuple(changes),
             traces=tuple(
-                stacked([known[centre] - known[task] for task in left], known[centre])
+                stacked([solved[centre] - solved[task] for task in left], solved[centre])
                 for centre, left in zip(centres, without, strict=True)
             ),
             private=len(self.parameters(point.effects, per_trial=True)),
@@ -239,33 +245,33 @@ class Problem:
 
     def _differences(self, point: Point, some: Sequence[int], central: bool) -> list[Difference]:
         """Return the differences by the sand and by the effects' parameters, at the mean of some trials."""
-        centre, found = self._middle(point, some), []
+        centre, differences = self._middle(point, some), []
         numbers, task = np.array((*centre.sand, *centre.leads)), self.bench.world.task
         for k, name in enumerate(SIMULATED):
             step = STEP * (np.arange(STEP.size) == k)
             sides = [task(centre.variant, x, centre.setting) for x in (numbers + step, numbers - step)]
-            found.append(Difference(float(STEP[k]), central and name in KINKED, *sides))
+            differences.append(Difference(float(STEP[k]), central and name in KINKED, *sides))
         shared = [p for _, p in self.parameters(point.effects, per_trial=False)]
         private = [p for _, p in self.parameters(point.effects, per_trial=True)]
-        at = np.concatenate([point.common, self._own_mean(point, some)])
+        at = np.concatenate([point.common, self._private_mean(point, some)])
         for k, p in enumerate([*shared, *private]):
             step, sides = step_of(p, float(at[k])), []
             for sign in (1, -1):
                 values = at.copy()
                 values[k] += sign * step
-                own = self.setting(point.effects, values[: len(shared)], values[len(shared) :])
-                sides.append(replace(centre, setting=own))
-            found.append(Difference(step, central and is_central(p, float(at[k]), step), *sides))
-        return found
+                setting = self.setting(point.effects, values[: len(shared)], values[len(shared) :])
+                sides.append(replace(centre, setting=setting))
+            differences.append(Difference(step, central and is_central(p, float(at[k]), step), *sides))
+        return differences
 
     def _without_each(self, point: Point, number: int) -> list[Task]:
         """Return the simulations of an input with one of the effects switched off."""
-        centre, found = self.centre(point, number), []
+        centre, tasks = self.centre(point, number), []
         for id_ in point.effects:
             left = self.without_effect(point, id_)
-            own = self.setting(left.effects, left.common, self._own_mean(left, self.inputs[number]))
-            found.append(replace(centre, setting=own))
-        return found
+            setting = self.setting(left.effects, left.common, self._private_mean(left, self.inputs[number]))
+            tasks.append(replace(centre, setting=setting))
+        return tasks
 
     def residuals(self, point: Point, responses: Sequence[Array]) -> tuple[Array, ...]:
         """Return per trial (C, n) measured minus predicted."""
@@ -278,8 +284,8 @@ class Problem:
         """Return per trial the (C n,) whitened residuals."""
         white = [np.empty(r.size) for r in residuals]
         for whitener, rows in self._alike.items():
-            found = whitener(np.column_stack([residuals[i][k] for i, k in rows]))
-            for (i, k), row in zip(rows, found.T, strict=True):
+            whitened = whitener(np.column_stack([residuals[i][k] for i, k in rows]))
+            for (i, k), row in zip(rows, whitened.T, strict=True):
                 white[i][k * row.size : (k + 1) * row.size] = row
         return tuple(white)
 
@@ -296,11 +302,11 @@ class Problem:
     @property
     def counts(self) -> dict[str, int]:
         """Channel to how many bins were measured, over all trials."""
-        found: dict[str, int] = {}
-        for t, own in zip(self.trials, self.whiteners, strict=True):
-            for c, w in zip(t.channels, own, strict=True):
-                found[c] = found.get(c, 0) + int(w.known.sum())
-        return found
+        counts: dict[str, int] = {}
+        for t, whiteners in zip(self.trials, self.whiteners, strict=True):
+            for c, w in zip(t.channels, whiteners, strict=True):
+                counts[c] = counts.get(c, 0) + int(w.measured.sum())
+        return counts
 
     # --- normal equations
 
@@ -312,12 +318,16 @@ class Problem:
             for k, whitener in enumerate(mine):
                 self._alike.setdefault(whitener, []).append((i, k))
         self._plain, self._white_plain, self._sizes = [], {}, []
-        for own in self.commands:
-            t, x, response = self.trials[own[0]], point.trials[own[0]], slopes.response[self.input_of[own[0]]]
+        for repetitions in self.commands:
+            t, x, response = (
+                self.trials[repetitions[0]],
+                point.trials[repetitions[0]],
+                slopes.response[self.input_of[repetitions[0]]],
+            )
             bins = t.bins_of(response, x, point.sensors)
-            size, moving, resting = sizes_of([self.trials[i] for i in own], response, bins)
+            size, moving, resting = sizes_of([self.trials[i] for i in repetitions], response, bins)
             plain = {}
-            for c in dict.fromkeys(c for i in own for c in self.trials[i].channels):
+            for c in dict.fromkeys(c for i in repetitions for c in self.trials[i].channels):
                 level, width = size.get(c, 0.0), t.observation.width
                 plain[c] = tuple(
                     joined(
@@ -348,7 +358,7 @@ class Problem:
         *,
         apart: bool = False,
         further: Further | None = None,
-        known: Mapping[int, Array] | None = None,
+        given: Mapping[int, Array] | None = None,
         keep: bool = True,
     ) -> Normal:
         """Return the normal equations at a point.
@@ -360,10 +370,10 @@ class Problem:
             apart: each trial has a discrepancy of its own instead of sharing it with its repetitions.
             further: columns behind those of the parameters; those that each trial has of its own become a
                 column a trial, behind the others.
-            known: trial to its `columns`, of the trials for which they were computed already.
+            given: trial to its `columns`, of the trials for which they were computed already.
             keep: keep the rows, which only other residuals need.
         """
-        known = known or {}
+        given = given or {}
         white = self.white(residuals)
         first = np.cumsum([0, *(x.size for x in point.trials)])
         local = int(first[-1])
@@ -379,9 +389,9 @@ class Problem:
             if further:
                 shared = np.append(shared, p + further.places(command))
             for i in everyone:
-                own, candidates = np.arange(first[i], first[i + 1]), end + i * each + np.arange(each)
-                columns = known[i] if i in known else self.columns(i, point, slopes, further)
-                rows[i] = np.concatenate([own, shared, candidates]), self.whiten(i, columns)
+                private, candidates = np.arange(first[i], first[i + 1]), end + i * each + np.arange(each)
+                columns = given[i] if i in given else self.columns(i, point, slopes, further)
+                rows[i] = np.concatenate([private, shared, candidates]), self.whiten(i, columns)
             traces = self._traces(point, slopes, command)
             for some in [(i,) for i in everyone] if apart else [everyone]:
                 at = np.unique(np.concatenate([*(rows[i][0] for i in some), [size - 1]]))
@@ -406,24 +416,24 @@ class Problem:
     def _bases(self, traces: Mapping[str, list[Array]], command: int, name: str) -> list[list[Basis]]:
         """Return the columns per stretch, those of the errors of formulas, one effect each, the last ones."""
         o = self.trials[self.commands[command][0]].observation
-        found = []
+        bases = []
         for plain, part in zip(self._plain[command][name], stretches(o.bins, o.width), strict=True):
             formula = [modulated(trace[part], FORMULA, o.width) for trace in traces.get(name, ())]
-            found.append([plain, *formula])
-        return found
+            bases.append([plain, *formula])
+        return bases
 
     def _channel(
         self,
         command: int,
-        own: Sequence[int],
+        repetitions: Sequence[int],
         at: Places,
         whitened: Mapping[int, tuple[Places, Array]],
         white: Sequence[Array],
         traces: Mapping[str, list[Array]],
         name: str,
     ) -> list[ChannelPart]:
-        o = self.trials[own[0]].observation
-        found = []
+        o = self.trials[repetitions[0]].observation
+        parts = []
         bases = self._bases(traces, command, name)
         for number, part in enumerate(stretches(o.bins, o.width)):
             plain, *formula = bases[number]
@@ -431,14 +441,14 @@ class Problem:
             gram, basis = np.zeros((at.size, at.size)), np.zeros((kind.size, kind.size))
             across = np.zeros((kind.size, at.size))
             rows = []
-            known: dict[Filter, tuple[Array, Array]] = {}  # repetitions share it
-            for i in (i for i in own if name in self.trials[i].channels):
+            cache: dict[Filter, tuple[Array, Array]] = {}  # repetitions share it
+            for i in (i for i in repetitions if name in self.trials[i].channels):
                 k = self.trials[i].channels.index(name)
-                first, one = self.rows[i][name].start, self.whiteners[i][k].filters[number]
+                first, whiten = self.rows[i][name].start, self.whiteners[i][k].filters[number]
                 bins = slice(first + part.start, first + part.stop)
-                if one not in known:
-                    known[one] = self._white_basis((command, name, one), plain, formula)
-                B, BB = known[one]
+                if whiten not in cache:
+                    cache[whiten] = self._white_basis((command, name, whiten), plain, formula)
+                B, BB = cache[whiten]
                 place = np.searchsorted(at, whitened[i][0])
                 A, w = whitened[i][1][bins], white[i][bins]
                 full = np.column_stack([A, w])
@@ -447,8 +457,8 @@ class Problem:
                 basis += BB
                 across[:, places] += B.T @ full
                 rows.append(Rows(i, bins, place, A, B))
-            found.append(ChannelPart(name, kind, tuple(rows), gram, basis, across))
-        return found
+            parts.append(ChannelPart(name, kind, tuple(rows), gram, basis, across))
+        return parts
 
     def _white_basis(
         self, key: tuple[int, str, Filter], plain: Basis, formula: Sequence[Basis]
@@ -460,14 +470,14 @@ class Problem:
             plain: discrepancy without the errors of formulas.
             formula: those of each effect.
         """
-        one = key[-1]
+        whiten = key[-1]
         if key not in self._white_plain:
-            white = one(plain.columns)
+            white = whiten(plain.columns)
             self._white_plain[key] = white, white.T @ white
         B, BB = self._white_plain[key]
         if not formula:
             return B, BB
-        F = one(np.hstack([f.columns for f in formula]))
+        F = whiten(np.hstack([f.columns for f in formula]))
         across = B.T @ F
         return np.hstack([B, F]), np.block([[BB, across], [across.T, F.T @ F]])
 
@@ -486,7 +496,7 @@ class Problem:
         t, x, number = self.trials[i], point.trials[i], self.input_of[i]
         changes = slopes.each[i] if slopes.each else slopes.changes[number]
         local, sensors, others = t.columns(changes, x, point.sensors)
-        first, private = len(SIMULATED) - RAKED, slopes.private
-        rest, own, common = np.split(others, [first, first + private], axis=1)
+        first, count = len(SIMULATED) - RAKED, slopes.private
+        rest, private, common = np.split(others, [first, first + count], axis=1)
         more = [t.effect_columns(further.changes[number], x, point.sensors)] if further else []
-        return np.column_stack([local, own, local[:, :RAKED], rest, sensors, common, *more])
+        return np.column_stack([local, private, local[:, :RAKED], rest, sensors, common, *more])

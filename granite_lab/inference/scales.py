@@ -19,15 +19,15 @@ from granite_lab.inference.discrepancy import FORMULA, MOTION
 from granite_lab.inference.normal import Normal, Posterior, Scales, posterior
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.strengths import own_name, width_of
+from granite_lab.inference.strengths import trial_scale_name, width_of
 from granite_lab.logs.trial import Array
 
-SHARES = (TOLERANCE / 32, 32 * TOLERANCE)
+DISCREPANCIES = (TOLERANCE / 32, 32 * TOLERANCE)
 FORMULAS = (FORMULA_ERROR[1] / 2**14, FORMULA_ERROR[1])
 """Smallest and largest scales of the discrepancy: none that matters, and all that a channel shows; of the
 error of formulas, which is a share of traces that may be 10,000 times the noise (a wrong wheel radius)."""
 
-LEAST_OWN = NOTHING
+LEAST_SCALE = NOTHING
 """Least scale of the numbers that an effect has in each trial, as a share of their prior's range."""
 
 FIRST = Scales(2 * TOLERANCE, FORMULA_ERROR[0])
@@ -55,16 +55,16 @@ def log_prior(problem: Problem, scales: Scales, formula: bool) -> float:
     of 2.7 either way; convention. The std of a number that differs from trial to trial has an inverse gamma
     prior, relative to its mode. One that is wide to hold what all trials have in common is not likely.
     """
-    away = [np.log(share / (TOLERANCE / 2)) for share in scales.shares.values()]
+    away = [np.log(size / (TOLERANCE / 2)) for size in scales.discrepancies.values()]
     if formula:
-        away += [np.log(share / FORMULA_ERROR[0]) for share in scales.formulas.values()]
+        away += [np.log(size / FORMULA_ERROR[0]) for size in scales.formulas.values()]
     noise = sum(n * np.log(scales.louder.get(c, 1.0)) for c, n in problem.counts.items())
     wider = np.array([scales.priors.get(name, std) / std for name, std in problem.learnt_std.items()])
     widths = PSEUDO_TRIALS * float(np.sum(np.log(wider) + (wider**-2.0 - 1) / 2))
     return -0.5 * float(np.sum(np.square(away))) - float(noise) - widths
 
 
-def learn(
+def learn_scales(
     problem: Problem,
     point: Point,
     normal: Normal,
@@ -80,7 +80,7 @@ def learn(
     gamma prior whose weight is `PSEUDO_TRIALS` trials.
     """
     for _ in range(passes):
-        scales = discrepancy(problem, normal, point, scales)
+        scales = learn_discrepancy(problem, normal, point, scales)
         left = normal.misfits(white, scales)
         before = {c: scales.louder.get(c, 1.0) for c in problem.counts}
         louder = {
@@ -102,7 +102,7 @@ def learn(
     return scales
 
 
-def discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales) -> Scales:
+def learn_discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales) -> Scales:
     """Learn the scales of the discrepancy by Fisher scoring of their logarithms, under the priors of these.
 
     The gradient of the marginal likelihood is that of D. J. C. MacKay, Bayesian interpolation, Neural
@@ -113,7 +113,7 @@ def discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales) 
     names = tuple(problem.counts)
     for _ in range(UPDATES):
         step = np.append(-posterior_at(problem, point, normal, scales).step, 1.0)
-        old = {(MOTION, c): scales.share_of(c) for c in names}
+        old = {(MOTION, c): scales.discrepancy_of(c) for c in names}
         old |= {(FORMULA, c): scales.formula_of(c) for c in names}
         rise = dict.fromkeys(old, 0.0)  # derivative of the marginal likelihood by the logarithm of a scale
         information = dict.fromkeys(old, 0.0)
@@ -121,20 +121,22 @@ def discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales) 
             for c in part.channels:
                 mean, variance = c.amplitudes(step[part.place_in(step.size)], scales)
                 for name in ((MOTION, c.name), (FORMULA, c.name)):
-                    own = c.kind == name[0]
-                    known = 1 - variance[own] / old[name] ** 2  # share that the trials determine
-                    rise[name] += float(np.sum(mean[own] ** 2) / old[name] ** 2 - np.sum(known))
-                    information[name] += 2 * float(np.sum(known**2))
+                    of_kind = c.kind == name[0]
+                    determined = 1 - variance[of_kind] / old[name] ** 2  # share that the trials determine
+                    rise[name] += float(np.sum(mean[of_kind] ** 2) / old[name] ** 2 - np.sum(determined))
+                    information[name] += 2 * float(np.sum(determined**2))
         new = {}
         for name, scale in old.items():
-            centre, bounds = (TOLERANCE / 2, SHARES) if name[0] == MOTION else (FORMULA_ERROR[0], FORMULAS)
+            centre, bounds = (
+                (TOLERANCE / 2, DISCREPANCIES) if name[0] == MOTION else (FORMULA_ERROR[0], FORMULAS)
+            )
             slope = rise[name] - float(np.log(scale / centre))
             curvature = max(information[name], -2 * rise[name]) + 1
             further = np.clip(slope / curvature, -1, 1)
             new[name] = float(np.clip(scale * np.exp(further), *bounds))
-        shares, formulas = ({c: new[kind, c] for c in names} for kind in (MOTION, FORMULA))
-        scales = replace(scales, shares=shares, formulas=formulas)
-        if all(abs(np.log(found / old[name])) < CLOSE for name, found in new.items()):
+        discrepancies, formulas = ({c: new[kind, c] for c in names} for kind in (MOTION, FORMULA))
+        scales = replace(scales, discrepancies=discrepancies, formulas=formulas)
+        if all(abs(np.log(value / old[name])) < CLOSE for name, value in new.items()):
             break
     return scales
 
@@ -153,14 +155,14 @@ def learnt_priors(problem: Problem, point: Point, mean: Array, variance: Array) 
         for n, slack in ((n, s) for n, s in enumerate(t.slacks) if s.learnt):
             squares.setdefault(slack.name, []).append(float(mean[k + n] ** 2 + variance[k + n]))
         k += x.size
-    found = {
+    priors = {
         name: float(np.sqrt((sum(q) + PSEUDO_TRIALS * first[name] ** 2) / (len(q) + PSEUDO_TRIALS)))
         for name, q in squares.items()
     }
-    return found | own_scales(problem, point, mean, variance)
+    return priors | per_trial_scales(problem, point, mean, variance)
 
 
-def own_scales(
+def per_trial_scales(
     problem: Problem, point: Point, mean: Array, variance: Array | float = 0.0
 ) -> dict[str, float]:
     """Return the rms of the numbers that each effect has in each trial: their scale, whatever it is."""
@@ -168,10 +170,10 @@ def own_scales(
     squares = mean**2 + variance
     ends = np.cumsum([x.size for x in point.trials])
     table = np.array([squares[end - len(private) : end] for end in ends]).reshape(ends.size, len(private))
-    found: dict[str, float] = {}
+    scales: dict[str, float] = {}
     for id_ in dict.fromkeys(id_ for id_, _ in private):
         at = [k for k, (e, _) in enumerate(private) if e == id_]
         width = max(width_of(private[k][1]) for k in at)
         rms = float(np.sqrt(np.mean(table[:, at])))
-        found[own_name(id_)] = float(np.clip(rms, LEAST_OWN * width, width))
-    return found
+        scales[trial_scale_name(id_)] = float(np.clip(rms, LEAST_SCALE * width, width))
+    return scales

@@ -17,7 +17,7 @@ from granite_lab.inference.constants import (
     UPDATES,
 )
 from granite_lab.inference.fit import LEAST, LEAST_OF_ROUGH, Fit, fit
-from granite_lab.inference.noise import FAST, FLOOR, NOMINAL, Whitener, at_rest, errors, learn, white
+from granite_lab.inference.noise import FAST, FLOOR, NOMINAL, Whitener, at_rest, errors, identify, white
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.observation import bin_width, observe
 from granite_lab.inference.point import SHARED, Point
@@ -96,14 +96,14 @@ def _commands(driven: Sequence[Variant], variants: Sequence[Variant]) -> list[in
 
 def _repeated(motions: Sequence[Motion]) -> list[Motion]:
     """Return motions whose commands are those of the first that they repeat, where no number states them."""
-    found: list[Motion] = []
+    repeated: list[Motion] = []
     for motion in motions:
         same = motion.variant
         if motion.variant_source in ("logged", "stated", "measured"):
-            others = (m.variant for m in found if m.variant_source == motion.variant_source)
+            others = (m.variant for m in repeated if m.variant_source == motion.variant_source)
             same = next((v for v in others if alike(v, motion.variant)), same)
-        found.append(replace(motion, variant=same))
-    return found
+        repeated.append(replace(motion, variant=same))
+    return repeated
 
 
 def baseline(problem: Problem) -> Fit:
@@ -123,16 +123,16 @@ def baseline(problem: Problem) -> Fit:
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
         )
     problem.weigh(nominal(problem), start, slopes)
-    found = fit(problem, start, slopes=slopes, rounds=QUICK if alone else UPDATES, least=LEAST_OF_ROUGH)
+    fitted = fit(problem, start, slopes=slopes, rounds=QUICK if alone else UPDATES, least=LEAST_OF_ROUGH)
     least = LEAST if alone else LEAST_OF_ROUGH
     for _ in range(TIMES if alone else 2):
-        before = found.point.vector
-        problem.weigh(learnt(problem, found.residuals), found.point, found.slopes)
-        found = fit(problem, found.point, found.scales, slopes=found.slopes, least=least)
-        std = np.sqrt(np.diag(found.posterior.covariance))
-        if alone and np.all(np.abs(found.point.vector - before) < FAR * std):
+        before = fitted.point.vector
+        problem.weigh(learnt(problem, fitted.residuals), fitted.point, fitted.slopes)
+        fitted = fit(problem, fitted.point, fitted.scales, slopes=fitted.slopes, least=least)
+        std = np.sqrt(np.diag(fitted.posterior.covariance))
+        if alone and np.all(np.abs(fitted.point.vector - before) < FAR * std):
             break
-    return found
+    return fitted
 
 
 def at_first(problem: Problem) -> tuple[Point, float]:
@@ -153,9 +153,9 @@ def at_first(problem: Problem) -> tuple[Point, float]:
         shared[SHARED.index("latency")] = late
         point = replace(neutral, shared=shared)
         misfit = (late / LATENCY_STD) ** 2
-        for own, table in zip(weights, problem.residuals(point, responses), strict=True):
-            misfit += sum(float(np.sum(w(row) ** 2)) for w, row in zip(own, table, strict=True))
-        best = min(best, (point, misfit), key=lambda found: found[1])
+        for whiteners, table in zip(weights, problem.residuals(point, responses), strict=True):
+            misfit += sum(float(np.sum(w(row) ** 2)) for w, row in zip(whiteners, table, strict=True))
+        best = min(best, (point, misfit), key=lambda entry: entry[1])
     return best
 
 
@@ -171,18 +171,18 @@ def nominal(problem: Problem) -> list[list[Whitener]]:
 def learnt(problem: Problem, residuals: Sequence[Array]) -> list[list[Whitener]]:
     """Return the weights by the noise that residuals show, one command and channel at a time."""
     whiteners = [list(w) for w in problem.whiteners]
-    speeds = [_speed(problem, residuals, own) for own in problem.commands]
+    speeds = [_speed(problem, residuals, repetitions) for repetitions in problem.commands]
     rest: dict[tuple[str, int], list[Array]] = {}
-    for own, speed in zip(problem.commands, speeds, strict=True):
-        for c, having in _channels(problem, own):
+    for repetitions, speed in zip(problem.commands, speeds, strict=True):
+        for c, having in _channels(problem, repetitions):
             rows = errors([residuals[i][problem.trials[i].channels.index(c)] for i in having])
             rest.setdefault(_sensor(problem, having[0], c), []).extend(rows[:, speed == 0])
     width = problem.trials[0].observation.width
     spectra = {sensor: at_rest(rows, FLOOR[sensor[0]], width) for sensor, rows in rest.items()}
-    for command, (own, speed) in enumerate(zip(problem.commands, speeds, strict=True)):
-        for c, having in _channels(problem, own):
+    for command, (repetitions, speed) in enumerate(zip(problem.commands, speeds, strict=True)):
+        for c, having in _channels(problem, repetitions):
             place = {i: problem.trials[i].channels.index(c) for i in having}
-            own_rows = [residuals[i][place[i]] for i in having]
+            of_having = [residuals[i][place[i]] for i in having]
             shown = _predicted(problem, residuals, c, having)
             strength = speed
             if c.startswith("current"):  # its errors grow with the torque
@@ -191,16 +191,16 @@ def learnt(problem: Problem, residuals: Sequence[Array]) -> list[list[Whitener]]
             sensor = spectra[_sensor(problem, having[0], c)]
             blows = (REST_SHARE * problem.resting(command, c)) ** 2
             floor = float(np.hypot(FLOOR[c], max(problem.trials[i].observation.rounding(c) for i in having)))
-            found = learn(own_rows, strength, np.gradient(shown), floor, width, sensor, blows)
-            for i, w in zip(having, found, strict=True):
+            filters = identify(of_having, strength, np.gradient(shown), floor, width, sensor, blows)
+            for i, w in zip(having, filters, strict=True):
                 whiteners[i][place[i]] = w
     return whiteners
 
 
-def _channels(problem: Problem, own: Sequence[int]) -> list[tuple[str, list[int]]]:
+def _channels(problem: Problem, repetitions: Sequence[int]) -> list[tuple[str, list[int]]]:
     """Return the channels of a command, each with the trials that have it."""
-    names = dict.fromkeys(c for i in own for c in problem.trials[i].channels)
-    return [(c, [i for i in own if c in problem.trials[i].channels]) for c in names]
+    names = dict.fromkeys(c for i in repetitions for c in problem.trials[i].channels)
+    return [(c, [i for i in repetitions if c in problem.trials[i].channels]) for c in names]
 
 
 def _sensor(problem: Problem, trial: int, channel: str) -> tuple[str, int]:
@@ -218,14 +218,14 @@ def _predicted(problem: Problem, residuals: Sequence[Array], channel: str, havin
     return total / len(having)
 
 
-def _speed(problem: Problem, residuals: Sequence[Array], own: Sequence[int]) -> Array:
+def _speed(problem: Problem, residuals: Sequence[Array], repetitions: Sequence[int]) -> Array:
     """Return (n,) how fast the wheels turn over their largest rate; the command where none were logged."""
-    wheels = [i for i in own if "wheel" in problem.trials[i].channels]
+    wheels = [i for i in repetitions if "wheel" in problem.trials[i].channels]
     if wheels:
         rate = np.fmax(np.diff(_predicted(problem, residuals, "wheel", wheels), prepend=0.0), 0.0)
         rate = np.minimum(rate, 1.2 * np.median(rate[rate > 0.5 * np.quantile(rate, 0.9)]))
     else:
-        o = problem.trials[own[0]].observation
+        o = problem.trials[repetitions[0]].observation
         rate = velocities_at(o.t, o.variant)
     rate = rate / rate.max()
     rate[rate < STILL] = 0.0

@@ -53,14 +53,14 @@ class Shelved(Generic[T]):
     @property
     def value(self) -> T:
         """The record."""
-        found = self._value
-        if found is None:
-            found = self._value = self._read()
+        value = self._value
+        if value is None:
+            value = self._value = self._read()
         SHELF.take(self)
-        return found
+        return value
 
     @property
-    def is_held(self) -> bool:
+    def in_memory(self) -> bool:
         """Whether the record is in memory."""
         return self._value is not None
 
@@ -92,11 +92,11 @@ class Shelved(Generic[T]):
 
         def read(place: _Place) -> Array:
             shape = place.shape[::-1] if place.turned else place.shape
-            found = np.frombuffer(whole, place.dtype, math.prod(shape), place.begin).reshape(shape)
-            return found.T if place.turned else found
+            array = np.frombuffer(whole, place.dtype, math.prod(shape), place.begin).reshape(shape)
+            return array.T if place.turned else array
 
-        found: T = _mapped(self._frame, _Place, read)
-        return found
+        record: T = _mapped(self._frame, _Place, read)
+        return record
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Shelved, (self.value,)
@@ -111,16 +111,16 @@ def _mapped(value: Any, kind: type, change: Callable[[Any], Any]) -> Any:
     if isinstance(value, dict):
         return {key: _mapped(part, kind, change) for key, part in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
-        own = {f.name: _mapped(getattr(value, f.name), kind, change) for f in fields(value) if f.init}
-        return replace(value, **own)
+        parts = {f.name: _mapped(getattr(value, f.name), kind, change) for f in fields(value) if f.init}
+        return replace(value, **parts)
     return value
 
 
 def _arrays(value: Any) -> list[Array]:
     """Return the arrays of a record, each once."""
-    found: dict[int, Array] = {}
-    _mapped(value, np.ndarray, lambda a: found.setdefault(id(a), a))
-    return list(found.values())
+    arrays: dict[int, Array] = {}
+    _mapped(value, np.ndarray, lambda a: arrays.setdefault(id(a), a))
+    return list(arrays.values())
 
 
 class Shelf:
@@ -132,22 +132,22 @@ class Shelf:
 
     def __init__(self, most: float) -> None:
         self.most = most
-        self._held: dict[int, weakref.ref[Shelved[Any]]] = {}
+        self._recent: dict[int, weakref.ref[Shelved[Any]]] = {}
         self._lock = threading.RLock()  # what other processes send is read by a thread
 
-    def take(self, one: Shelved[Any]) -> None:
+    def take(self, record: Shelved[Any]) -> None:
         """Note that a record was asked for, and put away what has waited longest."""
         with self._lock:
-            self._held.pop(id(one), None)
-            self._held = {key: ref for key, ref in self._held.items() if ref() is not None}
-            self._held[id(one)] = weakref.ref(one)
-            known = [own for ref in self._held.values() if (own := ref()) is not None and own.is_held]
-            total = sum(own.size for own in known)
-            for own in known[:-1]:
+            self._recent.pop(id(record), None)
+            self._recent = {key: ref for key, ref in self._recent.items() if ref() is not None}
+            self._recent[id(record)] = weakref.ref(record)
+            loaded = [each for ref in self._recent.values() if (each := ref()) is not None and each.in_memory]
+            total = sum(each.size for each in loaded)
+            for each in loaded[:-1]:
                 if total <= self.most:
                     break
-                own.put_away()
-                total -= own.size
+                each.put_away()
+                total -= each.size
 
 
 SHELF = Shelf(MEMORY / 2)

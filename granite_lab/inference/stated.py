@@ -17,11 +17,11 @@ def sand_std(soil: Soil) -> tuple[float, ...]:
 
     It is the soil file's (``friction_angle_std_deg = 1.5``); by default that of the literature, `SAND_STD`.
     """
-    found = []
+    stds = []
     for name, usual in zip(SAND, SAND_STD, strict=True):
         stated = float(getattr(soil, f"{name}_std", 0.0))
-        found.append(stated / float(getattr(soil, name)) if stated > 0 else usual)
-    return tuple(found)
+        stds.append(stated / float(getattr(soil, name)) if stated > 0 else usual)
+    return tuple(stds)
 
 
 def radius_std(robot: Robot) -> float:

@@ -32,7 +32,7 @@ def is_central(p: EffectParameter, value: float, step: float) -> bool:
     return not (p.linear or p.moving) and p.low <= value - step <= p.high
 
 
-def own_name(id_: str) -> str:
+def trial_scale_name(id_: str) -> str:
     """Return the name of the scale of the numbers that an effect has in each trial."""
     return f"{id_} own"
 

@@ -16,7 +16,7 @@ import casadi as ca
 from granite_lab.model.body import BodyLoad, BodyState, to_ground
 from granite_lab.model.command import V_FLOOR, smoothstep
 from granite_lab.model.contact import ContactAngles, WheelState, stiffer, stronger
-from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Symbols
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import GRAVITY, Soil
 
@@ -124,11 +124,11 @@ class Term(Effect):
         """Give back the one object of its id: graphs are kept by it."""
         return term, (self.id,)
 
-    def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
+    def soil(self, soil: Soil, state: WheelState, sym: Symbols) -> Soil:
         """Correct k, n, K or τ_max."""
         if self.quantity not in ("modulus", "exponent", "shear_modulus", "strength"):
             return soil
-        factor = self._factor(state, own)
+        factor = self._factor(state, sym)
         if self.quantity == "modulus":
             return stiffer(soil, factor)
         if self.quantity == "strength":
@@ -136,39 +136,39 @@ class Term(Effect):
         changes: dict[str, Any] = {self.quantity: getattr(soil, self.quantity) * factor}
         return replace(soil, **changes)
 
-    def contact_angles(self, angles: ContactAngles, state: WheelState, own: Own) -> ContactAngles:
+    def contact_angles(self, angles: ContactAngles, state: WheelState, sym: Symbols) -> ContactAngles:
         """Correct k_92."""
         if self.quantity != "ratio":
             return angles
-        return replace(angles, rear=angles.rear * self._factor(state, own))
+        return replace(angles, rear=angles.rear * self._factor(state, sym))
 
-    def drive_torque(self, torque: Any, state: WheelState, own: Own) -> Any:
+    def drive_torque(self, torque: Any, state: WheelState, sym: Symbols) -> Any:
         """Correct what arrives of the motors' torque."""
-        return torque * self._factor(state, own) if self.quantity == "drive" else torque
+        return torque * self._factor(state, sym) if self.quantity == "drive" else torque
 
-    def rim_acceleration(self, acceleration: Any, axle: Axle, p: ModelParameters, own: Own) -> Any:
+    def rim_acceleration(self, acceleration: Any, axle: Axle, p: ModelParameters, sym: Symbols) -> Any:
         """Add a torque against a wheel."""
         if self.quantity != ("torque_f" if axle.state.front else "torque_r"):
             return acceleration
         arm = p.chassis.total_mass * GRAVITY / 4 * p.wheels.radius
-        return acceleration - arm * own.p["a"] * self._phi(axle, p) / p.chassis.wheel_inertia
+        return acceleration - arm * sym.p["a"] * self._phi(axle, p) / p.chassis.wheel_inertia
 
     def body_load(
-        self, load: BodyLoad, body: BodyState, axles: tuple[Axle, Axle], p: ModelParameters, own: Own
+        self, load: BodyLoad, body: BodyState, axles: tuple[Axle, Axle], p: ModelParameters, sym: Symbols
     ) -> BodyLoad:
         """Add a force or a moment; φ is the mean of both axles."""
         if self.quantity not in ("force", "lift", "moment"):
             return load
         weight = p.chassis.total_mass * GRAVITY
-        size = weight * own.p["a"] * (self._phi(axles[0], p) + self._phi(axles[1], p)) / 2
+        size = weight * sym.p["a"] * (self._phi(axles[0], p) + self._phi(axles[1], p)) / 2
         if self.quantity == "moment":
             return replace(load, moment=load.moment + p.wheels.radius * size)
         x, z = to_ground(body.pitch, size, 0) if self.quantity == "force" else to_ground(body.pitch, 0, size)
         return replace(load, x=load.x + x, z=load.z + z)
 
-    def _factor(self, state: WheelState, own: Own) -> Any:
+    def _factor(self, state: WheelState, sym: Symbols) -> Any:
         motion = Motion(state.slip, state.sinkage, state.velocity, state.travel, state.angle)
-        return ca.exp(own.p["a"] * _moving(state) * phi(self.groups, motion, own.model))
+        return ca.exp(sym.p["a"] * _moving(state) * phi(self.groups, motion, sym.model))
 
     def _phi(self, axle: Axle, p: ModelParameters) -> Any:
         s = axle.state

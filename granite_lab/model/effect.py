@@ -74,7 +74,7 @@ EFFECT_PARAMETERS = Table[EffectParameter](
 
 
 @dataclass(frozen=True)
-class Own:
+class Symbols:
     """An effect's own symbols inside the graph.
 
     Attributes:
@@ -181,85 +181,85 @@ class Effect:
         hooks = {name for name, hook in vars(Effect).items() if callable(hook)} - {"sensors", "delays"}
         return bool(self.states) or any(getattr(type(self), h) is not getattr(Effect, h) for h in hooks)
 
-    def system(self, p: ModelParameters, own: Own) -> ModelParameters:
+    def system(self, p: ModelParameters, sym: Symbols) -> ModelParameters:
         """Rewrite the parameters of the whole model."""
         return p
 
-    def desired_velocity(self, v_desired: Any, v: Any, own: Own) -> Any:
+    def desired_velocity(self, v_desired: Any, v: Any, sym: Symbols) -> Any:
         """Rewrite the desired velocity [m/s] that k_92 follows; `v` is the actual one."""
         return v_desired
 
-    def wheel(self, state: WheelState, own: Own) -> WheelState:
+    def wheel(self, state: WheelState, sym: Symbols) -> WheelState:
         """Rewrite the motion of a wheel as the soil meets it."""
         return state
 
-    def soil(self, soil: Soil, state: WheelState, own: Own) -> Soil:
+    def soil(self, soil: Soil, state: WheelState, sym: Symbols) -> Soil:
         """Rewrite the soil under a wheel."""
         return soil
 
-    def contact_angles(self, angles: ContactAngles, state: WheelState, own: Own) -> ContactAngles:
+    def contact_angles(self, angles: ContactAngles, state: WheelState, sym: Symbols) -> ContactAngles:
         """Rewrite the ends of the contact arc."""
         return angles
 
-    def bearing(self, angle: Any, angles: ContactAngles, state: WheelState, own: Own) -> Any:
+    def bearing(self, angle: Any, angles: ContactAngles, state: WheelState, sym: Symbols) -> Any:
         """Rewrite the angle [rad] whose depth sets the pressure at one place of the contact arc."""
         return angle
 
-    def pressure(self, pressure: Any, angle: Any, state: WheelState, own: Own) -> Any:
+    def pressure(self, pressure: Any, angle: Any, state: WheelState, sym: Symbols) -> Any:
         """Rewrite the pressure [Pa] at one place of the contact arc, `angle` ϑ [rad] ahead of the lowest."""
         return pressure
 
-    def shear(self, share: Any, displacement: Any, own: Own) -> Any:
+    def shear(self, share: Any, displacement: Any, sym: Symbols) -> Any:
         """Rewrite the share of the shear strength that a shear displacement [m] mobilises, (11)."""
         return share
 
     def wheel_forces(
-        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, own: Own
+        self, forces: WheelForces, state: WheelState, angles: ContactAngles, soil: Soil, sym: Symbols
     ) -> WheelForces:
         """Rewrite the forces and the moment of the ground on a wheel."""
         return forces
 
-    def shaft(self, shaft: Shaft, axle: Axle, own: Own) -> Shaft:
+    def shaft(self, shaft: Shaft, axle: Axle, sym: Symbols) -> Shaft:
         """Rewrite the motion of a motor's shaft; back-EMF and encoder follow it."""
         return shaft
 
-    def reading(self, shaft: Shaft, axle: Axle, own: Own) -> Shaft:
+    def reading(self, shaft: Shaft, axle: Axle, sym: Symbols) -> Shaft:
         """Rewrite what the encoder makes of the motion of a motor's shaft; controller and log follow it."""
         return shaft
 
     def voltages(
-        self, voltages: tuple[Any, Any], currents: tuple[Any, Any], drive: Drive, own: Own
+        self, voltages: tuple[Any, Any], currents: tuple[Any, Any], drive: Drive, sym: Symbols
     ) -> tuple[Any, Any]:
         """Rewrite the voltages of a front and a rear motor [V], given their currents [A]."""
         return voltages
 
-    def drive_torque(self, torque: Any, state: WheelState, own: Own) -> Any:
+    def drive_torque(self, torque: Any, state: WheelState, sym: Symbols) -> Any:
         """Rewrite the driving torque at a rim [N m]."""
         return torque
 
-    def rim_load(self, load: Any, state: WheelState, own: Own) -> Any:
+    def rim_load(self, load: Any, state: WheelState, sym: Symbols) -> Any:
         """Rewrite the torque of tyre and ground on a rim [N m], M_ω in the paper's model."""
         return load
 
-    def rim_acceleration(self, acceleration: Any, axle: Axle, p: ModelParameters, own: Own) -> Any:
+    def rim_acceleration(self, acceleration: Any, axle: Axle, p: ModelParameters, sym: Symbols) -> Any:
         """Rewrite the angular acceleration of a rim [rad/s^2], (23)."""
         return acceleration
 
     def body_load(
-        self, load: BodyLoad, body: BodyState, axles: tuple[Axle, Axle], p: ModelParameters, own: Own
+        self, load: BodyLoad, body: BodyState, axles: tuple[Axle, Axle], p: ModelParameters, sym: Symbols
     ) -> BodyLoad:
         """Rewrite the forces and the moment on the body."""
         return load
 
-    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, own: Own) -> dict[str, Any]:
+    def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, sym: Symbols) -> dict[str, Any]:
         """Return the time derivative of each extra state."""
         return {}
 
-    def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Own) -> dict[str, Any]:
+    def sensors(self, signals: dict[str, Any], p: ModelParameters, sym: Symbols) -> dict[str, Any]:
         """Rewrite what the sensors read: the signals named ``imu_…``, ``enc_…`` and ``cur_…``."""
         return signals
 
-    def delays(self, own: Own) -> dict[str, Any]:
+    def delays(self, sym: Symbols) -> dict[str, Any]:
         """Return by how much the stamps of sensors lag [s], by the first part of their signals' names.
 
         A delay is not a function of the state at one instant, so it is applied to the finished

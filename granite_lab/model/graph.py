@@ -33,8 +33,8 @@ from granite_lab.model.contact import (
     wheel_forces,
 )
 from granite_lab.model.drive import control_voltage, current_rate, drive_torque
-from granite_lab.model.effect import Axle, Effect, Own, Shaft
-from granite_lab.model.pieces import desired, pulled, spin, symbols
+from granite_lab.model.effect import Axle, Effect, Shaft, Symbols
+from granite_lab.model.pieces import desired, pulled, spin, symbols_of_piece
 from granite_lab.model.symbols import ModelParameters, model_parameters, symbolic, symbols_of
 from granite_lab.parameters import Soil, Turning, Variant, load_robot, load_soil, load_variants
 
@@ -69,10 +69,10 @@ class Graph:
 
 def states_of(effects: tuple[Effect, ...], kind: Kind) -> tuple[str, ...]:
     """Return the names of the states: those of the model, then those of its effects."""
-    return own_states(kind) + tuple(f"{e.id}.{name}" for e in effects for name in e.states)
+    return model_states(kind) + tuple(f"{e.id}.{name}" for e in effects for name in e.states)
 
 
-def own_states(kind: Kind) -> tuple[str, ...]:
+def model_states(kind: Kind) -> tuple[str, ...]:
     """Return the names of the states without those of effects."""
     return BODY_STATES if kind in TURNED else STATES
 
@@ -88,11 +88,11 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
     names = states_of(effects, kind)
     x = ca.SX.sym("x", len(names))
     state: dict[str, Any] = dict(zip(names, ca.vertsplit(x), strict=True))
-    column, piece = symbols(kind)
+    column, piece = symbols_of_piece(kind)
     hooks = hooks_of(effects, state, t, paper)
     p = paper
-    for e, own in hooks:
-        p = e.system(p, own)
+    for e, sym in hooks:
+        p = e.system(p, sym)
 
     # command: (5), section 4
     v_d, s_d = _commanded(t, p.variant, piece)
@@ -100,8 +100,8 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
     body = bd.BodyState(*(state[name] for name in BODY_STATES))
     reference = bd.point(body, p.chassis, 0, 0)  # R
     v, _ = bd.to_robot(body.pitch, reference.x_rate, reference.z_rate)
-    for e, own in hooks:
-        v_k92 = e.desired_velocity(v_k92, v, own)
+    for e, sym in hooks:
+        v_k92 = e.desired_velocity(v_k92, v, sym)
     k92 = contact_angle_ratio(v_k92, p)
 
     turned = {name: spin(t, piece, name) for name in "fr"} if kind in TURNED else {}
@@ -119,8 +119,8 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
     )
     if kind != "trapezoid":
         load = _towed(load, v, t, piece, p)
-    for e, own in hooks:
-        load = e.body_load(load, body, (axles[0], axles[1]), p, own)
+    for e, sym in hooks:
+        load = e.body_load(load, body, (axles[0], axles[1]), p, sym)
     acceleration = bd.accelerations(p.chassis, load)
 
     drives = _unasked(axles, p, hooks) if kind in TURNED else _drives(axles, s_d, v_d, p, hooks)
@@ -130,12 +130,12 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
     for drive in drives:
         rates |= _axle_rates(drive, p, hooks)
         outputs |= _axle_outputs(drive, p.wheels.radius)
-    for e, own in hooks:
-        rates |= {f"{e.id}.{name}": value for name, value in e.rates((front, rear), p, own).items()}
+    for e, sym in hooks:
+        rates |= {f"{e.id}.{name}": value for name, value in e.rates((front, rear), p, sym).items()}
     f_x, f_z = bd.specific_force(body, acceleration, load, p.chassis, p.imu.x, p.imu.z)
     imu = {"imu_ax_mps2": f_x, "imu_az_mps2": f_z, "imu_gy_radps": body.pitch_rate}
     sensors, delays = _sensors(imu, drives, p, hooks)
-    parameters = ca.vertcat(symbols_of(paper), own_parameters(hooks))
+    parameters = ca.vertcat(symbols_of(paper), effect_parameters(hooks))
     change_of = ca.vertcat(*map(rates.__getitem__, names))
     return Graph(t, x, parameters, column, change_of, outputs | sensors, names, delays)
 
@@ -189,7 +189,7 @@ class _Drive:
 
 
 def _drives(
-    axles: Sequence[Axle], s_d: Any, v_d: Any, p: ModelParameters, hooks: list[tuple[Effect, Own]]
+    axles: Sequence[Axle], s_d: Any, v_d: Any, p: ModelParameters, hooks: list[tuple[Effect, Symbols]]
 ) -> tuple[_Drive, ...]:
     """Control the motors, (25), (26)."""
     shafts = [_shaft(axle, hooks) for axle in axles]
@@ -199,13 +199,13 @@ def _drives(
     axles = [replace(axle, voltage=voltage) for axle, voltage in zip(axles, wanted, strict=True)]
     front, rear = axles
     voltages = wanted[0], wanted[1]
-    for e, own in hooks:
-        voltages = e.voltages(voltages, (front.current, rear.current), p.drive, own)
+    for e, sym in hooks:
+        voltages = e.voltages(voltages, (front.current, rear.current), p.drive, sym)
     return tuple(map(_Drive, "fr", axles, shafts, readings, voltages))
 
 
 def _unasked(
-    axles: Sequence[Axle], p: ModelParameters, hooks: list[tuple[Effect, Own]]
+    axles: Sequence[Axle], p: ModelParameters, hooks: list[tuple[Effect, Symbols]]
 ) -> tuple[_Drive, ...]:
     """Return the motors of wheels that are turned, with the voltage that (24) needs for a steady current."""
     drives = []
@@ -217,32 +217,32 @@ def _unasked(
     return tuple(drives)
 
 
-def _driven(axle: Axle, current: Any, p: ModelParameters, hooks: list[tuple[Effect, Own]]) -> Axle:
+def _driven(axle: Axle, current: Any, p: ModelParameters, hooks: list[tuple[Effect, Symbols]]) -> Axle:
     """Return a wheel pair whose motors have a current [A], (24)."""
     torque = drive_torque(p.drive, current)
-    for e, own in hooks:
-        torque = e.drive_torque(torque, axle.state, own)
+    for e, sym in hooks:
+        torque = e.drive_torque(torque, axle.state, sym)
     return replace(axle, current=current, drive_torque=torque)
 
 
-def _turning(axle: Axle, p: ModelParameters, hooks: list[tuple[Effect, Own]]) -> Any:
+def _turning(axle: Axle, p: ModelParameters, hooks: list[tuple[Effect, Symbols]]) -> Any:
     """Return the angular acceleration of a rim [rad/s^2], (23)."""
     turning = axle.rim_acceleration(p.chassis.wheel_inertia)
-    for e, own in hooks:
-        turning = e.rim_acceleration(turning, axle, p, own)
+    for e, sym in hooks:
+        turning = e.rim_acceleration(turning, axle, p, sym)
     return turning
 
 
-def _turned(axle: Axle, acceleration: Any, p: ModelParameters, hooks: list[tuple[Effect, Own]]) -> Axle:
+def _turned(axle: Axle, acceleration: Any, p: ModelParameters, hooks: list[tuple[Effect, Symbols]]) -> Axle:
     """Return a wheel pair whose motors have the current that its acceleration takes, (23), (24).
 
     Effects leave the acceleration a linear function of the current, so that two values tell it.
     """
-    none, one = (_turning(_driven(axle, i, p, hooks), p, hooks) for i in (0.0, 1.0))
-    return _driven(axle, (acceleration - none) / (one - none), p, hooks)
+    at_rest, at_one_ampere = (_turning(_driven(axle, i, p, hooks), p, hooks) for i in (0.0, 1.0))
+    return _driven(axle, (acceleration - at_rest) / (at_one_ampere - at_rest), p, hooks)
 
 
-def _axle_rates(drive: _Drive, p: ModelParameters, hooks: list[tuple[Effect, Own]]) -> dict[str, Any]:
+def _axle_rates(drive: _Drive, p: ModelParameters, hooks: list[tuple[Effect, Symbols]]) -> dict[str, Any]:
     """Return the time derivatives of the states of one wheel pair, (23), (24)."""
     axle = drive.axle
     turning = _turning(axle, p, hooks)
@@ -252,15 +252,15 @@ def _axle_rates(drive: _Drive, p: ModelParameters, hooks: list[tuple[Effect, Own
 
 
 def _sensors(
-    imu: dict[str, Any], drives: Sequence[_Drive], p: ModelParameters, hooks: list[tuple[Effect, Own]]
+    imu: dict[str, Any], drives: Sequence[_Drive], p: ModelParameters, hooks: list[tuple[Effect, Symbols]]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return what the sensors read, and how far their stamps lag [s]."""
     sensors, delays = dict(imu), dict[str, Any]()
     for drive in drives:
         sensors |= {f"enc_{drive.name}_rad": drive.reading.angle, f"cur_{drive.name}_A": drive.axle.current}
-    for e, own in hooks:
-        sensors = e.sensors(sensors, p, own)
-        for prefix, lag in e.delays(own).items():
+    for e, sym in hooks:
+        sensors = e.sensors(sensors, p, sym)
+        for prefix, lag in e.delays(sym).items():
             late = [name for name in sensors if name.startswith(f"{prefix}_")]
             delays |= {name: delays.get(name, 0) + lag for name in late}
     return sensors, delays
@@ -268,32 +268,32 @@ def _sensors(
 
 def hooks_of(
     effects: Sequence[Effect], state: Mapping[str, Any], t: Any, paper: ModelParameters
-) -> list[tuple[Effect, Own]]:
+) -> list[tuple[Effect, Symbols]]:
     """Return each effect with its own symbols; `state` names those of its states ``effect.name``."""
     hooks = []
     for e in effects:
         parameters = {q.name: ca.SX.sym(f"{e.id}.{q.name}") for q in e.parameters}
-        hooks.append((e, Own(parameters, {n: state[f"{e.id}.{n}"] for n in e.states}, t, paper)))
+        hooks.append((e, Symbols(parameters, {n: state[f"{e.id}.{n}"] for n in e.states}, t, paper)))
     return hooks
 
 
-def own_parameters(hooks: Sequence[tuple[Effect, Own]]) -> Any:
+def effect_parameters(hooks: Sequence[tuple[Effect, Symbols]]) -> Any:
     """Return the symbols of all effects' parameters as one column."""
-    return ca.vertcat(*(symbol for _, own in hooks for symbol in own.p.values()))
+    return ca.vertcat(*(symbol for _, sym in hooks for symbol in sym.p.values()))
 
 
-def _shaft(axle: Axle, hooks: list[tuple[Effect, Own]]) -> Shaft:
+def _shaft(axle: Axle, hooks: list[tuple[Effect, Symbols]]) -> Shaft:
     """Return the motion of a motor's shaft, that of the rim in the paper's model."""
     shaft = Shaft(axle.state.angle, axle.state.rate)
-    for e, own in hooks:
-        shaft = e.shaft(shaft, axle, own)
+    for e, sym in hooks:
+        shaft = e.shaft(shaft, axle, sym)
     return shaft
 
 
-def _reading(shaft: Shaft, axle: Axle, hooks: list[tuple[Effect, Own]]) -> Shaft:
+def _reading(shaft: Shaft, axle: Axle, hooks: list[tuple[Effect, Symbols]]) -> Shaft:
     """Return what the encoder reads of a shaft, its very motion in the paper's model."""
-    for e, own in hooks:
-        shaft = e.reading(shaft, axle, own)
+    for e, sym in hooks:
+        shaft = e.reading(shaft, axle, sym)
     return shaft
 
 
@@ -314,36 +314,36 @@ class OnGround:
 
 
 def on_ground(
-    wheel: WheelState, soil: Soil, k92: Any, damping: Any, hooks: Sequence[tuple[Effect, Own]]
+    wheel: WheelState, soil: Soil, k92: Any, damping: Any, hooks: Sequence[tuple[Effect, Symbols]]
 ) -> OnGround:
     """Put a wheel on soil, (4), (6)-(17), with the hooks of effects in the order in which they apply."""
-    for e, own in hooks:
-        wheel = e.wheel(wheel, own)
-    for e, own in hooks:
-        soil = e.soil(soil, wheel, own)
+    for e, sym in hooks:
+        wheel = e.wheel(wheel, sym)
+    for e, sym in hooks:
+        soil = e.soil(soil, wheel, sym)
     angles = contact_angles(wheel, k92)
-    for e, own in hooks:
-        angles = e.contact_angles(angles, wheel, own)
+    for e, sym in hooks:
+        angles = e.contact_angles(angles, wheel, sym)
 
     def bearing(ϑ: Any) -> Any:
-        for e, own in hooks:
-            ϑ = e.bearing(ϑ, angles, wheel, own)
+        for e, sym in hooks:
+            ϑ = e.bearing(ϑ, angles, wheel, sym)
         return ϑ
 
     def pressure(σ: Any, ϑ: Any) -> Any:
-        for e, own in hooks:
-            σ = e.pressure(σ, ϑ, wheel, own)
+        for e, sym in hooks:
+            σ = e.pressure(σ, ϑ, wheel, sym)
         return σ
 
     def shear(share: Any, j: Any) -> Any:
-        for e, own in hooks:
-            share = e.shear(share, j, own)
+        for e, sym in hooks:
+            share = e.shear(share, j, sym)
         return share
 
     laws = ArcLaws(bearing, pressure, shear)
     forces = wheel_forces(wheel, angles, soil, damping, laws)
-    for e, own in hooks:
-        forces = e.wheel_forces(forces, wheel, angles, soil, own)
+    for e, sym in hooks:
+        forces = e.wheel_forces(forces, wheel, angles, soil, sym)
     return OnGround(wheel, soil, angles, forces, arc_stresses(wheel, angles, soil, laws))
 
 
@@ -378,7 +378,7 @@ def _axle(
     wheel: WheelState,
     split: Turning | None,
     p: ModelParameters,
-    hooks: list[tuple[Effect, Own]],
+    hooks: list[tuple[Effect, Symbols]],
 ) -> Axle:
     """Contact of one wheel pair, (4)-(17), its motors without current.
 
@@ -393,8 +393,8 @@ def _axle(
         return _mean(left, right)
     ground = on_ground(wheel, p.soil, wheel.k92, p.chassis.contact_damping, hooks)
     rim_load = ground.forces.moment
-    for e, own in hooks:
-        rim_load = e.rim_load(rim_load, ground.state, own)
+    for e, sym in hooks:
+        rim_load = e.rim_load(rim_load, ground.state, sym)
     return Axle(position, ground.state, ground.angles, ground.forces, 0.0, 0.0, rim_load)
 
 
@@ -409,14 +409,14 @@ T = TypeVar("T", Axle, WheelState, ContactAngles, WheelForces)
 
 def _mean(left: T, right: T) -> T:
     """Return the mean of both wheels of a pair, field by field: twice its forces are those of the pair."""
-    found = {}
-    for each in fields(left):
-        one, other = getattr(left, each.name), getattr(right, each.name)
-        if is_dataclass(one):
-            found[each.name] = _mean(one, other)
+    means = {}
+    for entry in fields(left):
+        first, second = getattr(left, entry.name), getattr(right, entry.name)
+        if is_dataclass(first):
+            means[entry.name] = _mean(first, second)
         else:
-            found[each.name] = one if one is other or isinstance(one, bool) else (one + other) / 2
-    return replace(left, **found)
+            means[entry.name] = first if first is second or isinstance(first, bool) else (first + second) / 2
+    return replace(left, **means)
 
 
 def _axle_outputs(drive: _Drive, radius: Any) -> dict[str, Any]:

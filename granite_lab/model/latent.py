@@ -11,7 +11,7 @@ import numpy as np
 from granite_lab.model.body import BodyLoad, BodyState, to_ground
 from granite_lab.model.command import smoothstep
 from granite_lab.model.contact import WheelState
-from granite_lab.model.effect import Axle, Effect, EffectParameter, Own
+from granite_lab.model.effect import Axle, Effect, EffectParameter, Symbols
 from granite_lab.model.symbols import ModelParameters
 
 PUSHES = {"force": "N", "lift": "N", "moment": "N m", "torque_f": "N m", "torque_r": "N m"}
@@ -52,19 +52,19 @@ class LatentForce(Effect):
         body: BodyState,
         axles: tuple[Axle, Axle],  # noqa: ARG002
         p: ModelParameters,  # noqa: ARG002
-        own: Own,
+        sym: Symbols,
     ) -> BodyLoad:
         """Add the force, the lift and the moment."""
-        push = _push(own)
-        x, z = to_ground(body.pitch, own.p["force"] * push, own.p["lift"] * push)
-        return replace(load, x=load.x + x, z=load.z + z, moment=load.moment + own.p["moment"] * push)
+        push = _push(sym)
+        x, z = to_ground(body.pitch, sym.p["force"] * push, sym.p["lift"] * push)
+        return replace(load, x=load.x + x, z=load.z + z, moment=load.moment + sym.p["moment"] * push)
 
-    def rim_load(self, load: Any, state: WheelState, own: Own) -> Any:
+    def rim_load(self, load: Any, state: WheelState, sym: Symbols) -> Any:
         """Add the torque against the wheel."""
-        return load - own.p["torque_f" if state.front else "torque_r"] * _push(own)
+        return load - sym.p["torque_f" if state.front else "torque_r"] * _push(sym)
 
 
-def _push(own: Own) -> Any:
+def _push(sym: Symbols) -> Any:
     """Return the pushes of unit size; there are none before the command."""
-    turn = 2 * np.pi * (own.t - own.p["centre"]) / PERIOD
-    return smoothstep(own.t / SPACING) * ca.exp(SHARPNESS * (ca.cos(turn) - 1))
+    turn = 2 * np.pi * (sym.t - sym.p["centre"]) / PERIOD
+    return smoothstep(sym.t / SPACING) * ca.exp(SHARPNESS * (ca.cos(turn) - 1))

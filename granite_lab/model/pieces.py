@@ -54,7 +54,7 @@ def spin(t: Any, u: dict[str, Any], axle: str) -> Turning:
     )
 
 
-def symbols(kind: Kind) -> tuple[Any, dict[str, Any]]:
+def symbols_of_piece(kind: Kind) -> tuple[Any, dict[str, Any]]:
     """Return the symbols of a piece as one column, and each by its name."""
     u = ca.SX.sym("u", len(NUMBERS[kind]))
     return u, dict(zip(NUMBERS[kind], ca.vertsplit(u) if NUMBERS[kind] else (), strict=True))

@@ -16,7 +16,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.model.command import Kind, kind_of, steady_part
 from granite_lab.model.effect import Active, Effect
 from granite_lab.model.engine import engine_of
-from granite_lab.model.graph import build_graph, own_states
+from granite_lab.model.graph import build_graph, model_states
 from granite_lab.model.instants import SETTLE, USUAL, Accuracy, instants
 from granite_lab.model.limits import (
     refuse_backwards,
@@ -39,7 +39,7 @@ def _rest_function(effects: tuple[Effect, ...], kind: Kind) -> Any:
     vertical and the pitch acceleration and the rates of the extra states.
     """
     graph = build_graph(effects, kind)
-    paper, n = len(own_states(kind)), len(graph.states)
+    paper, n = len(model_states(kind)), len(graph.states)
     q = ca.SX.sym("q", 2 + n - paper)
     x = ca.vertcat(0, q[:2], ca.SX.zeros(paper - 3), q[2:])
     given, rest = ca.vertcat(graph.x, graph.t, graph.u), ca.vertcat(x, -SETTLE, ca.SX.zeros(graph.u.numel()))
@@ -87,7 +87,7 @@ def _rest_state(p: ModelParameters, effects: Sequence[Active], vector: Array) ->
             "check masses, wheel size and the soil's moduli",
         )
     start = -float(place[0])  # R begins at x = 0
-    return np.concatenate([[start, q[0], q[1]], np.zeros(len(own_states(kind)) - 3), q[2:]])
+    return np.concatenate([[start, q[0], q[1]], np.zeros(len(model_states(kind)) - 3), q[2:]])
 
 
 def _solved(A: Array, b: Array) -> Array:

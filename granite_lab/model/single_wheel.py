@@ -23,7 +23,7 @@ from granite_lab.errors import EstimateError, InputError, UsageError
 from granite_lab.model.command import V_FLOOR, contact_angle_ratio
 from granite_lab.model.contact import WheelState
 from granite_lab.model.effect import Active, Axle, Effect
-from granite_lab.model.graph import OnGround, hooks_of, on_ground, own_parameters
+from granite_lab.model.graph import OnGround, effect_parameters, hooks_of, on_ground
 from granite_lab.model.symbols import ModelParameters, symbolic, symbols_of, vector_of
 from granite_lab.parameters import Chassis, Drive, Soil, Wheels, load_robot, load_soil, load_variants
 
@@ -191,11 +191,11 @@ class SingleWheel:
             0.0, 0.0, 1.0,
         )  # fmt: skip
         self._chosen = tuple(e.effect for e in self.effects)
-        self._own = [x for e in self.effects for x in e.values]
+        self._effect_values = [x for e in self.effects for x in e.values]
         self._states = sum(len(e.states) for e in self._chosen)
-        self._found = np.empty(len(FORCES))
+        self._buffer = np.empty(len(FORCES))
         self._places, self._evaluate = _functions(self._chosen)[0].buffer()
-        self._places.set_res(0, self._found.data)
+        self._places.set_res(0, self._buffer.data)
 
     def at_load(self, load: float, motion: Rolling, ratio: Ratio) -> WheelPoint:
         """Return the wheel at the smallest sinkage that bears a load [N].
@@ -253,7 +253,7 @@ class SingleWheel:
             a_theta=float(ratio.a_theta),
             k92_is_constant=0.0 if ratio.k92 is None else 1.0,
         )
-        return np.array([motion.velocity, motion.rate, motion.angle, *vector_of(p), *self._own])
+        return np.array([motion.velocity, motion.rate, motion.angle, *vector_of(p), *self._effect_values])
 
     def _forces(self, sinkage: float, states: Array, vector: Array) -> Array:
         """Return `FORCES`; the array is overwritten by the next call."""
@@ -261,7 +261,7 @@ class SingleWheel:
         for k, numbers in enumerate(given):
             self._places.set_arg(k, numbers.data)
         self._evaluate()
-        return self._found
+        return self._buffer
 
     def _sound(self, values: Array) -> Array:
         """Return numbers that are finite.
@@ -320,12 +320,12 @@ def _functions(effects: tuple[Effect, ...]) -> tuple[Any, Any, Any]:
     states = {name: ca.SX.sym(name) for e in effects for name in (f"{e.id}.{n}" for n in e.states)}
     hooks = hooks_of(effects, states, ca.SX(0.0), paper)
     model = paper
-    for e, own in hooks:
-        model = e.system(model, own)
+    for e, sym in hooks:
+        model = e.system(model, sym)
     speed = ca.fmax(ca.fabs(v), ca.fabs(rate * model.wheels.radius))
     desired = speed
-    for e, own in hooks:
-        desired = e.desired_velocity(desired, v, own)
+    for e, sym in hooks:
+        desired = e.desired_velocity(desired, v, sym)
     k92 = contact_angle_ratio(desired, model)
 
     def wheel(front: bool) -> OnGround:
@@ -347,11 +347,11 @@ def _functions(effects: tuple[Effect, ...]) -> tuple[Any, Any, Any]:
         Axle(0.0, g.state, g.angles, g.forces, ca.SX(0.0), -g.forces.moment, g.forces.moment)
         for g in (front, rear)
     )
-    rates = [e.rates((axles[0], axles[1]), model, own) for e, own in hooks]
+    rates = [e.rates((axles[0], axles[1]), model, sym) for e, sym in hooks]
     changes = [
         rates_of_states[name] for e, rates_of_states in zip(effects, rates, strict=True) for name in e.states
     ]
-    numbers = ca.vertcat(v, rate, angle, symbols_of(paper), own_parameters(hooks))
+    numbers = ca.vertcat(v, rate, angle, symbols_of(paper), effect_parameters(hooks))
     given: list[Any] = [z, ca.vertcat(*states.values()), numbers]
     return (
         ca.Function("forces", given, [ca.cse(ca.densify(shown))]),

@@ -198,12 +198,12 @@ def variant_of_trial(trial: Trial) -> Variant:
     """
     info = trial.info
     if info.v_desired is not None:
-        for known in load_variants():
-            if np.isclose(known.velocity, info.v_desired):
+        for row in load_variants():
+            if np.isclose(row.velocity, info.v_desired):
                 return Variant(
-                    velocity=known.velocity,
-                    acceleration=info.a_max or known.acceleration,
-                    distance=info.distance or known.distance,
+                    velocity=row.velocity,
+                    acceleration=info.a_max or row.acceleration,
+                    distance=info.distance or row.distance,
                 )
         if info.a_max is not None and info.distance is not None:
             return Variant(velocity=info.v_desired, acceleration=info.a_max, distance=info.distance)

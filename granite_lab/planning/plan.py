@@ -129,7 +129,7 @@ class Plan(Shown):
 @one_thread()
 def plan_next(
     design: Design,
-    known: Mapping[str, Effect],
+    library: Mapping[str, Effect],
     *,
     room: float | None = None,
     max_speed: float | None = None,
@@ -140,7 +140,7 @@ def plan_next(
 
     Args:
         design: the trials at hand, and what came out.
-        known: effects by id.
+        library: effects by id.
         room: longest way the sand allows [m]; the longest so far by default.
         max_speed: fastest command [m/s].
         jobs: number of processes.
@@ -150,12 +150,12 @@ def plan_next(
         EstimateError: the trials at hand, or the explanations, cannot be simulated.
         InputError, UsageError: as in `question`.
     """
-    asked = question(design, known)
+    asked = question(design, library)
     effects = {*asked.rivals, *dict(asked.named)}
     chosen = options(design, effects, room=room, max_speed=max_speed)
     variants = (*(d.variant for d in design.driven), *(o.variant for o in chosen))
     conditions = (*(d.conditions for d in design.driven), *(o.conditions for o in chosen))
-    world = StagedWorld(design.robot, design.soil, variants, {**known, **STAGING}, conditions=conditions)
+    world = StagedWorld(design.robot, design.soil, variants, {**library, **STAGING}, conditions=conditions)
     with Bench(world, jobs) as bench:
         stage = Stage(design, bench, [o.like for o in chosen])
         models = (asked.named,) if asked.kind == "sharpen" else explanations(stage, asked)
@@ -168,7 +168,7 @@ def plan_next(
             progress("looking at trials", k + 1, len(chosen))
             number = design.driven.index(option.like) if option.repeats else len(design.driven) + k
             try:
-                more = [stage.one_more(number, model, others) for model, others in pairs]
+                more = [stage.further_trial(number, model, others) for model, others in pairs]
             except EstimateError:
                 continue
             after = [a + b for a, b in zip(at_hand, more, strict=True)]

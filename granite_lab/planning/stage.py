@@ -58,7 +58,7 @@ class Question:
     gains: tuple[float, ...] = ()
 
 
-def question(design: Design, known: Mapping[str, Effect]) -> Question:
+def question(design: Design, effects: Mapping[str, Effect]) -> Question:
     """Choose the question of a plan: twins first, then an open verdict, then the least precise number.
 
     Effects whose strengths all differ from trial to trial cannot be foreseen for a new one and are no rivals.
@@ -67,11 +67,11 @@ def question(design: Design, known: Mapping[str, Effect]) -> Question:
         InputError: the design is of another version of an effect.
         UsageError: a named effect is not known.
     """
-    if any(len(e.values) != len(get(e.id, known).parameters) for e in design.named):
+    if any(len(e.values) != len(get(e.id, effects).parameters) for e in design.named):
         raise InputError("the design is of another version of an effect", "run 'granite-lab discover' again")
-    named = tuple((e.id, _within(get(e.id, known).parameters, e.values)) for e in design.named)
+    named = tuple((e.id, _within(get(e.id, effects).parameters, e.values)) for e in design.named)
     ids = [id_ for id_, _ in named]
-    lasting = [i for i, e in known.items() if any(not p.shape and not p.per_trial for p in e.parameters)]
+    lasting = [i for i, e in effects.items() if any(not p.shape and not p.per_trial for p in e.parameters)]
     twins = [[t for t in e.twins if t in lasting] for e in design.named]
     if any(twins):
         k = max(range(len(named)), key=lambda k: len(twins[k]))
@@ -134,8 +134,8 @@ def whitener_of(noise: Noise, trial: Observation, learnt_at: float) -> Whitener:
     speed = commanded_share(t, variant) * peak_velocity(variant) / learnt_at
     shared = np.fft.irfft(spectrum)
 
-    def covariance(own: slice) -> Array:
-        v = speed[own]
+    def covariance(stretch: slice) -> Array:
+        v = speed[stretch]
         return np.asarray(np.outer(v, v) * toeplitz(shared[: v.size]) + level**2 * np.eye(v.size))
 
     return whitener(every_row, trial.width, covariance)
@@ -210,7 +210,7 @@ class Stage:
         total[range(p), range(p)] += std[-p:] ** -2.0
         return total
 
-    def one_more(self, number: int, model: Setting, others: Sequence[Setting]) -> Array:
+    def further_trial(self, number: int, model: Setting, others: Sequence[Setting]) -> Array:
         """Return what a further trial of a command adds."""
         count = int(self.likes[number].count) if number < len(self.design.driven) else 0
         new = self.information(number, count + 1, model, others)
@@ -261,7 +261,7 @@ def _start(
     tried = []
     for probe in probes_of(problem, id_):
         values = tuple((neutral + probe.size * (np.arange(neutral.size) == probe.place)).tolist())
-        if not probe.is_own and stage.possible((*others, (id_, values))):
+        if not probe.parameter.per_trial and stage.possible((*others, (id_, values))):
             tried.append(values)
     if not tried:
         return None

@@ -14,7 +14,7 @@ from urllib.parse import urlencode
 
 import numpy as np
 
-from granite_lab.discovery.finding import Finding, FoundEffect, FoundParameter, Status
+from granite_lab.discovery.finding import EffectFinding, Finding, FittedParameter, Status
 from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import EffectParameter
@@ -99,7 +99,7 @@ def plain(effect_id: str) -> str:
     return (effect.name if effect else "") or effect_id.replace("_", " ")
 
 
-def twins_of(effect: FoundEffect) -> str:
+def twins_of(effect: EffectFinding) -> str:
     """Return the effects that explain the trials as well in the place of one, as words."""
     return listed([plain(t) for t in effect.twins], "or")
 
@@ -120,7 +120,7 @@ def declared(effect_id: str, name: str) -> EffectParameter | None:
     return next((p for p in effect.parameters if p.name == name), None) if effect else None
 
 
-def describe(effect: FoundEffect) -> str:
+def describe(effect: EffectFinding) -> str:
     """Name an effect with its sizes; a sign that has a direction is said, not printed."""
     title, sizes = effect.title, [f"{p.name.replace('_', ' ')} {amount(effect, p)}" for p in _shown(effect)]
     if effect.empirical:
@@ -133,7 +133,7 @@ def describe(effect: FoundEffect) -> str:
     return f"{title} ({', '.join(sizes)})" if sizes else title
 
 
-def _shown(effect: FoundEffect) -> list[FoundParameter]:
+def _shown(effect: EffectFinding) -> list[FittedParameter]:
     """Return the numbers, cosine and sine that differ in each trial as the amplitude that they share."""
     named = {p.name: p for p in effect.parameters}
     shown = []
@@ -147,7 +147,7 @@ def _shown(effect: FoundEffect) -> list[FoundParameter]:
             c, s = p.estimate, other.estimate
             size = float(np.hypot(c.value, s.value))
             std = float(np.hypot(c.value * c.std, s.value * s.std)) / size if size else c.std
-            shown.append(FoundParameter(f"amplitude_{rest}", p.unit, Estimate(size, std)))
+            shown.append(FittedParameter(f"amplitude_{rest}", p.unit, Estimate(size, std)))
     return shown
 
 
@@ -269,7 +269,7 @@ def scale_of(effect_id: str, name: str, unit: str, size: float) -> tuple[str, fl
     return (f"m{tidy_unit(unit)}", 1e3) if abs(size) >= 1e-4 else (f"µ{tidy_unit(unit)}", 1e6)
 
 
-def amount(effect: FoundEffect, parameter: FoundParameter) -> str:
+def amount(effect: EffectFinding, parameter: FittedParameter) -> str:
     """Return a fitted number ± std with its unit."""
     unit, scale = scale_of(effect.id, parameter.name, parameter.unit, parameter.estimate.value)
     return plus_minus(parameter.estimate, unit, scale)

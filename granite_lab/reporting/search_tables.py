@@ -12,9 +12,9 @@ from granite_lab.columns import Cell, Column, FilledTable, Table, number, probab
 from granite_lab.discovery.finding import (
     Candidate,
     Detectable,
+    EffectFinding,
     Finding,
-    FoundEffect,
-    FoundParameter,
+    FittedParameter,
     Gap,
     LeftOut,
     Push,
@@ -45,7 +45,7 @@ SURE = 0.95
 FORMULA = percent(FORMULA_ERROR[0])
 """Error of the formula of an effect, as a reader sees it."""
 
-NO_NUMBER = FoundParameter(NONE, "", Estimate(math.nan))
+NO_NUMBER = FittedParameter(NONE, "", Estimate(math.nan))
 
 
 def _spaced(name: str) -> str:
@@ -55,8 +55,8 @@ def _spaced(name: str) -> str:
 class Size(NamedTuple):
     """A number of an effect; what holds for the effect as a whole stands beside the first one."""
 
-    effect: FoundEffect
-    parameter: FoundParameter
+    effect: EffectFinding
+    parameter: FittedParameter
     first: bool
 
     def once(self, cell: Cell) -> Cell:
@@ -65,7 +65,7 @@ class Size(NamedTuple):
 
 
 def effects_table(
-    finding: Finding, effects: Sequence[FoundEffect], kind: Literal["named", "described", "small"] = "named"
+    finding: Finding, effects: Sequence[EffectFinding], kind: Literal["named", "described", "small"] = "named"
 ) -> FilledTable:
     """List effects of one kind and their numbers; what holds for an effect stands once."""
     name, title = "found_effects", "What is missing, with sizes"

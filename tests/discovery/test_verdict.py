@@ -9,10 +9,10 @@ import pytest
 
 from granite_lab.discovery import verdict
 from granite_lab.discovery.candidates import Score, rescreened, rivals, scores, screen
-from granite_lab.discovery.finding import FoundEffect
+from granite_lab.discovery.finding import EffectFinding
 from granite_lab.discovery.heldout import Equations, closed, predict
 from granite_lab.discovery.leaders import Look, leaders
-from granite_lab.discovery.power import _by_noise_own, _shares
+from granite_lab.discovery.power import _by_noise_per_trial, _visible
 from granite_lab.discovery.relevance import needed, strained
 from granite_lab.discovery.search import MOST, Search, gains, search
 from granite_lab.discovery.sets import fit_sets
@@ -222,7 +222,7 @@ def test_the_likeliest_model_has_the_highest_posterior_and_probabilities_add_up(
 
 
 def said(answer: Answer) -> str:
-    push = FoundEffect("push", "a push", "F = a", (), (), 1.0, OPEN, OPEN)
+    push = EffectFinding("push", "a push", "F = a", (), (), 1.0, OPEN, OPEN)
     return sentence("named", (push,), (), answer.judgement, provisional(answer.problem), TOLERANCE)
 
 
@@ -316,7 +316,7 @@ def test_the_stated_amplitude_of_changing_phase_is_seen_in_four_of_five_draws() 
     """Cosine and sine of a random phase in each of twelve trials; the gain is that of the best scale."""
     rng = np.random.default_rng(5)
     power = np.full((12, 4), 40.0)
-    amplitude = _by_noise_own(power, [0, 1], needed=5.2, most=10.0)
+    amplitude = _by_noise_per_trial(power, [0, 1], needed=5.2, most=10.0)
     scales = np.geomspace(1e-3, 10, 40)
     gains = []
     for _ in range(400):
@@ -333,14 +333,14 @@ def test_an_amplitude_that_matters_is_not_one_by_what_other_numbers_add() -> Non
     problem = problem_of(SIX)
     point = problem.neutral()
     for own in problem.whiteners:
-        own[:] = [white(1e-6 if k == 3 else 1e3, w.known, 0.02) for k, w in enumerate(own)]
+        own[:] = [white(1e-6 if k == 3 else 1e3, w.measured, 0.02) for k, w in enumerate(own)]
     wide = Scales(0.04, 0.1, {s.name: 10.0 for t in problem.trials for s in t.slacks})
     slopes = problem.slopes(point)
     problem.weigh(problem.whiteners, point, slopes)
     base = fit(problem, point, wide, slopes=slopes, rounds=0)
     screened = screen(problem, base, ["shake"])
-    places, size = screened.places_of_own("shake")[:, 0], screened.own["shake"][0].size
-    shares = _shares(problem, base, screened)[places]
+    places, size = screened.places_per_trial("shake")[:, 0], screened.per_trial["shake"][0].size
+    shares = _visible(problem, base, screened)[places]
     for command, (i, *_) in enumerate(problem.commands):
         t, alone = problem.trials[i], size * trace(TRACES["shake"], COMMANDS[command])
         shown = t.bins_of(alone, point.trials[i], point.sensors)
@@ -558,10 +558,10 @@ def test_each_trial_is_predicted_as_by_a_refit_without_it() -> None:
         others = [j for j in range(5) if j != i]
         command = next(own for own in problem.commands if i in own)
         elsewhere = [j for j in range(5) if j not in command]
-        assert predicted.own[i] == pytest.approx(misfit(rows[i], everyone), rel=1e-4)
+        assert predicted.in_fit[i] == pytest.approx(misfit(rows[i], everyone), rel=1e-4)
         assert predicted.left_out[i] == pytest.approx(predicted_by(rows, std, others, i), rel=1e-4)
         assert predicted.speed_left_out[i] == pytest.approx(predicted_by(rows, std, elsewhere, i), rel=1e-4)
-    assert (predicted.left_out > predicted.own).all()
+    assert (predicted.left_out > predicted.in_fit).all()
     # of a command with one trial both are the same
     assert predicted.left_out[4] == pytest.approx(predicted.speed_left_out[4], rel=1e-9)
 
@@ -571,7 +571,7 @@ def test_what_is_expected_of_trials_is_what_an_exact_model_leaves() -> None:
     ratios = []
     for seed in range(20):
         predicted = predict(problem, linear(problem, np.random.default_rng(seed), 0.0), TOLERANCE)
-        ratios.append(predicted.own.sum() / predicted.expected.sum())
+        ratios.append(predicted.in_fit.sum() / predicted.expected.sum())
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.02)
 
 

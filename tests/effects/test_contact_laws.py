@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from granite_lab.effects import get
-from granite_lab.model.effect import Own, activate
+from granite_lab.model.effect import Symbols, activate
 from granite_lab.model.single_wheel import Ratio, SingleWheel, rolling
 from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import variant_of
@@ -65,7 +65,7 @@ def test_stress_ahead_leaves_a_wheel_that_does_not_move_forward_alone() -> None:
 @pytest.mark.parametrize("j", [1e-4, 0.01, 0.05, 1.0])
 def test_shear_falls_from_its_peak_to_the_residual_share(j: float) -> None:
     effect, model = get("shear_softening"), model_parameters(ROBOT, SOIL, variant_of(0.5), a_theta=4.919)
-    own = Own({"loss": 0.4, "peak": 0.02}, {}, 0.0, model)
+    own = Symbols({"loss": 0.4, "peak": 0.02}, {}, 0.0, model)
     share = float(effect.shear(1.0, j, own))
     assert 0.6 - 1e-12 <= share <= 1
     assert share == pytest.approx(1.0, abs=1e-4) or j > 1e-3

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from granite_lab.effects import get
 from granite_lab.effects.gear_backlash import GIVE, ROUND, SEATING
 from granite_lab.model.contact import ContactAngles, WheelState, contact_angles, wheel_forces
-from granite_lab.model.effect import Axle, Own
+from granite_lab.model.effect import Axle, Symbols
 from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import GRAVITY, variant_of
 from tests.effects.runs import CHASSIS, DRIVE, ROBOT, SOIL, at, run
@@ -61,7 +61,7 @@ def test_passive_effects_never_add_power(effect_id: str) -> None:
         v, rate = rng.uniform(-0.8, 0.8), rng.uniform(-8, 8)
         sliding = {name: float(np.sign(rate)) for name in effect.states}
         values = {p.name: rng.uniform(p.prior_low, p.prior_high) for p in effect.parameters}
-        own = Own(values, sliding, 0.0, MODEL)
+        own = Symbols(values, sliding, 0.0, MODEL)
         state = replace(
             WHEEL, rate=rate, tread_rate=rate, velocity=v, sinkage=rng.uniform(0.005, 0.03), v_desired=abs(v)
         )
@@ -86,7 +86,7 @@ def test_dry_friction_gives_back_no_work_however_the_wheel_turns_and_holds_it_at
     rate, held, work = np.interp(t, np.arange(20), knots), 0.0, 0.0
     for ω in rate:
         state = SimpleNamespace(front=True, rate=ω)
-        own = Own(values, {"held_f": held, "held_r": 0.0}, 0.0, MODEL)
+        own = Symbols(values, {"held_f": held, "held_r": 0.0}, 0.0, MODEL)
         work -= float(effect.drive_torque(0.0, cast("WheelState", state), own)) * ω * (t[1] - t[0])
         assert work > -1e-6
         axle = cast("Axle", SimpleNamespace(state=state))
@@ -156,7 +156,7 @@ def _tyre(κ: float, T_r: float, share: float, T: float, resist: float, t: np.nd
 
     def rates(_: float, x: np.ndarray) -> list[float]:
         states = dict(zip(effect.states, [x[1], x[2], 0.0, 0.0], strict=True))
-        own = Own(values, states, 0.0, None)
+        own = Symbols(values, states, 0.0, None)
         state = effect.wheel(replace(WHEEL, rate=x[0], tread_rate=x[0]), own)
         moment = -resist * state.tread_rate
         axle = SimpleNamespace(
@@ -267,7 +267,7 @@ def test_the_bus_gives_the_current_after_its_time_constant() -> None:
     p = SimpleNamespace(drive=DRIVE)
 
     def rate(_: float, x: np.ndarray) -> float:
-        own = Own({"time": T_s}, {"drawn": x[0]}, 0.0, None)
+        own = Symbols({"time": T_s}, {"drawn": x[0]}, 0.0, None)
         return float(effect.rates((axles[0], axles[1]), p, own)["drawn"])
 
     drawn = solve_ivp(rate, (0, 0.05), [0.0], t_eval=t, rtol=1e-9, atol=1e-12).y[0]

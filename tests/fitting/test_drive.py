@@ -10,7 +10,7 @@ import pytest
 
 from granite_lab import logs
 from granite_lab.comparison.compare import compare
-from granite_lab.discovery.discover import _not_asked
+from granite_lab.discovery.discover import _unobservable
 from granite_lab.effects import library
 from granite_lab.errors import EstimateError, InputError
 from granite_lab.estimation import correct
@@ -260,11 +260,11 @@ def test_effects_that_the_wheels_replace_are_no_candidates() -> None:
     motion = seen(JOYSTICK)[1]
     free = driven(dataclasses.replace(motion, variant_source="measured"), ROBOT, "auto")
     told = driven(motion, ROBOT, "wheels")
-    assert _not_asked([motion.variant], effects) == (set(), [])
-    out, said = _not_asked([motion.variant, told.variant], effects)
+    assert _unobservable([motion.variant], effects) == (set(), [])
+    out, said = _unobservable([motion.variant, told.variant], effects)
     assert out == {"encoder_eccentricity", "gear_backlash", "supply_sag", "wheel_radius_error"}
     assert "1 of 2 trials" in said[0]
-    out, said = _not_asked([free.variant], effects)
+    out, said = _unobservable([free.variant], effects)
     assert {"contact_angle_lag", "contact_angle_actual_speed"} < out
     assert len(said) == 2
 

@@ -18,7 +18,7 @@ from granite_lab.inference.bench import ACCURACY, RAKED, SAND, SIGNALS
 from granite_lab.inference.binning import means
 from granite_lab.inference.clocks import clocks
 from granite_lab.inference.constants import LOW_PASS_STD
-from granite_lab.inference.noise import STRETCH, at_rest, errors, learn, stretches
+from granite_lab.inference.noise import STRETCH, at_rest, errors, identify, stretches
 from granite_lab.inference.nuisances import SENSORS, TrialModel
 from granite_lab.inference.observation import Observation, bin_width, observe
 from granite_lab.inference.point import SHARED
@@ -248,7 +248,7 @@ def test_fresh_noise_comes_out_white(missing: np.ndarray, repetitions: int) -> N
     shown = []
     for _ in range(20):
         rows = [missing + draw(rng) for _ in range(repetitions)]
-        whitener = learn(rows, speed(), slope(), 1e-3, WIDTH)[0]
+        whitener = identify(rows, speed(), slope(), 1e-3, WIDTH)[0]
         shown.append(whitener(draw(rng)))
     table = np.stack(shown)
     for part in (slice(0, 25), slice(30, 50), slice(50, 280), slice(305, N)):
@@ -263,7 +263,7 @@ def test_fresh_noise_comes_out_white(missing: np.ndarray, repetitions: int) -> N
 def test_one_run_alone_does_not_take_a_slow_effect_for_noise(missing: np.ndarray) -> None:
     rng = np.random.default_rng(0)
     noise = draw(rng)
-    whitener = learn([missing / 5 + noise], speed(), slope(), 1e-3, WIDTH)[0]
+    whitener = identify([missing / 5 + noise], speed(), slope(), 1e-3, WIDTH)[0]
     signal = whitener(missing / 5)
     assert np.sqrt(np.mean(whitener(noise)[50:280] ** 2)) == pytest.approx(1.0, abs=0.3)
     assert np.sum(signal**2) > 1000
@@ -284,7 +284,7 @@ def test_noise_is_learnt_at_any_rate(rate: float, share: float, repetitions: int
     squares = []
     for _ in range(60):
         rows = list(std * rng.normal(size=(repetitions, t.size)))
-        whitener = learn(rows, v, np.zeros(t.size), 1e-3, 1 / rate)[0]
+        whitener = identify(rows, v, np.zeros(t.size), 1e-3, 1 / rate)[0]
         squares.append(whitener(std * rng.normal(size=t.size)) ** 2)
     table = np.median(squares, axis=0)  # few bins at rest may all be small by chance
     for part in (v == 0, v >= 0.8 * share):
@@ -299,7 +299,7 @@ def test_the_noise_of_a_minute_is_white_in_every_stretch_and_takes_little_memory
     def noise() -> np.ndarray:
         return 0.3 * rng.normal(size=n) + v * lfilter([1.0], [1.0, 0.9, 0.6], rng.normal(size=n + 100))[100:]
 
-    whitener = learn([noise() for _ in range(3)], v, np.zeros(n), 1e-3, WIDTH)[0]
+    whitener = identify([noise() for _ in range(3)], v, np.zeros(n), 1e-3, WIDTH)[0]
     table = np.stack([whitener(noise()) for _ in range(20)])
     for part in stretches(n, WIDTH):
         assert np.sqrt(np.mean(table[:, part] ** 2)) == pytest.approx(1.0, abs=0.15)
@@ -332,7 +332,7 @@ def test_missing_bins_stay_out(missing: np.ndarray) -> None:
     rng = np.random.default_rng(1)
     rows = [missing + draw(rng) for _ in range(3)]
     rows[1][100:120] = np.nan
-    whiteners = learn(rows, speed(), slope(), 1e-3, WIDTH)
+    whiteners = identify(rows, speed(), slope(), 1e-3, WIDTH)
     assert (whiteners[1](rows[1])[100:120] == 0).all()
     assert np.isfinite(whiteners[1](rows[1])).all()
     assert np.array_equal(whiteners[0](rows[0]), whiteners[2](rows[0]))
@@ -342,9 +342,9 @@ def test_what_the_model_lacks_at_a_steep_place_is_no_jitter_of_one_run_alone() -
     """A missing moment shakes the robot where the command has its corners."""
     rng = np.random.default_rng(3)
     missing = 20 * slope() * np.sin(np.arange(N))
-    alone = learn([missing + draw(rng)], speed(), slope(), 1e-3, WIDTH)[0]
+    alone = identify([missing + draw(rng)], speed(), slope(), 1e-3, WIDTH)[0]
     assert np.sum(alone(missing) ** 2) > 300
-    twice = learn([draw(rng), draw(rng)], speed(), slope(), 1e-3, WIDTH)[0]
+    twice = identify([draw(rng), draw(rng)], speed(), slope(), 1e-3, WIDTH)[0]
     assert (
         np.diag(twice.filters[0].inverse)[25:30].max() < 0.8 * np.diag(alone.filters[0].inverse)[25:30].min()
     )
@@ -384,11 +384,11 @@ def test_all_columns_are_those_of_differences(problem: Problem, off: float) -> N
         names = [*(s.name for s in t.slacks), *SHARED]
         assert columns.shape[1] == len(places)
         for name, place, column in zip(names, places, columns.T, strict=True):
-            if name == "spread":
+            if name == "low_pass":
                 continue  # at its bound
             h = 5e-4
             step = h * (np.arange(point.vector.size) == place)
-            up, down = (predicted(problem, problem.moved(point, s * step))[i].ravel() for s in (1, -1))
+            up, down = (predicted(problem, problem.stepped(point, s * step))[i].ravel() for s in (1, -1))
             wanted = (up - down) / (2 * h)
             assert np.abs(column - wanted).max() < 0.03 * np.abs(wanted).max() + 1e-9, name
 
@@ -397,12 +397,12 @@ def test_all_columns_are_those_of_differences(problem: Problem, off: float) -> N
 def test_a_low_pass_moves_the_imu_alone_and_its_column_is_a_difference(
     problem: Problem, spread: float
 ) -> None:
-    point, k = problem.neutral(), SHARED.index("spread")
+    point, k = problem.neutral(), SHARED.index("low_pass")
     point.shared[k] = spread
     before = int(sum(x.size for x in point.trials))
     column = problem.columns(1, point, problem.slopes(point))[:, point.trials[1].size + k]
     step = LOW_PASS_STD / 8 * (np.arange(point.vector.size) == before + k)
-    up, down = (problem.moved(point, sign * step) for sign in (1, -1))
+    up, down = (problem.stepped(point, sign * step) for sign in (1, -1))
     apart = up.shared[k] - down.shared[k]
     wanted = (predicted(problem, up)[1] - predicted(problem, down)[1]) / apart
     assert column.reshape(wanted.shape) == pytest.approx(wanted, abs=1e-6 * np.abs(wanted).max())
@@ -424,7 +424,7 @@ def test_a_low_pass_of_first_order_is_a_latency_and_a_spread(
     plain = logged.bins_of(response, x, sensors)["pitch_rate"]
     sensors[SENSORS.index("latency")] = τ
     late = logged.bins_of(response, x, sensors)["pitch_rate"]
-    sensors[SENSORS.index("spread")] = τ**2
+    sensors[SENSORS.index("low_pass")] = τ**2
     both = logged.bins_of(response, x, sensors)["pitch_rate"]
     wanted = logged.bins_of(filtered, x, np.zeros(len(SENSORS)))["pitch_rate"]
     errors = [np.sqrt(np.mean((found - wanted) ** 2)) for found in (plain, late, both)]

@@ -55,7 +55,7 @@ class Case:
         places = np.arange(std.size) if everything else sand
         direction = np.zeros(std.size)
         direction[places] = rng.normal(size=places.size)
-        return self.problem.moved(point, size * std * direction / np.linalg.norm(direction))
+        return self.problem.stepped(point, size * std * direction / np.linalg.norm(direction))
 
 
 @pytest.fixture(scope="module")

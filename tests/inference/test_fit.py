@@ -15,7 +15,7 @@ from granite_lab.inference.noise import FLOOR
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.scales import FORMULAS, SHARES, log_prior
+from granite_lab.inference.scales import DISCREPANCIES, FORMULAS, log_prior
 from granite_lab.inference.setup import at_first, nominal
 from granite_lab.parameters import load_robot, load_variants
 from tests.inference.stub import Respond, drawn, measure, measured, problem_of
@@ -74,7 +74,7 @@ def test_a_known_share_is_found(share: float) -> None:
     for seed in range(6):
         problem, *_ = measured(10 + seed, share)
         scales = fit(problem, problem.neutral()).scales
-        ratios += [scales.shares[c] / share for c in PLAIN[share]]
+        ratios += [scales.discrepancies[c] / share for c in PLAIN[share]]
     assert np.median(ratios) == pytest.approx(1.0, abs=0.15)
     assert np.std(ratios) < 0.35
 
@@ -92,10 +92,10 @@ def test_scales_that_came_near_zero_rise_again() -> None:
     start = problem.with_effect(problem.neutral(), "push", (0.0,))
     wrong = problem.with_effect(drawn(problem, rng), "pull", (0.4,))
     measure(problem, wrong, rng, 0.08)
-    zero = Scales(SHARES[0], FORMULAS[0], shares=dict.fromkeys(PLAIN[0.08], SHARES[0]))
+    zero = Scales(DISCREPANCIES[0], FORMULAS[0], discrepancies=dict.fromkeys(PLAIN[0.08], DISCREPANCIES[0]))
     first, second = fit(problem, start), fit(problem, start, zero)
     assert second.evidence == pytest.approx(first.evidence, abs=1.0)
-    assert min(second.scales.shares[c] for c in PLAIN[0.08]) > 20 * SHARES[0]
+    assert min(second.scales.discrepancies[c] for c in PLAIN[0.08]) > 20 * DISCREPANCIES[0]
 
 
 def test_the_share_of_an_exact_model_does_not_matter() -> None:
@@ -232,7 +232,7 @@ def test_a_named_effect_is_fitted_with_its_size() -> None:
     measure(problem, replace(start, common=np.array([0.7])), rng)
     found = fit(problem, problem.with_effect(problem.neutral(), "push", (0.1,)))
     assert abs(found.point.common[0] - 0.7) < 4 * std_of(found)[-1] + 0.01
-    assert SHARES[0] <= max(found.scales.shares.values()) < 0.02
+    assert DISCREPANCIES[0] <= max(found.scales.discrepancies.values()) < 0.02
     alone = fit(problem, problem.neutral())
     assert found.evidence > alone.evidence + 20
 
@@ -240,7 +240,7 @@ def test_a_named_effect_is_fitted_with_its_size() -> None:
 def test_sand_stays_within_three_std_of_its_file() -> None:
     problem = problem_of(FOUR)
     step = np.full(problem.neutral().vector.size, 10.0)
-    moved = problem.moved(problem.neutral(), step)
+    moved = problem.stepped(problem.neutral(), step)
     assert moved.shared[: len(SAND)] == pytest.approx(3 * problem.sand_std)
 
 
@@ -314,7 +314,7 @@ def test_a_step_that_several_bounds_hold_is_the_least_within_them(seed: int) -> 
     rng, problem = np.random.default_rng(seed), problem_of(FOUR)
     start = problem.neutral()
     step = problem.prior(start, Scales(0.01, 0.1))[0] * rng.normal(size=start.vector.size)
-    point = problem.moved(start, step)
+    point = problem.stepped(start, step)
     std, mean = problem.prior(point, Scales(0.01, 0.1))
     A = rng.normal(size=(std.size, 5)) @ rng.normal(size=(5, std.size + 1)) + rng.normal(
         size=(std.size, std.size + 1)
@@ -327,5 +327,5 @@ def test_a_step_that_several_bounds_hold_is_the_least_within_them(seed: int) -> 
     least = _linear(M, std, mean, point, aim)
     assert least <= _linear(M, std, mean, point, point)
     for size in (1e-3, 0.03, 1.0):
-        other = problem.moved(aim, size * std * rng.normal(size=std.size))
+        other = problem.stepped(aim, size * std * rng.normal(size=std.size))
         assert least <= _linear(M, std, mean, point, other) + 1e-9 * abs(least)

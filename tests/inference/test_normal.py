@@ -49,7 +49,7 @@ class Made:
 
     def prior_of_amplitudes(self, scales: Scales) -> Array:
         root = [
-            {MOTION: scales.share_of(c), REST: REST_SHARE, FORMULA: scales.formula_of(c)}[k]
+            {MOTION: scales.discrepancy_of(c), REST: REST_SHARE, FORMULA: scales.formula_of(c)}[k]
             for c, k in zip(self.own, self.kind.tolist(), strict=True)
         ]
         return np.square(root)
@@ -104,9 +104,9 @@ def made(rng: Rng) -> Made:
 
 def scales_of(rng: Rng) -> Scales:
     return Scales(
-        share=float(rng.uniform(0.05, 0.5)),
+        discrepancy=float(rng.uniform(0.05, 0.5)),
         formula=float(rng.uniform(0.05, 0.5)),
-        shares={"accel_x": float(rng.uniform(0.05, 0.5))},
+        discrepancies={"accel_x": float(rng.uniform(0.05, 0.5))},
         formulas={"current_f": float(rng.uniform(0.05, 0.5))},
         louder={"current_f": float(rng.uniform(1.0, 3.0))},
     )
@@ -284,7 +284,7 @@ def test_the_discrepancy_of_a_channel_is_the_conditional_mean_of_the_dense_gauss
             for i in own:
                 at = problem.rows[i][c]
                 B[begin[i] + at.start : begin[i] + at.stop] = basis.columns
-            Λ = variances(basis.kind, scales.share_of(c), scales.formula_of(c))
+            Λ = variances(basis.kind, scales.discrepancy_of(c), scales.formula_of(c))
             Σ += (B * Λ) @ B.T
             bins[command, c] = (B, Λ, basis)
     solved = np.linalg.solve(Σ, y)

@@ -26,7 +26,7 @@ def arrays_of(value: Any) -> Iterator[Array]:
     if isinstance(value, np.ndarray):
         yield value
     elif isinstance(value, Shelved):
-        yield from arrays_of(value.value) if value.is_held else ()
+        yield from arrays_of(value.value) if value.in_memory else ()
     elif isinstance(value, dict):
         for part in (*value, *value.values()):
             yield from arrays_of(part)
@@ -58,10 +58,10 @@ def test_what_was_put_away_reads_back_to_the_last_bit() -> None:
     found = fitted()
     slopes, normal = found.slopes, found.normal
     found.large.put_away()
-    assert not found.large.is_held
+    assert not found.large.in_memory
     assert bytes_of(found) < 0.2 * found.large.size
     assert same((found.slopes, found.normal), (slopes, normal))
-    assert found.large.is_held
+    assert found.large.in_memory
 
 
 def again(fits: list[Fit], k: int) -> Fit:
@@ -91,7 +91,7 @@ def test_where_no_file_can_be_made_nothing_is_lost(monkeypatch: pytest.MonkeyPat
     one = Shelved(np.arange(9.0))
     monkeypatch.setattr(tempfile, "TemporaryFile", full)
     one.put_away()
-    assert one.is_held
+    assert one.in_memory
     assert np.array_equal(one.value, np.arange(9.0))
 
 
@@ -100,9 +100,9 @@ def test_what_waited_longest_is_put_away_first(monkeypatch: pytest.MonkeyPatch) 
     first, second = (Shelved(np.full(100, value)) for value in (1.0, 2.0))
     assert first.value[0] == 1.0  # asked for again
     third = Shelved(np.full(100, 3.0))
-    assert [one.is_held for one in (first, second, third)] == [True, False, True]
+    assert [one.in_memory for one in (first, second, third)] == [True, False, True]
     assert second.value[0] == 2.0
-    assert [one.is_held for one in (first, second, third)] == [False, True, True]
+    assert [one.in_memory for one in (first, second, third)] == [False, True, True]
 
 
 def searched() -> Search:

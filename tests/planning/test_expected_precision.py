@@ -17,7 +17,7 @@ from granite_lab.inference.noise import FLOOR
 from granite_lab.inference.normal import posterior
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Trial, TrialInfo
-from granite_lab.model.effect import Effect, EffectParameter, Own
+from granite_lab.model.effect import Effect, EffectParameter, Symbols
 from granite_lab.model.instants import instants
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import GRAVITY, Variant, load_robot, load_soil
@@ -46,7 +46,7 @@ class Hum(Effect):
     def shape(self, t: Any) -> Any:
         return ca.sin(2 * np.pi * self.frequency * t)
 
-    def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Own) -> dict[str, Any]:  # noqa: ARG002
+    def sensors(self, signals: dict[str, Any], p: ModelParameters, own: Symbols) -> dict[str, Any]:  # noqa: ARG002
         away = own.t - MIDDLE
         added = own.p["size"] * ca.if_else(ca.fabs(away) < HALF, self.shape(away), 0.0)
         return signals | {"cur_r_A": signals["cur_r_A"] + added}
@@ -93,7 +93,7 @@ def test_the_std_of_a_sine_in_white_noise_is_that_of_its_fisher_information(stag
     expected = LEVEL / np.sqrt(count * bins / 2) / mean_over_bin
     now = stage.at_hand(WEAK)
     assert std_of(now) == pytest.approx(expected, rel=0.03)
-    more = stage.one_more(0, WEAK, ())
+    more = stage.further_trial(0, WEAK, ())
     assert std_of(now + more) / std_of(now) == pytest.approx(np.sqrt(count / (count + 1)), rel=1e-3)
 
 
@@ -101,8 +101,8 @@ def test_repetitions_share_the_discrepancy_of_the_model_and_another_command_does
     stage = stages(design_of(driven_once(level=0.006, count=3), share=0.02), OTHER)
     model = (("swell", (1e-3,)),)
     now = stage.at_hand(model)
-    again = stage.one_more(0, model, ())
-    other = stage.one_more(1, model, ())
+    again = stage.further_trial(0, model, ())
+    other = stage.further_trial(1, model, ())
     assert std_of(now + again) / std_of(now) > 0.97
     assert std_of(now + other) / std_of(now) < 0.85
 
@@ -160,7 +160,7 @@ def test_the_expected_bayes_factor_is_what_a_full_fit_to_such_trials_loses() -> 
             normal = problem.normal(point, slopes, problem.residuals(point, runs))
             std, mean = problem.prior(point, stage.scales)
             found = posterior(*normal.marginal(stage.scales), std**-2.0, mean - point.vector)
-            point, misfit = problem.moved(point, found.step), found.misfit
+            point, misfit = problem.stepped(point, found.step), found.misfit
     assert expected > 3.0
     assert misfit / 2 == pytest.approx(expected, rel=0.1)
 

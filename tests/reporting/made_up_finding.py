@@ -6,9 +6,9 @@ from granite_lab.discovery import finding as records
 from granite_lab.discovery.finding import (
     Candidate,
     Disagreement,
+    EffectFinding,
     Finding,
-    FoundEffect,
-    FoundParameter,
+    FittedParameter,
     Verdict,
 )
 from granite_lab.effects import library
@@ -73,8 +73,8 @@ def made_up_finding(
     reasons = () if repetitions > 1 else ("no command was driven twice",)
     found, active = _effects(verdict, twins)
     where = tuple(d for d in _where(speeds) if d.channel in channels) if verdict != "none" else ()
-    offset = FoundParameter("offset", "s", Estimate(0.001, 0.0004))
-    small = FoundEffect(
+    offset = FittedParameter("offset", "s", Estimate(0.001, 0.0004))
+    small = EffectFinding(
         "clock_offset", library()["clock_offset"].title, "t + offset", (offset,), (), 0.3,
         Estimate(0.02, 0.01), Estimate(0.02, 0.01),
     )  # fmt: skip
@@ -183,22 +183,24 @@ def _candidates(verdict: Verdict) -> tuple[Candidate, ...]:
     return (*first, *others)
 
 
-def _effects(verdict: Verdict, twins: tuple[str, ...]) -> tuple[tuple[FoundEffect, ...], tuple[Active, ...]]:
+def _effects(
+    verdict: Verdict, twins: tuple[str, ...]
+) -> tuple[tuple[EffectFinding, ...], tuple[Active, ...]]:
     if verdict == "none":
         return (), ()
     if verdict == "unknown":
         share = Estimate(0.6, 0.05)
         terms = [(dictionary()[id_], value) for id_, value in LAW.items()]
         return tuple(
-            FoundEffect(
-                t.id, t.title, t.equation, (FoundParameter("a", "", Estimate(value, abs(value) / 10)),),
+            EffectFinding(
+                t.id, t.title, t.equation, (FittedParameter("a", "", Estimate(value, abs(value) / 10)),),
                 (), 0.9, share, share, empirical=True,
             )
             for t, value in terms
         ), tuple(activate(t, {"a": value}) for t, value in terms)  # fmt: skip
     effect = library()["multi_pass"]
     values = {p.name: p.neutral + 0.3 * (p.prior_high - p.neutral) for p in effect.parameters}
-    sizes = tuple(FoundParameter(p.name, p.unit, Estimate(values[p.name], 0.004)) for p in effect.parameters)
+    sizes = tuple(FittedParameter(p.name, p.unit, Estimate(values[p.name], 0.004)) for p in effect.parameters)
     closes = Estimate(0.93, 0.02)
-    found = FoundEffect(effect.id, effect.title, effect.equation, sizes, twins, 0.97, closes, closes)
+    found = EffectFinding(effect.id, effect.title, effect.equation, sizes, twins, 0.97, closes, closes)
     return (found,), (activate(effect, values),)

@@ -11,7 +11,7 @@ import pytest
 
 from granite_lab.columns import FilledTable
 from granite_lab.discovery.as_json import finding_as_json
-from granite_lab.discovery.finding import Ceiling, Finding, FoundEffect, FoundParameter, Push, Verdict
+from granite_lab.discovery.finding import Ceiling, EffectFinding, Finding, FittedParameter, Push, Verdict
 from granite_lab.effects import library
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import activate
@@ -228,15 +228,15 @@ def test_sand_and_scales_stand_in_units_of_a_reader(findings: dict[str, Finding]
     }
 
 
-def found(effect_id: str, **values: tuple[float, float]) -> FoundEffect:
+def found(effect_id: str, **values: tuple[float, float]) -> EffectFinding:
     effect = library()[effect_id]
     units = {p.name: p.unit for p in effect.parameters}
-    numbers = tuple(FoundParameter(n, units[n], Estimate(*v)) for n, v in values.items())
+    numbers = tuple(FittedParameter(n, units[n], Estimate(*v)) for n, v in values.items())
     closes = Estimate(0.9, 0.02)
-    return FoundEffect(effect.id, effect.title, effect.equation, numbers, (), 0.97, closes, closes)
+    return EffectFinding(effect.id, effect.title, effect.equation, numbers, (), 0.97, closes, closes)
 
 
-def naming(effect: FoundEffect) -> Finding:
+def naming(effect: EffectFinding) -> Finding:
     """Return a finding that names an effect in place of the made-up one."""
     active = activate(library()[effect.id], {p.name: p.estimate.value for p in effect.parameters})
     return dataclasses.replace(made_up_finding(), effects=(effect,), active=(active,))
@@ -261,7 +261,7 @@ def naming(effect: FoundEffect) -> Finding:
          "tyre that deflects under its load (compliance 20.0 ± 1.0 µm/N)"),
     ],
 )  # fmt: skip
-def test_a_sign_is_a_direction_and_a_size_has_a_unit_that_fits(effect: FoundEffect, expected: str) -> None:
+def test_a_sign_is_a_direction_and_a_size_has_a_unit_that_fits(effect: EffectFinding, expected: str) -> None:
     assert spaced(names.describe(effect)) == expected
 
 
