@@ -38,7 +38,7 @@ from granite_lab.running.each import HERE
 def read(path: Path, options: Options) -> tuple[Trial, Robot]:
     """Return the trial of a log as it was logged, and its robot; raise an InputError if it cannot be used."""
     trial = logs.read_trial(
-        path, dict(options.beside), map=options.column_map, robot=options.robot, info=options.known(path),
+        path, dict(options.beside), map=options.column_map, robot=options.robot, info=options.info_of(path),
         topics=dict(options.topics), excerpt=logs.Excerpt(options.rows, options.window),
     )  # fmt: skip
     robot = load_robot(options.robot or trial.info.robot or "granite", changes=trial.info.changes)
@@ -225,8 +225,8 @@ def find_effect(
         raise EstimateError(
             NO_SLIP, "granite-lab ingest shows how well the slip ratio of each trial is known"
         )
+    from granite_lab.discovery.assemble import a_theta_views  # noqa: PLC0415, heavy
     from granite_lab.discovery.discover import discover  # noqa: PLC0415, heavy
-    from granite_lab.discovery.exponent import views  # noqa: PLC0415, heavy
     from granite_lab.running.simulations import effects_of_search, on_cluster  # noqa: PLC0415, heavy
 
     if options.model:
@@ -251,7 +251,7 @@ def find_effect(
             tolerance=options.tolerance, latency=options.latency,
         )  # fmt: skip
     law = law or law_by_slip(trials, motions, robot, soil)
-    finding = replace(finding, a_theta=views(finding, law), simulates=_simulated(finding))
+    finding = replace(finding, a_theta=a_theta_views(finding, law), simulates=_simulated(finding))
     data = encode(((), finding))
     if cache is not None and not finding.failures:
         cache.put(key, data)

@@ -98,7 +98,7 @@ class Options:
         paths = (*(path for _, path in self.beside), self.model, self.effects)
         return (*map(Path, named), *(p for p in paths if p is not None))
 
-    def known(self, log: Path) -> TrialInfo | None:
+    def info_of(self, log: Path) -> TrialInfo | None:
         """Return what is known of a trial besides what its log says."""
         of_trial = dict(self.of_trials).get(str(log))
         return over(self.info, of_trial) if self.info and of_trial else self.info or of_trial

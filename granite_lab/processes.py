@@ -120,7 +120,7 @@ def _begin(enter: Callable[[X], None], given: X) -> None:
     enter(given)
 
 
-def spread(pool: ProcessPoolExecutor, call: Callable[[X], Y], items: Sequence[X], did: str) -> Iterator[Y]:
+def mapped(pool: ProcessPoolExecutor, call: Callable[[X], Y], items: Sequence[X], did: str) -> Iterator[Y]:
     """Yield what a pool makes of each item, in their order.
 
     Args:
@@ -167,7 +167,7 @@ def shared_out(
         yield from (call(given, k) for k in range(count))
         return
     try:
-        yield from spread(pool, partial(_of_kept, call), range(count), did)
+        yield from mapped(pool, partial(_of_kept, call), range(count), did)
     finally:
         pool.shutdown(cancel_futures=True)
 

@@ -151,7 +151,7 @@ four."""
 
 
 @dataclass(frozen=True)
-class Gap:
+class PooledMisfit:
     """How far simulation and measurement are apart in one channel and phase, over trials.
 
     Attributes:
@@ -178,7 +178,7 @@ class Gap:
         return CHANNELS.get(self.channel, self.channel)
 
 
-def gaps(comparisons: Sequence[Comparison]) -> dict[tuple[str, str], Gap]:
+def pooled_misfits(comparisons: Sequence[Comparison]) -> dict[tuple[str, str], PooledMisfit]:
     """Pool the misfits of several trials, weighted by samples; (channel, phase) to gap.
 
     The speeds of the four wheels are one channel, "wheels".
@@ -201,7 +201,7 @@ def gaps(comparisons: Sequence[Comparison]) -> dict[tuple[str, str], Gap]:
     return {key: _pool(*key, sizes[key[0]], pooled[key]) for key in keys}
 
 
-def _pool(channel: str, phase: str, size: float, misfits: list[Misfit]) -> Gap:
+def _pool(channel: str, phase: str, size: float, misfits: list[Misfit]) -> PooledMisfit:
     def mean(values: list[float], of: list[Misfit]) -> float:
         return float(np.average(values, weights=[m.samples for m in of]))
 
@@ -210,7 +210,7 @@ def _pool(channel: str, phase: str, size: float, misfits: list[Misfit]) -> Gap:
     normalised = math.sqrt(mean([m.normalised**2 for m in judged], judged)) if judged else math.nan
     bias, peak = mean([m.bias for m in misfits], misfits), max(m.peak for m in misfits)
     trials = max(Counter(m.channel for m in misfits).values())  # of the four wheels of a trial each has one
-    return Gap(channel, misfits[0].unit, phase, rms, bias, peak, normalised, size, trials)
+    return PooledMisfit(channel, misfits[0].unit, phase, rms, bias, peak, normalised, size, trials)
 
 
 def load_report(path: Path) -> dict[str, Any]:

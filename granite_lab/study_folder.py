@@ -51,18 +51,18 @@ def write(
     if found is not None:
         pairs = searched or [(r.trial, r.motion) for r in result.trials]
         trials, motions = [trial for trial, _ in pairs], [motion for _, motion in pairs]
-        model = save_found(found, options, trials, motions, guard)
+        model = save_finding(found, options, trials, motions, guard)
     name = model.name if model and result.trials else model
 
-    def told() -> StudyResult:
+    def complete() -> StudyResult:
         return replace(result, finding=found and replace(found, failures=(*found.failures, *guard.lines)))
 
-    page = guard.run("report", lambda: reporting.write_report(told(), folder, model=name, jobs=jobs))
-    if page is None and (finding := told().finding):
+    page = guard.run("report", lambda: reporting.write_report(complete(), folder, model=name, jobs=jobs))
+    if page is None and (finding := complete().finding):
         guard.run("finding", lambda: reporting.write_finding(finding, folder, name))
         alone = replace(result, finding=None, unsearched="the search could not be shown; see finding.json")
         page = guard.run("rest", lambda: reporting.write_report(alone, folder)) if result.trials else None
-    return replace(told(), written=Written(page, model, failures=(*failures, *guard.lines)))
+    return replace(complete(), written=Written(page, model, failures=(*failures, *guard.lines)))
 
 
 def record(
@@ -98,7 +98,7 @@ def _record(given: tuple[StudyResult, Sequence[Path]], k: int) -> None:
     reporting.recording.record_trial(result.trials[k], paths[k], finding=result.finding)
 
 
-def save_found(
+def save_finding(
     finding: Finding,
     options: Options,
     trials: Sequence[Trial],

@@ -77,8 +77,8 @@ def options(
         UsageError: nothing drives like that, or a std is not above zero.
         InputError: as `parameters.changes.checked`.
     """
-    if drive not in (known_drives := get_args(DriveBy)):
-        raise UsageError(f"--drive {drive}: not known", f"one of: {', '.join(known_drives)}")
+    if drive not in (drives := get_args(DriveBy)):
+        raise UsageError(f"--drive {drive}: not known", f"one of: {', '.join(drives)}")
     for name, std in (("ref-v-std", ref_v_std), ("ref-x-std", ref_x_std)):
         refuse_outside(name, std, 1e-6)
     tape = distance_measured or Estimate(math.nan)

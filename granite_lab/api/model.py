@@ -324,14 +324,14 @@ class RobotFile(Shown):
     analyses: tuple[Allowed, ...]
 
     def __repr__(self) -> str:
-        allowed = ", ".join(one.analysis for one in self.analyses if one.allowed)
+        allowed = ", ".join(row.analysis for row in self.analyses if row.allowed)
         return f"RobotFile('{self.path}': {allowed})"
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row for each analysis."""
         import pandas as pd  # noqa: PLC0415, heavy
 
-        return pd.concat([one.to_frame() for one in self.analyses], ignore_index=True)
+        return pd.concat([row.to_frame() for row in self.analyses], ignore_index=True)
 
 
 def robot(new: str | Path, *, changes: Changes = None, like: File = None) -> RobotFile:

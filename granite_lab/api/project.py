@@ -65,7 +65,7 @@ class Project:
     ref_x_std: float | None = quantity("m", 1e-6, 100, "std of the reference's place", "", None)
     trial: tuple[OfTrial, ...] = ()
 
-    def known(self, name: str) -> TrialInfo:
+    def info_of(self, name: str) -> TrialInfo:
         """Return what is known of a trial."""
         of_trial = next((entry.info for entry in self.trial if entry.name == name), TrialInfo())
         common = TrialInfo(
@@ -180,7 +180,7 @@ def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
     files = trial_files(logs)
     project_of = _projects_of(files)
     projects = dict(project_of.values())
-    infos = [(str(path), project.known(name_of(path))) for path, (_, project) in project_of.items()]
+    infos = [(str(path), project.info_of(name_of(path))) for path, (_, project) in project_of.items()]
     options = replace(
         options,
         of_trials=tuple((path, info) for path, info in infos if info != TrialInfo()),

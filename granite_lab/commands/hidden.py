@@ -14,6 +14,7 @@ from granite_lab.columns import Column, Table, words
 from granite_lab.commands.options import Jobs, Json, Quiet, Robot, Soil, number_of, read_pairs
 from granite_lab.commands.printer import Printer, progress, warn
 from granite_lab.hidden.scoring import MEANING, ParameterScore, Score
+from granite_lab.rounding import percent
 
 PARTS = {"train": "trials in the fit", "held_out": "trials left out of the fit"}
 """Parts of the trials for which a discovery states a gap, as they are printed."""
@@ -165,18 +166,16 @@ def _show_score(judged: Score, printer: Printer) -> None:
     printer.say(f"judgement: {mark}; {MEANING[judged.outcome]} (found: {named})")
     for group in ("right", "missed", "wrong") if len(judged.hidden) > 1 else ():
         printer.say(f"names {group}: {', '.join(getattr(judged.names, group)) or 'none'}")
-    for one in judged.stated:
-        was, how = "right" if one.right else "wrong", "named" if one.named else "described"
-        printer.say(f"{one.id}: {how} with probability {one.probability:.3f}, {was}")
+    for statement in judged.stated:
+        was, how = "right" if statement.right else "wrong", "named" if statement.named else "described"
+        printer.say(f"{statement.id}: {how} with probability {statement.probability:.3f}, {was}")
     if judged.parameters:
         printer.rows(SCORED, judged.parameters)
     for part, share in judged.gap_closed.items():
         if share is not None:
-            printer.say(f"gap closed, {PARTS[part]}: {100 * share:.1f} %")
+            printer.say(f"gap closed, {PARTS[part]}: {percent(share)}")
     if judged.closed_withheld is not None:
-        printer.say(
-            f"gap closed by the saved model at the withheld speed: {100 * judged.closed_withheld:.1f} %"
-        )
+        printer.say(f"gap closed by the saved model at the withheld speed: {percent(judged.closed_withheld)}")
 
 
 def _sized(size: ParameterScore, value: float | None) -> float | None:

@@ -33,8 +33,8 @@ from granite_lab.commands.options import (
     UseReference,
     at_hand,
     count_of,
+    keywords_of,
     picture,
-    said_of,
     topics_of,
 )
 from granite_lab.commands.printer import Printer, progress, warn_of, write_picture
@@ -184,7 +184,7 @@ def ingest(
 
     if against_reference not in (None, "ref"):
         raise UsageError(f"--against {against_reference}: cannot be understood", "use --against ref")
-    given = said_of(locals())
+    given = keywords_of(locals())
     given |= {"imu": imu, "encoders": encoders, "currents": currents, "reference": reference, "rows": rows}
     given |= {"variant": variant}
     ending = ending_of(None, table_format)

@@ -31,6 +31,7 @@ from granite_lab.commands.printer import Printer, warn, write_picture
 from granite_lab.effects import get
 from granite_lab.errors import InputError, UsageError
 from granite_lab.files import ending_of, write_table
+from granite_lab.model.effect import EFFECTS
 from granite_lab.parameters import load_paper, load_variants, names
 from granite_lab.parameters.analyses import ALLOWED, allowed_by
 from granite_lab.parameters.changes import checked
@@ -233,9 +234,9 @@ def list_effects(context: typer.Context, effects: EffectFile = None, as_json: Js
     The subcommand show describes one, check checks an effect file.
     """
     if context.invoked_subcommand is None:
-        known, printer = gl.list_effects(effects), Printer(as_json)
-        printer.json("effects/1", {"effects": [_described(effect) for effect in known]})
-        reporting.terminal.show_effects(known, printer.shown)
+        listed, printer = gl.list_effects(effects), Printer(as_json)
+        printer.json("effects/1", {"effects": [_described(effect) for effect in listed]})
+        printer.rows(EFFECTS, listed)
 
 
 @effects.command("show")

@@ -102,7 +102,7 @@ def picture(text: str, **more: Any) -> Any:
     return Option(help=f"{text} (.png, .svg or .pdf).", callback=checked, **more)
 
 
-def said_of(options: Mapping[str, Any]) -> dict[str, Any]:
+def keywords_of(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options of a command that several have as keywords of the API.
 
     Options that were not given are left out.
@@ -136,10 +136,10 @@ def said_of(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def at_hand(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what `said_of` returns; where no logs are named, those at hand are taken and named on stderr."""
+    """Return `keywords_of` the options; where no logs are named, with those at hand, which stderr names."""
     from granite_lab.api.at_hand import logs_at_hand
 
-    keywords = said_of(options)
+    keywords = keywords_of(options)
     if keywords["logs"]:
         return keywords
     taken = logs_at_hand()

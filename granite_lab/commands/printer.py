@@ -130,8 +130,8 @@ def progress(text: str, *, quiet: bool, total: int | None = None) -> Iterator[Wa
         task = bar.add_task(text, total=total)
         yield Watch(
             done=lambda _: bar.advance(task),
-            stage=lambda what, count, total: bar.update(
-                task, description=what, completed=count, total=total or None
+            stage=lambda stage, count, total: bar.update(
+                task, description=stage, completed=count, total=total or None
             ),
         )
 

@@ -42,7 +42,7 @@ from granite_lab.commands.options import (
     UseReference,
     at_hand,
     count_of,
-    said_of,
+    keywords_of,
 )
 from granite_lab.commands.printer import Printer, progress, provenance, warn, warn_of
 from granite_lab.errors import LabError
@@ -116,7 +116,7 @@ def fit_atheta(
 
     A verdict needs three speeds.
     """
-    given = said_of(locals()) if published else at_hand(locals())
+    given = keywords_of(locals()) if published else at_hand(locals())
     with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
         fit = gl.fit_a_theta(**given, published=published, done=watch.done)
     if out is not None:
@@ -126,9 +126,9 @@ def fit_atheta(
     document = (reporting.json_report.a_theta_as_json(fit) or {}) | provenance(fit.origin)
     printer.json("fit-atheta/2", document | {"agrees": reporting.answers.a_theta_of(fit)[1]})
     reporting.terminal.show_a_theta(fit, printer.shown)
-    what = "Rows of Table 3" if published else "Virtual trials" if fit.virtual else "Trials"
+    subject = "Rows of Table 3" if published else "Virtual trials" if fit.virtual else "Trials"
     names = [f"{velocity:g} m/s" if published else name for name, velocity, *_ in fit.points]
-    printer.say(f"{what}: {', '.join(names)}.")
+    printer.say(f"{subject}: {', '.join(names)}.")
 
 
 def compare(
@@ -304,9 +304,9 @@ def discover(
     printer, written = Printer(as_json), finding.origin.written
     printer.json("discovery/3", finding_as_json(finding, written.model) | warn_of(finding.origin))
     reporting.terminal.show_study(of_search(finding, out), printer.shown, str(out), written.model)
-    for what, path in (("report", written.page), ("model with what was found", written.model)):
+    for subject, path in (("report", written.page), ("model with what was found", written.model)):
         if path is not None:
-            printer.line(f"{what}: {path}")
+            printer.line(f"{subject}: {path}")
     tell(finding.failures)
 
 

@@ -256,8 +256,8 @@ def _torques(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Measured:
             pair.append(np.interp(t, stamps[good], current[good] - offset, left=np.nan, right=np.nan))
         if pair:
             factor, mean = _torque_per_ampere(robot), np.mean(pair, axis=0)
-            spread = np.sqrt(sensor.noise**2 + offset_std**2 + (sensor.gain * mean) ** 2)
-            torques[f"torque_{axle}"] = factor * mean, factor * spread / np.sqrt(len(pair))
+            total_std = np.sqrt(sensor.noise**2 + offset_std**2 + (sensor.gain * mean) ** 2)
+            torques[f"torque_{axle}"] = factor * mean, factor * total_std / np.sqrt(len(pair))
     return torques
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+import math
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.special import ndtr
 
-from granite_lab.discovery.attempts import Attempts
 from granite_lab.discovery.finding import (
     Candidate,
     Ceiling,
@@ -25,10 +27,12 @@ from granite_lab.discovery.finding import (
 from granite_lab.discovery.power import POWER
 from granite_lab.discovery.resampling import SUREST, by_evidence
 from granite_lab.discovery.search import Model, Search
-from granite_lab.discovery.verdict import AT_BOUND, OPEN, Judgement, Named, holding
+from granite_lab.discovery.verdict import OPEN, Judgement, Named, at_bounds, holding
 from granite_lab.discovery.where import disagreements
 from granite_lab.discovery.words import notes, provisional, sentence
-from granite_lab.estimate import Estimate
+from granite_lab.estimate import Estimate, Part
+from granite_lab.fitting.fit import AThetaFit, View, views_of
+from granite_lab.fitting.k92 import SHARED_AS
 from granite_lab.inference.bench import RAKED, SAND
 from granite_lab.inference.constants import FORMULA_ERROR
 from granite_lab.inference.fit import Fit
@@ -40,6 +44,36 @@ from granite_lab.logs.trial import Array
 from granite_lab.model.dictionary import is_term
 from granite_lab.model.effect import Active, Effect
 from granite_lab.parameters import load_paper
+
+T = TypeVar("T")
+
+
+@dataclass
+class Attempts:
+    """Parts of the analysis after the search: what fails costs nothing of the others.
+
+    Attributes:
+        lines: what failed, one line each.
+        tracebacks: of these.
+    """
+
+    lines: list[str] = field(default_factory=list)
+    tracebacks: list[str] = field(default_factory=list)
+
+    def of(self, part: str, make: Callable[[], T], otherwise: T) -> T:
+        """Return what a part gives, or a value in its place where a defect ends it.
+
+        Args:
+            part: its name.
+            make: does it.
+            otherwise: stands in for it.
+        """
+        try:
+            return make()
+        except Exception as error:
+            self.lines.append(f"{part}: {type(error).__name__}: {error}")
+            self.tracebacks.append(traceback.format_exc())
+            return otherwise
 
 
 def assemble(
@@ -307,7 +341,7 @@ def _candidates(
         status: Status = "screened"
         if model is not None:
             gain = model.fit.evidence - alone.fit.evidence  # noqa: PLW2901, the full fit replaces the screen
-            status, bounds = "less likely", _at_bound(problem, model.fit)
+            status, bounds = "less likely", at_bounds(problem, model.fit, id_)
             if left > floor:
                 closes = (left - beyond(problem, model.fit, tolerance)[0]) / (left - floor)
         if bounds and id_ not in named:
@@ -320,26 +354,13 @@ def _candidates(
     return tuple(sorted(candidates, key=lambda c: (-c.probability, -c.gain)))
 
 
-def _at_bound(problem: Problem, fit: Fit) -> tuple[str, ...]:
-    """Name the effects' strengths that ended at a bound other than their neutral value."""
-    names = []
-    for (_, p), value in zip(
-        problem.parameters(fit.point.effects, per_trial=False), fit.point.common, strict=True
-    ):
-        margin = AT_BOUND * (p.high - p.low)
-        ends = [b for b in (p.low, p.high) if abs(b - p.neutral) > margin]
-        if not p.shape and any(abs(value - b) < margin for b in ends):
-            names.append(p.name)
-    return tuple(names)
-
-
 def _residuals(
     problem: Problem, fits: tuple[Fit, Fit], missing: tuple[Sequence[Discrepancy], Sequence[Discrepancy]]
 ) -> list[Residual]:
     """Return every channel of every trial beside the model, without and with the effects."""
     residuals = []
     before, after = fits
-    shared = [_by_place(of) for of in missing]
+    shared = [{(d.command, d.channel): d for d in of} for of in missing]
     for i, trial in enumerate(problem.trials):
         o = trial.observation
         command = next(c for c, repetitions in enumerate(problem.commands) if i in repetitions)
@@ -365,10 +386,6 @@ def _residuals(
                 )
             )
     return residuals
-
-
-def _by_place(rows: Sequence[Discrepancy]) -> dict[tuple[int, str], Discrepancy]:
-    return {(d.command, d.channel): d for d in rows}
 
 
 def _sand(fit: Fit) -> dict[str, Estimate]:
@@ -406,3 +423,24 @@ def _speeds_left_out(problem: Problem, judgement: Judgement) -> tuple[LeftOut, .
 
 def _sum(values: Array, places: Sequence[int]) -> float:
     return float(np.sum(values[list(places)]))
+
+
+def a_theta_views(finding: Finding, fit: AThetaFit | None) -> tuple[View, ...]:
+    """Return a_θ by the files, with their uncertainty, and with the soil fitted and what was found.
+
+    The last is that of the likeliest model, fitted to all sensors together with soil, gains and offsets. An
+    error of the wheel radius that all trials share is no part of that fit: what it does to the slip is added.
+
+    Args:
+        finding: with the common sand as fitted.
+        fit: to the steady slip of the same trials; None where it could not be made.
+    """
+    value, std = finding.fitted_sand["a_theta"].value, finding.sand["a_theta"].std
+    parts = [Part("fit to all sensors", "A", "log-normal", "1", std, value * std)]
+    if fit is not None:
+        radius = [part for part in fit.shared if part.name == SHARED_AS["radius"]]
+        parts += [part.times(value / fit.a_theta.value) for part in radius]
+    std = math.hypot(*(part.contribution for part in parts))
+    low, high = Estimate(math.log(value), std / value).interval()
+    augmented = View("found", Estimate(value, std), (math.exp(low), math.exp(high)), tuple(parts))
+    return (*(views_of(fit) if fit is not None else ()), augmented)

@@ -9,20 +9,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.inference.bench import Task
-from granite_lab.inference.constants import LINEAR, MEMORY
+from granite_lab.inference.constants import LINEAR, MEMORY, NOTHING
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Normal, Posterior, posterior
 from granite_lab.inference.point import Further, Point, stacked
+from granite_lab.inference.priors import width_of
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.scales import LEAST_SCALE
 from granite_lab.inference.shelf import Shelved
-from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 
-SCALES_TRIED = np.exp(-np.arange(-np.log(LEAST_SCALE)))
-"""Scales that are tried for the numbers that an effect has in each trial, as shares of the prior's range, one
-std of the prior of their logarithm apart."""
+SCALES_TRIED = np.exp(-np.arange(-np.log(NOTHING)))
+"""Scales that are tried for the numbers that an effect has in each trial, as shares of the prior's range,
+down to none, one std of the prior of their logarithm apart."""
 
 
 @dataclass(frozen=True)

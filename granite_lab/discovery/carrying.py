@@ -54,14 +54,8 @@ def filed(problem: Problem, alone: Fit) -> Array | None:
         problem: the trials.
         alone: a fit without effects, of which start, tilt and offsets of the trials are taken.
     """
-    point = at_files(alone.point)
+    point = alone.point.at_files(len(SAND))
     return _stacked([_lacking(problem, point, out) for out in units(problem)])
-
-
-def at_files(point: Point) -> Point:
-    """Return a point with the sand as in the files."""
-    trials = tuple(np.append(np.zeros(RAKED), x[RAKED:]) for x in point.trials)
-    return replace(point, shared=np.append(np.zeros(len(SAND)), point.shared[len(SAND) :]), trials=trials)
 
 
 def worse(after: Array | None, before: Array | None, tolerance: float) -> bool:
@@ -98,12 +92,12 @@ def _lacking(problem: Problem, point: Point, some: Sequence[int]) -> Array | Non
         left = trial.measured - trial.predict(run, x[: trial.size], point.sensors)
         for c, values in zip(trial.channels, left, strict=True):
             size, moving = problem.size_of(command, c)
-            squares = values[(moving > 0) & np.isfinite(values)] ** 2
+            squares = values[moving & np.isfinite(values)] ** 2
             if size > 0 and squares.size:
                 row[names.index(c)] = squares.mean() / size**2
         if "accel_x" in trial.channels:
             _, moving = problem.size_of(command, "accel_x")
-            row[-1] = _of_velocity(trial, left[trial.channels.index("accel_x")], moving > 0)
+            row[-1] = _of_velocity(trial, left[trial.channels.index("accel_x")], moving)
     counts = np.isfinite(table).sum(axis=0)
     return np.asarray(np.where(counts > 0, np.nansum(table, axis=0) / np.fmax(counts, 1), np.nan))
 

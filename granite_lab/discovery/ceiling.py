@@ -129,7 +129,7 @@ def _shown(problem: Problem, pushes: Pushes, amplitudes: Array) -> dict[str, flo
         for c, row in zip(trial.channels, shown.reshape(len(trial.channels), -1), strict=True):
             size, moving = problem.size_of(command, c)
             if size > 0:
-                rms = float(np.sqrt(np.mean(row[moving > 0] ** 2))) / size
+                rms = float(np.sqrt(np.mean(row[moving] ** 2))) / size
                 largest[c] = max(largest.get(c, 0.0), rms)
     return largest
 

@@ -16,8 +16,8 @@ from granite_lab.discovery.pushes import Pushes
 from granite_lab.inference.constants import EFFECT_ODDS, LINEAR
 from granite_lab.inference.gap import tolerated
 from granite_lab.inference.normal import posterior
+from granite_lab.inference.priors import width_of
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import V_FLOOR, smoothstep
 from granite_lab.model.dictionary import QUANTITIES, Motion, Term, phi

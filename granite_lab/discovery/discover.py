@@ -8,8 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from granite_lab.discovery.assemble import assemble
-from granite_lab.discovery.attempts import Attempts
+from granite_lab.discovery.assemble import Attempts, assemble
 from granite_lab.discovery.candidates import screen
 from granite_lab.discovery.finding import Ceiling, Confusion, Detectable, Finding
 from granite_lab.discovery.orders import lugs
@@ -21,13 +20,12 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.drive import drives, goes_by_command
 from granite_lab.inference.bench import Bench, Respond, World
-from granite_lab.inference.clocks import clocks
 from granite_lab.inference.conditions import under_conditions
 from granite_lab.inference.constants import FEW, LATENCY_LIMIT, OUTLIER, TOLERANCE
 from granite_lab.inference.fit import Fit
+from granite_lab.inference.priors import sand_std
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.setup import at_first, baseline, nominal, trial_models
-from granite_lab.inference.stated import sand_std
+from granite_lab.inference.setup import at_first, baseline, clocks, nominal, trial_models
 from granite_lab.logs.trial import Trial
 from granite_lab.model.dictionary import dictionary
 from granite_lab.model.effect import Effect

@@ -312,7 +312,7 @@ class Finding(Shown):
         runs: simulations that were needed.
         failures: parts of the analysis that failed after the search, one line each, with their `tracebacks`.
         origin: where the finding comes from.
-        a_theta: by the files, with their uncertainty, and with what was found; see `discovery.exponent`.
+        a_theta: by the files, with their uncertainty, and with what was found; see `assemble.a_theta_views`.
         simulates: speeds of Table 2 [m/s] at which the model with what was found has a solution.
     """
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from granite_lab.estimate import Estimate
-from granite_lab.inference.constants import UNSEEN
+from granite_lab.inference.constants import FEWEST_SPEEDS, UNSEEN
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import determined_by_prior, tolerated
 from granite_lab.inference.normal import JITTER, least_within, posterior
@@ -167,11 +167,6 @@ def _misfit(equations: Equations, part: int, trial: int, share: float, step: Arr
     scale = 1 / np.sqrt(np.diag(N))
     solved = scale * np.linalg.solve(N * np.outer(scale, scale), scale * right)
     return float(squares + precision @ pull**2 - right @ solved)
-
-
-FEWEST_SPEEDS = 3
-"""Speeds from which on they are left out in place of trials: a law in speed has one number more than a
-line."""
 
 
 def predicts_better(before: Predicted, after: Predicted) -> bool:

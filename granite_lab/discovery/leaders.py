@@ -9,11 +9,9 @@ import numpy as np
 
 from granite_lab.discovery.candidates import Score, Screen, rescreened, rivals, scores, screen
 from granite_lab.errors import EstimateError
-from granite_lab.inference.bench import RAKED
 from granite_lab.inference.constants import FEW, RIVAL, TOLERANCE, TRIED, WORTH
 from granite_lab.inference.fit import Fit, fit, taken
 from granite_lab.inference.gap import tolerated
-from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
 
 
@@ -35,21 +33,15 @@ class Look:
     tolerated: bool = False
 
 
-def at_files(point: Point) -> Point:
-    """Return a point with the sand of the files.
-
-    Where much is missing, the sand has moved to stand in for it.
-    """
-    trials = tuple(np.concatenate([np.zeros(RAKED), x[RAKED:]]) for x in point.trials)
-    return replace(point, shared=np.zeros_like(point.shared), trials=trials)
-
-
 def origins(problem: Problem, result: Fit) -> list[Fit]:
-    """Return where candidates are screened: at the fit, and at the files' sand where the fit is bad."""
+    """Return where candidates are screened: at the fit, and where it is bad at the numbers of the files.
+
+    Where much is missing, sand and sensors have moved to stand in for it.
+    """
     if not result.scales.loud and result.scales.largest <= 2 * TOLERANCE:
         return [result]
     try:
-        return [result, fit(problem, at_files(result.point), result.scales, rounds=0)]
+        return [result, fit(problem, result.point.at_files(), result.scales, rounds=0)]
     except EstimateError:
         return [result]
 

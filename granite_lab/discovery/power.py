@@ -14,9 +14,9 @@ from granite_lab.discovery.finding import Confusion, Detectable
 from granite_lab.inference.constants import CREDIBLE, DRAWS, SAME, TINY, WORTH
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import posterior
+from granite_lab.inference.priors import width_of
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import learnt_priors
-from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 
 POWER = NormalDist().inv_cdf(0.8)
@@ -210,9 +210,8 @@ def _visible(problem: Problem, fit: Fit, screened: Screen) -> Array:
         left = trace - raw[:, : mine.size] @ follow[mine]
         for name, bins in problem.rows[i].items():
             size, moving = problem.size_of(command, name)
-            at = moving > 0
             if size > 0:
-                alone, beside = (np.mean(change[bins][at] ** 2, axis=0) for change in (trace, left))
+                alone, beside = (np.mean(change[bins][moving] ** 2, axis=0) for change in (trace, left))
                 counted = np.where(per_trial, np.fmin(alone, beside), beside)
                 worst = np.fmax(worst, np.sqrt(counted) / size)
     return worst

@@ -17,9 +17,6 @@ from granite_lab.model.command import duration
 from granite_lab.model.latent import PERIOD, PUSHES, SPACING, WIDTH, LatentForce
 from granite_lab.parameters import GRAVITY, Robot
 
-SIZE = LINEAR
-"""Size of the pushes that are simulated, as a share of the robot's weight: the model is linear there."""
-
 LARGEST = MEMORY / np.dtype(float).itemsize
 """Most numbers in all responses. Courses of minutes, with one
 push each 0.15 s, would need more; nothing is pushed there."""
@@ -79,7 +76,7 @@ def pushed(problem: Problem, fit: Fit) -> Pushes | None:
         for q in range(len(PUSHES)):
             for phase in phases:
                 values = [0.0] * len(PUSHES) + [float(phase)]
-                values[q] = SIZE * float(sizes[q])
+                values[q] = LINEAR * float(sizes[q])
                 setting = (*centre.setting, (LatentForce.id, tuple(values)))
                 tasks.append(replace(centre, setting=setting))
     runs = problem.bench.run(tasks, keep=False)
@@ -116,7 +113,7 @@ def _apart(problem: Problem, number: int, runs: list[Array], phases: Array) -> t
     changes, kind, centres = [], [], []
     for q in range(len(PUSHES)):
         for phase, run in zip(phases, others[q * phases.size : (q + 1) * phases.size], strict=True):
-            whole = (run - base) / SIZE
+            whole = (run - base) / LINEAR
             for at in np.arange(phase, end + BEFORE, PERIOD):
                 felt = (t >= at - BEFORE) & (t < at - BEFORE + PERIOD)
                 changes.append(whole * felt)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from granite_lab.discovery.carrying import at_files, carried, filed, worse
+from granite_lab.discovery.carrying import carried, filed, worse
 from granite_lab.discovery.ceiling import ceiling
 from granite_lab.discovery.description import described, lacking
 from granite_lab.discovery.finding import Ceiling
@@ -17,6 +17,7 @@ from granite_lab.discovery.relevance import good
 from granite_lab.discovery.search import Model, Search
 from granite_lab.discovery.verdict import Judgement, Named, strained_numbers, whole_of
 from granite_lab.estimate import Estimate
+from granite_lab.inference.bench import SAND
 from granite_lab.inference.constants import LEFT
 from granite_lab.inference.fit import Fit, fit, under
 from granite_lab.inference.problem import Problem
@@ -96,7 +97,7 @@ def savable(problem: Problem, search: Search, judgement: Judgement, tolerance: f
     by_files = filed(problem, alone.fit)
     if not worse(carried(problem, judgement.model.fit, tolerance), by_files, tolerance):
         return judgement
-    plain = fit(problem, at_files(alone.fit.point), alone.fit.scales, rounds=0)
+    plain = fit(problem, alone.fit.point.at_files(len(SAND)), alone.fit.scales, rounds=0)
     nothing = Estimate(0.0, 0.0) if np.isfinite(judgement.closed.value) else judgement.closed
     return replace(
         judgement,

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granite_lab.discovery.heldout import FEWEST_SPEEDS, Predicted, units
+from granite_lab.discovery.heldout import Predicted, units
 from granite_lab.discovery.search import Model, Search
-from granite_lab.inference.constants import DRAWS, EFFECT_ODDS, TINY, TRIED
+from granite_lab.inference.constants import DRAWS, EFFECT_ODDS, FEWEST_SPEEDS, TINY, TRIED
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 

@@ -10,7 +10,7 @@ import numpy as np
 from granite_lab.discovery.candidates import Score, around
 from granite_lab.discovery.carrying import carried, filed, worse
 from granite_lab.discovery.heldout import Predicted, predict, predicts_better
-from granite_lab.discovery.leaders import Look, Promise, at_files, leaders, origins, screened
+from granite_lab.discovery.leaders import Look, Promise, leaders, origins, screened
 from granite_lab.discovery.relevance import good, made, needed, shows, strained, unexplained
 from granite_lab.discovery.sets import attempts, fit_sets, set_of
 from granite_lab.inference.constants import DRAWS, EFFECT_ODDS, FEW, LEFT, RIVAL, TOLERANCE, TRIED, WORTH
@@ -193,7 +193,7 @@ class _Steps:
         if not model.effects or model.effects in self.from_files or self.settled(model):
             return model
         self.from_files.add(model.effects)
-        return self.refitted(model, [at_files(model.fit.point)], FIRST)
+        return self.refitted(model, [model.fit.point.at_files()], FIRST)
 
     def refitted(self, model: Model, starts: Sequence[Point], scales: Scales) -> Model:
         """Return a set fitted again from other starts, if that is likelier."""

@@ -26,9 +26,9 @@ from granite_lab.inference.constants import (
 from granite_lab.inference.fit import Fit, under
 from granite_lab.inference.gap import prediction_change, scatter
 from granite_lab.inference.normal import Scales
+from granite_lab.inference.priors import width_of
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FORMULAS
-from granite_lab.inference.strengths import width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 
@@ -374,7 +374,7 @@ def _named(
     every = prediction_change(problem, alone.fit, best.fit)
     return Named(
         id_, tuple(twins), min(probability, 1.0), closes, speeds, strained_numbers(problem, best.fit, id_),
-        any(_is_bound(p, value) for p, value in _strengths(problem, best.fit, id_)), changes,
+        bool(at_bounds(problem, best.fit, id_)), changes,
         made(changes, every, tolerance),
         needed(problem, without.fit, best.fit.scales, id_, changes, tolerance),
     )  # fmt: skip
@@ -391,6 +391,11 @@ def strained_numbers(problem: Problem, fit: Fit, id_: str) -> tuple[str, ...]:
         for p, value in _strengths(problem, fit, id_)
         if _is_bound(p, value) or abs(value - p.neutral) > 2 * width_of(p)
     )
+
+
+def at_bounds(problem: Problem, fit: Fit, id_: str) -> tuple[str, ...]:
+    """Name the strengths of an effect that ended at a bound other than their neutral value."""
+    return tuple(p.name for p, value in _strengths(problem, fit, id_) if _is_bound(p, value))
 
 
 def _strengths(problem: Problem, fit: Fit, id_: str) -> list[tuple[EffectParameter, float]]:

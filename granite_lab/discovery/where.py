@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -36,7 +37,7 @@ def disagreements(
             rows.append(
                 Disagreement(
                     channel=d.channel,
-                    phase=_phase(phase[(a + b) // 2]),
+                    phase=cast(PhaseName, phase[(a + b) // 2]),
                     variant=o.variant.velocity,
                     start=float(o.t[a] - o.width / 2),
                     end=float(o.t[b - 1] + o.width / 2),
@@ -63,7 +64,3 @@ def _frequency(value: np.ndarray[tuple[int, ...], np.dtype[np.float64]], width: 
     """Return the frequency of the largest part of an interval [Hz]; 0 where it keeps its sign."""
     power = np.abs(np.fft.rfft(value)) ** 2
     return float(np.fft.rfftfreq(value.size, width)[int(np.argmax(power))])
-
-
-def _phase(name: str) -> PhaseName:
-    return {"rest": "rest", "accelerate": "accelerate", "steady": "steady", "brake": "brake"}[name]  # type: ignore[return-value]

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from granite_lab.discovery.finding import UNCONVERGED, EffectFinding, Verdict
-from granite_lab.discovery.heldout import FEWEST_SPEEDS, speeds
+from granite_lab.discovery.heldout import speeds
 from granite_lab.discovery.verdict import Judgement
-from granite_lab.inference.constants import LEAST_SHARE
+from granite_lab.inference.constants import FEWEST_SPEEDS, LEAST_SHARE
 from granite_lab.inference.problem import Problem
 from granite_lab.parameters import is_driven
-from granite_lab.rounding import chance
+from granite_lab.rounding import chance, percent, percent_of
 
 
 def provisional(problem: Problem) -> tuple[str, ...]:
@@ -37,7 +37,7 @@ def sentence(
     """Say the verdict in one to four sentences."""
     head = f"Provisional ({'; '.join(reasons)}): " if reasons else ""
     if verdict == "none":
-        text = f"the model explains the trials within the tolerance of {100 * tolerance:g} % and the noise."
+        text = f"the model explains the trials within the tolerance of {percent(tolerance)} and the noise."
     elif effects:
         join = ", and " if any(e.twins for e in effects) else " and "
         text = f"missing from the model: {join.join(_name(e) for e in effects)}."
@@ -65,7 +65,7 @@ def differing(judgement: Judgement) -> str:
     """Say by how much repetitions differ, and in which channel most."""
     channel, share = max(judgement.scatter.items(), key=lambda item: item[1])
     return (
-        f"Repetitions of a command differ in {channel} by {100 * share:.0f} % of its rms in motion, "
+        f"Repetitions of a command differ in {channel} by {percent(share)} of its rms in motion, "
         "which noise, sand and gains do not explain."
     )
 
@@ -76,8 +76,8 @@ def _shrinks(judgement: Judgement) -> str:
         return ""
     predicted = np.isfinite(judgement.before.left_out).any()
     where = "On trials that were left out" if predicted else "No trial could be left out; in the fit itself"
-    text = f"{where} {100 * (1 - left):.0f} % of the gap is closed"
-    return text + ("." if left < LEAST_SHARE else f"; {100 * left:.0f} % is not explained.")
+    text = f"{where} {percent(1 - left)} of the gap is closed"
+    return text + ("." if left < LEAST_SHARE else f"; {percent(left)} is not explained.")
 
 
 def _name(effect: EffectFinding) -> str:
@@ -126,8 +126,8 @@ def notes(
     for n in judgement.named:
         if n.closes.value < LEAST_SHARE:
             lines.append(
-                f"{n.id} closes {100 * n.closes.value:.1f} % of the whole gap; of the change of "
-                f"{n.channel[0]} by all effects, it makes {100 * n.channel[1]:.0f} %."
+                f"{n.id} closes {percent_of(n.closes)} of the whole gap; of the change of "
+                f"{n.channel[0]} by all effects, it makes {percent(n.channel[1])}."
             )
     for e in effects:
         for p in e.parameters:

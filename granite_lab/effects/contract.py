@@ -199,17 +199,17 @@ def _derivatives(effect: Effect) -> tuple[bool, str]:
         for where, t, x in (("at rest", -0.5, rest), ("in motion", 2.0, moving)):
             for part in derivative(t, x, vector_of(p) + list(active.values)):
                 if not np.isfinite(part.full()).all():
-                    return False, f"{where} with {_told(active)}: a derivative is not a number"
+                    return False, f"{where} with {_in_words(active)}: a derivative is not a number"
     return True, "at rest and in motion, by every state and parameter"
 
 
 def _seen(effect: Effect) -> tuple[bool, str]:
     active, robot, soil, variant = typical(effect), load_robot(), load_soil(), variant_of(0.5)
     plain, run = (simulate(variant, robot, soil, effects=e) for e in ((), (active,)))
-    shares = {c: float(np.abs(run[c] - plain[c]).max() / np.abs(plain[c]).max()) for c in CHANNELS}
-    best = max(shares, key=shares.__getitem__)
-    detail = f"{_told(active)} changes {best} by {100 * shares[best]:.2g} % of its largest value"
-    return shares[best] > SEEN, detail
+    changes = {c: float(np.abs(run[c] - plain[c]).max() / np.abs(plain[c]).max()) for c in CHANNELS}
+    best = max(changes, key=changes.__getitem__)
+    detail = f"{_in_words(active)} changes {best} by {100 * changes[best]:.2g} % of its largest value"
+    return changes[best] > SEEN, detail
 
 
 def _linear(effect: Effect) -> tuple[bool | None, str]:
@@ -248,9 +248,9 @@ def _expected_range(effect: Effect) -> tuple[bool, str]:
             try:
                 run = simulate(variant, load_robot(), load_soil(), effects=(active,))
             except EstimateError as error:
-                return False, f"{_told(active)} at {variant.velocity:g} m/s: {error.message}"
+                return False, f"{_in_words(active)} at {variant.velocity:g} m/s: {error.message}"
             if not 0.15 * variant.distance < run["x_m"][-1] < 1.1 * variant.distance:
-                return False, f"{_told(active)}: the robot does not cover the distance"
+                return False, f"{_in_words(active)}: the robot does not cover the distance"
             runs += 1
     return True, f"{runs} runs, all four variants"
 
@@ -292,5 +292,5 @@ def _compiled(effect: Effect) -> tuple[bool | None, str]:
     return good, f"states within {gap:.1g} of their largest values, outputs within {same:.1g}"
 
 
-def _told(active: Active) -> str:
+def _in_words(active: Active) -> str:
     return ", ".join(f"{name} = {value:.3g}" for name, value in active.as_dict().items())

@@ -37,11 +37,11 @@ class GroundSlope(Effect):
         """Turn gravity; at rest sand and gears hold its component downhill."""
         slope = sym.p["slope"] * np.pi / 180
         moving = sum(smoothstep(axle.state.speed / V_FLOOR) for axle in axles) / 2
-        held = (1 - moving) * p.chassis.total_mass * GRAVITY * ca.sin(slope)
+        support = (1 - moving) * p.chassis.total_mass * GRAVITY * ca.sin(slope)
         return replace(
             load,
-            x=load.x + held,
-            moment=load.moment - held * p.chassis.com_z,
+            x=load.x + support,
+            moment=load.moment - support * p.chassis.com_z,
             gravity_x=-GRAVITY * ca.sin(slope),
             gravity_z=-GRAVITY * ca.cos(slope),
         )

@@ -35,16 +35,16 @@ def _library() -> dict[str, Effect]:
     return effects
 
 
-def library(own: Path | str | None = None) -> dict[str, Effect]:
+def library(file: Path | str | None = None) -> dict[str, Effect]:
     """Return every effect of the package by its id, in alphabetical order.
 
     Args:
-        own: a user's effect file, whose effects are added as `load_effects` returns them.
+        file: a user's effect file, whose effects are added as `load_effects` returns them.
 
     Raises:
         InputError: of `load_effects`.
     """
-    return _library() | (load_effects(own) if own else {})
+    return _library() | (load_effects(file) if file else {})
 
 
 _met: dict[str, Effect] = {}
@@ -55,17 +55,17 @@ def met(effect_id: str) -> Effect | None:
     return _library().get(effect_id) or _met.get(effect_id) or dictionary().get(effect_id)
 
 
-def get(effect_id: str, known: Mapping[str, Effect] | None = None) -> Effect:
+def get(effect_id: str, effects: Mapping[str, Effect] | None = None) -> Effect:
     """Return one effect.
 
     Args:
         effect_id: its id.
-        known: where to look; the package's effects by default.
+        effects: where to look; the package's effects by default.
 
     Raises:
         UsageError: no such effect; the hint names the nearest.
     """
-    table = library() if known is None else known
+    table = library() if effects is None else effects
     if effect_id in table:
         return table[effect_id]
     raise UsageError(f"unknown effect '{effect_id}'", known_names(effect_id, table, 0.4))

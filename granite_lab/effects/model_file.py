@@ -116,7 +116,7 @@ def load_model(path: Path | str, code: Path | str | None = None) -> ModelFile:
     file = Path(path)
     table = read_toml(file)
     where = str(file)
-    _known(
+    _refuse_unknown(
         where, table, ("schema", "robot", "soil", "lugs", "changes", "sand", "k92", "provenance", "effect")
     )
     if table.get("schema") not in (SCHEMA, *OLD):
@@ -152,16 +152,16 @@ def _read_sand(where: str, table: Any) -> dict[str, Estimate]:
     if not isinstance(table, dict) or not all(isinstance(row, dict) for row in table.values()):
         raise InputError(f"{place}: is not a table of numbers", "write key = { value = …, std = … }")
     of = {key_of(f): f for f in fields(Soil) if "unit" in f.metadata}
-    _known(place, table, tuple(of))
+    _refuse_unknown(place, table, tuple(of))
     sand = {}
     for key, row in table.items():
         m, entry = of[key].metadata, f"{place}: {key}"
-        _known(entry, row, ("value", "std"))
+        _refuse_unknown(entry, row, ("value", "std"))
         sand[of[key].name] = _read_estimate(entry, row, m["unit"], m["low"], m["high"])
     return sand
 
 
-def _known(where: str, table: dict[str, Any], keys: tuple[str, ...]) -> None:
+def _refuse_unknown(where: str, table: dict[str, Any], keys: tuple[str, ...]) -> None:
     for key in table:
         if key not in keys:
             raise unknown_key(where, key, list(keys))
@@ -185,7 +185,7 @@ def _read_law(where: str, table: Any) -> tuple[str, Estimate]:
     if not isinstance(table, dict):
         raise InputError(f"{where}: [k92] is missing", "add [k92] with law, value and std")
     place = f"{where}: [k92]"
-    _known(place, table, ("law", "value", "std"))
+    _refuse_unknown(place, table, ("law", "value", "std"))
     law = table.get("law")
     if law not in LAWS:
         raise InputError(f"{place}: law = {law!r} is not known", f"one of: {', '.join(LAWS)}")
@@ -203,7 +203,7 @@ def _read_estimate(place: str, table: dict[str, Any], unit: str, low: float, hig
 
 
 def _read_effect(place: str, row: dict[str, Any], effects: Mapping[str, Effect]) -> FittedEffect:
-    _known(place, row, ("id", "parameters", "indistinguishable_from"))
+    _refuse_unknown(place, row, ("id", "parameters", "indistinguishable_from"))
     name = row.get("id")
     if not isinstance(name, str):
         raise InputError(f"{place}: 'id' is missing", 'add id = "<effect>"')
@@ -219,14 +219,14 @@ def _read_effect(place: str, row: dict[str, Any], effects: Mapping[str, Effect])
             f"{place}: 'parameters' must hold a table for each parameter",
             'write name = { value = …, std = …, unit = "…" } below [effect.parameters]',
         )
-    _known(f"{place}: parameters", given, tuple(p.name for p in effect.parameters))
+    _refuse_unknown(f"{place}: parameters", given, tuple(p.name for p in effect.parameters))
     values = {}
     for p in effect.parameters:
         if p.name not in given:
             values[p.name] = Estimate(p.neutral)
             continue
         table, where = given[p.name], f"{place}: {p.name}"
-        _known(where, table, ("value", "std", "unit"))
+        _refuse_unknown(where, table, ("value", "std", "unit"))
         if table.get("unit", p.unit) != p.unit:
             raise InputError(f"{where}: unit = {table['unit']!r} does not fit", f"expected {p.unit!r}")
         values[p.name] = _read_estimate(where, table, p.unit, p.low, p.high)

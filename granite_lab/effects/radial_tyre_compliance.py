@@ -92,5 +92,5 @@ class RadialTyreCompliance(Effect):
         """Return dL/dt [N/s]."""
         damping = sym.p["damped"] * sym.model.chassis.contact_damping
         damped = forces.vertical + ca.if_else(state.sinkage > 0, damping, 0) * state.sinkage_rate
-        own_time = sym.p["compliance"] * damping + sym.p["retardation"]
-        return (damped - sym.x["load_f" if state.front else "load_r"]) / own_time
+        time_constant = sym.p["compliance"] * damping + sym.p["retardation"]
+        return (damped - sym.x["load_f" if state.front else "load_r"]) / time_constant

@@ -180,12 +180,12 @@ class K92Fit(Shown):
         return frame([row | picked(self, "status", "status_trajectory")])
 
 
-def _cell(value: Estimate, status: FitStatus, known: bool = True) -> Cell:
+def _cell(value: Estimate, status: FitStatus, determined: bool = True) -> Cell:
     """Return k_92 as a cell, or the reason why there is no number: a bound, or an unknown value."""
     if status in BOUNDS:
         return Cell(STATUS_NAMES[status], (math.nan, math.nan, STATUS_NAMES[status]), "fair")
     text, raw = plus_minus(value), (value.value, value.std, STATUS_NAMES[status])
-    if not known:
+    if not determined:
         return Cell("not known", (*raw[:2], "not known"), "fair")
     return Cell(text, raw) if status == "ok" else Cell(f"{text} ({STATUS_NAMES[status]})", raw, "fair")
 

@@ -24,9 +24,9 @@ from granite_lab.fitting.fit import K92_BOUNDS, LEAST, FitStatus, K92Fit, Shift
 from granite_lab.inference.bench import RAKED, SAND, Bench, World
 from granite_lab.inference.constants import RAKING, SAND_STD, TOLERANCE
 from granite_lab.inference.point import SHARED
+from granite_lab.inference.priors import radius_std, sand_std
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.setup import baseline, trial_models
-from granite_lab.inference.stated import radius_std, sand_std
 from granite_lab.logs.trial import Trial
 from granite_lab.model import Run, simulate
 from granite_lab.model.command import duration, reference_velocity, steady_interval, steady_part
@@ -300,8 +300,8 @@ def _with_trajectory(
     k92 = math.exp(-a_theta * v)  # (5)
     std = k92 * v * a_theta * log.std if fit.converged else math.nan  # elsewhere the curvature is none
     side = "behind" if latency.value > 0 else "ahead of"
-    shares = {c: fit.scales.share_of(c) for c in problem.counts}
-    off = [f"{c} {100 * share:.0f} %" for c, share in shares.items() if share > TOLERANCE]
+    discrepancies = {c: fit.scales.discrepancy_of(c) for c in problem.counts}
+    off = [f"{c} {100 * share:.0f} %" for c, share in discrepancies.items() if share > TOLERANCE]
     louder = [f"{c} {value:.2f}" for c, value in fit.scales.louder.items() if value > 1.0]
     most = ", ".join(off or [f"less than {100 * TOLERANCE:.0f} %"])
     notes = [

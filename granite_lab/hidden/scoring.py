@@ -289,8 +289,8 @@ def _number(value: object) -> float | None:
     return float(value) if isinstance(value, (int, float)) and math.isfinite(value) else None
 
 
-def _parameter(effect: str, name: str, true: Mapping[str, Any], found: Mapping[str, Any]) -> ParameterScore:
-    value, std, right = _number(found.get("value")), _number(found.get("std")), float(true["value"])
+def _parameter(effect: str, name: str, true: Mapping[str, Any], stated: Mapping[str, Any]) -> ParameterScore:
+    value, std, right = _number(stated.get("value")), _number(stated.get("std")), float(true["value"])
     off = math.nan if value is None else value - right
     return ParameterScore(
         effect, name, str(true["unit"]), str(true["kind"]), right,

@@ -21,7 +21,7 @@ from granite_lab.model.leading import LEADS, count_of, led
 from granite_lab.model.simulator import integrate
 from granite_lab.model.symbols import ModelParameters, model_parameters
 from granite_lab.parameters import Robot, Soil, Variant, load_paper
-from granite_lab.processes import forked, shared_out, spread
+from granite_lab.processes import forked, mapped, shared_out
 
 Y = TypeVar("Y")
 
@@ -233,7 +233,7 @@ class Bench:
         else:
             batches = _batches(fresh)
             fresh = list(chain.from_iterable(batches))
-            responses = list(chain.from_iterable(spread(self._pool, _work, batches, "simulated")))
+            responses = list(chain.from_iterable(mapped(self._pool, _work, batches, "simulated")))
         self.runs += len(fresh)
         self._tick(len(fresh))
         every = self._responses | dict(zip(fresh, responses, strict=True))

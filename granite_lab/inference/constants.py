@@ -35,6 +35,9 @@ TRIED, FEW = 3, 2
 second is enough (a rival, a size, a set to be revised). Convention; the ranking of first order that chooses
 them is off by one or two places."""
 
+FEWEST_SPEEDS = 3
+"""Speeds from which on a law in speed is tested: it has one number more than a line."""
+
 TOLERANCE = 0.02
 """Discrepancy that does not matter, as a share of a channel's rms in motion; the option `--tolerance`.
 

@@ -24,6 +24,7 @@ import numpy.typing as npt
 from granite_lab.inference.bench import SIGNALS
 from granite_lab.inference.constants import NOTHING, REST_SHARE, REST_SPEED, SMOOTH, TINY, TOLERANCE
 from granite_lab.inference.nuisances import TrialModel
+from granite_lab.inference.observation import Mask
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import distances_at
 
@@ -93,7 +94,7 @@ def joined(parts: Sequence[Basis]) -> Basis:
 
 def scale_of(
     trial: TrialModel, response: Array, bins: Mapping[str, Array]
-) -> tuple[dict[str, float], Array, Array]:
+) -> tuple[dict[str, float], Mask, Mask]:
     """Return the rms of each channel in motion, and (n,) where the robot moves and where it is near rest.
 
     A wheel's angle follows the command; what the ground does to it is how far it lags behind, so that is
@@ -104,8 +105,7 @@ def scale_of(
         response: (8, M) of it.
         bins: channel to (n,).
     """
-    o = trial.observation
-    radius = trial.radius
+    o, radius = trial.observation, trial.radius
     angles = [SIGNALS.index(name) for name in ("enc_f_rad", "enc_r_rad")]
     wheels = np.minimum(*(np.interp(o.t, trial.t, np.gradient(response[k], trial.t)) for k in angles))
     body = np.interp(o.t, trial.t, response[SIGNALS.index("v_mps")])
@@ -113,11 +113,8 @@ def scale_of(
         body = wheels * radius  # on a block: only the wheels can tell
     slowest = np.minimum(np.abs(wheels) * radius, np.abs(body))
     begun = o.t > -o.width
-    resting = (begun & (slowest < REST_SPEED)).astype(float)
-    moving = (begun & (slowest >= REST_SPEED)).astype(float)
-    if not moving.any():
-        moving = begun.astype(float)
-    at = moving > 0
+    resting, moving = begun & (slowest < REST_SPEED), begun & (slowest >= REST_SPEED)
+    moving = moving if moving.any() else begun
     before = ~begun
     size: dict[str, float] = {}
     desired = distances_at(o.t + o.width / 2, o.variant) / radius
@@ -126,13 +123,13 @@ def scale_of(
             signal = values - desired if c == "wheel" else values
         else:
             signal = values - (values[before].mean() if before.any() else 0.0)
-        size[c] = float(np.sqrt(np.mean(signal[at] ** 2)))
+        size[c] = float(np.sqrt(np.mean(signal[moving] ** 2)))
     if "wheel_split" in size and "wheel" in size:
         size["wheel_split"] = size["wheel"]
     return size, moving, resting
 
 
-def least_size(repeated: Sequence[TrialModel], channel: str, moving: Array) -> float:
+def least_size(repeated: Sequence[TrialModel], channel: str, moving: Mask) -> float:
     """Return the least that the discrepancy of a channel is a share of.
 
     It is the rms in motion as measured, vibration included. Wheels follow a command; theirs is such that the
@@ -141,7 +138,7 @@ def least_size(repeated: Sequence[TrialModel], channel: str, moving: Array) -> f
     Args:
         repeated: trials of a command.
         channel: its name.
-        moving: (n,) 1 where the robot moves, else 0.
+        moving: (n,) where the robot moves.
     """
     if channel.startswith("wheel"):
         return max(t.observation.rounding(channel) for t in repeated) / TOLERANCE
@@ -150,14 +147,14 @@ def least_size(repeated: Sequence[TrialModel], channel: str, moving: Array) -> f
         values = t.measured[t.channels.index(channel)]
         before = values[t.observation.t < 0]
         level = float(np.nanmean(before)) if np.isfinite(before).any() else 0.0
-        squares.append((values[moving > 0] - level) ** 2)
+        squares.append((values[moving] - level) ** 2)
     every = np.concatenate(squares)
     return float(np.sqrt(np.nanmean(every))) if np.isfinite(every).any() else 0.0
 
 
 def sizes_of(
     repeated: Sequence[TrialModel], response: Array, bins: Mapping[str, Array]
-) -> tuple[dict[str, float], Array, Array]:
+) -> tuple[dict[str, float], Mask, Mask]:
     """Return what `scale_of` does for the first of some trials of a command, none below `least_size`."""
     size, moving, resting = scale_of(repeated[0], response, bins)
     return {c: max(level, least_size(repeated, c, moving)) for c, level in size.items()}, moving, resting

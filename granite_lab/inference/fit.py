@@ -40,10 +40,6 @@ NO_RANK = 2 * WORTH
 """Drop of the objective with new derivatives below which a rough fit ends: less than what a further effect
 must bring changes no rank of sets."""
 
-HALF = 0.5
-"""Drop over the promised one above which a fine fit doubles the share of a step of Gauss and Newton that it
-tries; convention."""
-
 TRUSTED, TRUSTED_ROUGH = 0.1, 0.4
 """How far from one the drop over the promised one may be for the derivatives to be kept, far from the
 optimum; of a rough fit."""
@@ -132,7 +128,6 @@ class _State:
 
     point: Point
     slopes: Slopes
-    responses: tuple[Array, ...]
     residuals: tuple[Array, ...]
     white: tuple[Array, ...]
     normal: Normal
@@ -201,7 +196,7 @@ def _begun(problem: Problem, start: Point, slopes: Slopes | None, *, central: bo
         )
     residuals = problem.residuals(start, responses)
     normal = problem.normal(start, slopes, residuals)
-    return _State(start, slopes, responses, residuals, problem.white(residuals), normal)
+    return _State(start, slopes, residuals, problem.white(residuals), normal)
 
 
 def _descended(
@@ -260,7 +255,7 @@ def _descended(
             damping, growth = damping if damping > LEAST_DAMPED else 0.0, 2.0
             state, away, since = tried, away + pace * float(np.sqrt(promised)), since + drop
             keep = away < good if near else abs(ratio - 1) < trusted
-            pace = min(1.0, 2 * pace) if ratio > HALF else pace
+            pace = min(1.0, 2 * pace) if 2 * ratio > 1 else pace  # more than half of what was promised
         elif fresh and fine and damping == 0 and promised < WITHIN:
             pace, keep = pace / 2, True
             if pace < LEAST_PACE:
@@ -343,7 +338,7 @@ def _tried(
     there = sum(state.normal.misfits(white, scales).values()) + float(
         np.sum(((aim.vector - mean) / std) ** 2)
     )
-    return here - there, _State(aim, state.slopes, responses, residuals, white, state.normal.at(white))
+    return here - there, _State(aim, state.slopes, residuals, white, state.normal.at(white))
 
 
 def _weighed(problem: Problem, state: _State) -> _State:

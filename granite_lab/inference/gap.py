@@ -10,9 +10,9 @@ from scipy.signal import periodogram
 from granite_lab.inference.discrepancy import FORMULA, MOTION
 from granite_lab.inference.fit import Fit, under
 from granite_lab.inference.noise import ABOVE, CUT, LEAST, errors
-from granite_lab.inference.normal import ChannelPart, Scales, posterior
+from granite_lab.inference.normal import ChannelPart, Scales
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.scales import DISCREPANCIES, FORMULAS
+from granite_lab.inference.scales import DISCREPANCIES, FORMULAS, posterior_at
 from granite_lab.logs.trial import Array
 
 
@@ -63,7 +63,7 @@ def discrepancies(problem: Problem, fit: Fit, *, formulas: bool = True) -> list[
             pieces = [_posterior_of(c, b.columns, at, fit.scales, formulas) for c, b in pairs]
             value, std = map(np.concatenate, zip(*pieces, strict=True))
             size, moving = problem.size_of(command, name)
-            rows.append(Discrepancy(command, name, size, value * (moving > 0), std * (moving > 0)))
+            rows.append(Discrepancy(command, name, size, value * moving, std * moving))
     return rows
 
 
@@ -100,14 +100,9 @@ def prediction_change(problem: Problem, before: Fit, after: Fit) -> dict[str, fl
     alone = remaining(problem, under(problem, before, after.scales))
     largest: dict[str, float] = {}
     for command, repetitions in enumerate(problem.commands):
-        for c in dict.fromkeys(c for i in repetitions for c in problem.trials[i].channels):
+        for c, places in problem.places_of(repetitions).items():
             size, moving = problem.size_of(command, c)
-            rows = [
-                alone[i][k] - after.residuals[i][k]
-                for i in repetitions if c in problem.trials[i].channels
-                for k in [problem.trials[i].channels.index(c)]
-            ]  # fmt: skip
-            apart = np.stack(rows)[:, moving > 0]
+            apart = np.stack([alone[i][k] - after.residuals[i][k] for i, k in places])[:, moving]
             apart = apart[np.isfinite(apart)]
             if apart.size and size > 0:
                 largest[c] = max(largest.get(c, 0.0), float(np.sqrt(np.mean(apart**2))) / size)
@@ -143,24 +138,19 @@ def scatter(problem: Problem, fit: Fit) -> dict[str, float]:
     every: dict[str, list[float]] = {}
     for command, repetitions in enumerate(problem.commands):
         t = problem.trials[repetitions[0]].observation
-        for c in problem.trials[repetitions[0]].channels:
+        for c, places in problem.places_of(repetitions).items():
             size, moving = problem.size_of(command, c)
-            rows = [
-                left[i][problem.trials[i].channels.index(c)]
-                for i in repetitions
-                if c in problem.trials[i].channels
-            ]
-            if len(rows) < 2 or size <= 0 or c.startswith("wheel"):  # wheels follow the command
+            if len(places) < 2 or size <= 0 or c.startswith("wheel"):  # wheels follow the command
                 continue
-            noise = errors(rows)
-            slow = _powers(noise[:, moving > 0], t.width, 0.0, CUT)
-            above = _powers(noise[:, moving > 0], t.width, CUT, ABOVE * CUT)
+            noise = errors([left[i][k] for i, k in places])
+            slow = _powers(noise[:, moving], t.width, 0.0, CUT)
+            above = _powers(noise[:, moving], t.width, CUT, ABOVE * CUT)
             still = _powers(noise[:, t.t < 0], t.width, 0.0, CUT)
             if slow.size and above.size:
                 sure = slow.mean() * (1 - 2 / np.sqrt(slow.size))  # a power scatters by itself
                 more = sure - max(above.mean(), still.mean() if still.size else 0.0)
                 every.setdefault(c, []).append(float(np.sqrt(max(more, 0.0) * CUT)) / size)
-    return {c: float(np.median(found)) for c, found in every.items()}
+    return {c: float(np.median(values)) for c, values in every.items()}
 
 
 def _powers(rows: Array, width: float, low: float, high: float) -> Array:
@@ -186,12 +176,10 @@ def beyond(problem: Problem, fit: Fit, tolerance: float) -> tuple[float, float]:
     The expectation is what an unlimited discrepancy leaves, and unit variance along each direction that the
     tolerated one cannot take up.
     """
-    std, mean = problem.prior(fit.point, fit.scales)
     values, free = [], []
     for share in (tolerance, DISCREPANCIES[-1]):
         scales = tolerated(fit.scales, share)
-        M, logdet = fit.normal.marginal(scales)
-        values.append(posterior(M, logdet, std**-2.0, mean - fit.point.vector).misfit)
+        values.append(posterior_at(problem, fit.point, fit.normal, scales).misfit)
         free.append(sum(determined_by_prior(c, scales) for p in fit.normal.parts for c in p.channels))
     return values[0], values[1] + free[0] - free[1]
 

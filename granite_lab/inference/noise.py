@@ -237,12 +237,12 @@ def identify(
     return [whiteners[mask.tobytes()] for mask in measured]
 
 
-_GRID = 2 ** math.ceil(math.log2(WHOLE / BIN))
+GRID = 2 ** math.ceil(math.log2(WHOLE / BIN))
 """Frequencies of a spectrum: those of the bins of `WHOLE`, rounded up to a power of two."""
 
 
 def _spectrum(error: Sequence[Array], order: int, floor: float, width: float, cut: float) -> Array:
-    """Return the power spectrum on `_GRID` + 1 frequencies, smoothed by an autoregression.
+    """Return the power spectrum on `GRID` + 1 frequencies, smoothed by an autoregression.
 
     The floor enters as white noise: a sensor at rest on one step of its scale has no noise to learn.
     """
@@ -250,9 +250,9 @@ def _spectrum(error: Sequence[Array], order: int, floor: float, width: float, cu
     rows = [row for row in every if row.size >= LEAST]
     if not rows:  # wide bins, of slow sensors: too few for a spectrum, enough for a level
         few = np.concatenate([np.zeros(0), *every])
-        return np.full(_GRID + 1, floor**2 + (float(np.mean(few**2)) if few.size else 0.0))
-    raw = np.mean([np.abs(np.fft.rfft(row, 2 * _GRID)) ** 2 / row.size for row in rows], axis=0)
-    f = np.fft.rfftfreq(2 * _GRID, width)
+        return np.full(GRID + 1, floor**2 + (float(np.mean(few**2)) if few.size else 0.0))
+    raw = np.mean([np.abs(np.fft.rfft(row, 2 * GRID)) ** 2 / row.size for row in rows], axis=0)
+    f = np.fft.rfftfreq(2 * GRID, width)
     if cut:
         cut = min(cut, TOP * 0.5 / width)  # wide bins, of slow sensors, may hold no frequency above the cut
         raw[f < cut] = np.mean(raw[(f >= cut) & (f < ABOVE * cut)])
@@ -261,8 +261,8 @@ def _spectrum(error: Sequence[Array], order: int, floor: float, width: float, cu
     r[0] += floor**2
     a = solve_toeplitz(r[:-1], r[1:]) if order else np.zeros(0)
     variance = r[0] - a @ r[1 : order + 1]
-    response = np.ones(_GRID + 1) - sum(
-        c * np.exp(-1j * np.pi * (k + 1) * np.arange(_GRID + 1) / _GRID) for k, c in enumerate(a)
+    response = np.ones(GRID + 1) - sum(
+        c * np.exp(-1j * np.pi * (k + 1) * np.arange(GRID + 1) / GRID) for k, c in enumerate(a)
     )
     return np.asarray(variance / np.abs(response) ** 2)
 

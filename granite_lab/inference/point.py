@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab.inference.bench import SIMULATED, Task
+from granite_lab.inference.bench import RAKED, SIMULATED, Task
 from granite_lab.inference.nuisances import SENSORS
 from granite_lab.logs.trial import Array
 
@@ -45,6 +45,11 @@ class Point:
     def vector(self) -> Array:
         """All numbers: the trials' own one after the other, then the shared ones."""
         return np.concatenate([*self.trials, self.shared, self.common])
+
+    def at_files(self, count: int = len(SHARED)) -> Point:
+        """Return the point with the first `count` of `SHARED` and the raking of the trials as filed."""
+        trials = tuple(np.append(np.zeros(RAKED), x[RAKED:]) for x in self.trials)
+        return replace(self, shared=np.append(np.zeros(count), self.shared[count:]), trials=trials)
 
 
 @dataclass(frozen=True)

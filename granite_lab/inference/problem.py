@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -15,15 +14,15 @@ from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, join
 from granite_lab.inference.noise import Filter, Whitener, stretches
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
 from granite_lab.inference.nuisances import SENSORS, SENSORS_LEAST, SENSORS_STD, TrialModel
+from granite_lab.inference.observation import Mask
 from granite_lab.inference.point import SHARED, Difference, Further, Point, Slopes, stacked
-from granite_lab.inference.strengths import centre_of, is_central, step_of, trial_scale_name, width_of
+from granite_lab.inference.priors import centre_of, is_central, step_of, trial_scale_name, width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 from granite_lab.model.leading import LEADS
 
-_STEP = 0.01
-_STEPS = {"cohesion": LINEAR, "tyre_friction": _STEP / 2} | dict.fromkeys(LEADS, _STEP / 2)
-STEP = np.array([_STEPS.get(name, _STEP) for name in SIMULATED])
+_HALVED = ("tyre_friction", *LEADS)
+STEP = np.array([LINEAR if n == "cohesion" else 0.01 / (1 + (n in _HALVED)) for n in SIMULATED])
 """Steps of the differences by `SIMULATED`, a tenth of their std and less: wide where little depends on a
 number, so that the integrator's errors are less than the difference, and half where a kink is near."""
 
@@ -65,11 +64,19 @@ class Problem:
         self._alike: dict[Whitener, list[tuple[int, int]]] = {}  # trials and channels that share it
         self._plain: list[dict[str, tuple[Basis, ...]]] = []
         self._white_plain: dict[tuple[int, str, Filter], tuple[Array, Array]] = {}
-        self._sizes: list[dict[str, tuple[float, Array, Array]]] = []
+        self._sizes: list[dict[str, tuple[float, Mask, Mask]]] = []
         self.rows = tuple(
             {c: slice(k * t.observation.bins, (k + 1) * t.observation.bins) for k, c in enumerate(t.channels)}
             for t in self.trials
         )
+
+    def places_of(self, trials: Sequence[int]) -> dict[str, list[tuple[int, int]]]:
+        """Return channel to (trial, row there), of those of some trials that measured it."""
+        places: dict[str, list[tuple[int, int]]] = {}
+        for i in trials:
+            for k, c in enumerate(self.trials[i].channels):
+                places.setdefault(c, []).append((i, k))
+        return places
 
     # --- parameters
 
@@ -327,13 +334,13 @@ class Problem:
             bins = t.bins_of(response, x, point.sensors)
             size, moving, resting = sizes_of([self.trials[i] for i in repetitions], response, bins)
             plain = {}
-            for c in dict.fromkeys(c for i in repetitions for c in self.trials[i].channels):
+            for c in self.places_of(repetitions):
                 level, width = size.get(c, 0.0), t.observation.width
                 plain[c] = tuple(
                     joined(
                         [
-                            modulated(level * moving[part], MOTION, width),
-                            modulated(level * resting[part], REST, width),
+                            modulated(np.where(moving[part], level, 0.0), MOTION, width),
+                            modulated(np.where(resting[part], level, 0.0), REST, width),
                         ]
                     )
                     for part in stretches(moving.size, width)
@@ -341,14 +348,14 @@ class Problem:
             self._plain.append(plain)
             self._sizes.append({c: (size.get(c, 0.0), moving, resting) for c in plain})
 
-    def size_of(self, command: int, channel: str) -> tuple[float, Array]:
-        """Return the rms of a channel in motion, and (n,) 1 where the robot moves, else 0."""
+    def size_of(self, command: int, channel: str) -> tuple[float, Mask]:
+        """Return the rms of a channel in motion, and (n,) where the robot moves."""
         return self._sizes[command][channel][:2]
 
     def resting(self, command: int, channel: str) -> Array:
         """Return (n,) the rms of a channel in motion where the robot is near rest, else 0."""
         size, _, at = self._sizes[command][channel]
-        return size * at
+        return np.where(at, size, 0.0)
 
     def normal(
         self,
@@ -395,9 +402,11 @@ class Problem:
             traces = self._traces(point, slopes, command)
             for some in [(i,) for i in everyone] if apart else [everyone]:
                 at = np.unique(np.concatenate([*(rows[i][0] for i in some), [size - 1]]))
-                names = dict.fromkeys(c for i in some for c in self.trials[i].channels)
-                of = partial(self._channel, command, some, at, rows, white, traces)
-                part = CommandPart(at, tuple(chain.from_iterable(map(of, names))))
+                channels = (
+                    self._channel((command, c), places, at, rows, white, traces)
+                    for c, places in self.places_of(some).items()
+                )
+                part = CommandPart(at, tuple(chain.from_iterable(channels)))
                 parts.append(part if keep else part.alone())
         return Normal(tuple(parts), size, p)
 
@@ -424,15 +433,16 @@ class Problem:
 
     def _channel(
         self,
-        command: int,
-        repetitions: Sequence[int],
+        key: tuple[int, str],
+        trials: Sequence[tuple[int, int]],
         at: Places,
         whitened: Mapping[int, tuple[Places, Array]],
         white: Sequence[Array],
         traces: Mapping[str, list[Array]],
-        name: str,
     ) -> list[ChannelPart]:
-        o = self.trials[repetitions[0]].observation
+        """Return the parts of a channel by stretch; `key`: command and name, `trials`: as `places_of`."""
+        command, name = key
+        o = self.trials[trials[0][0]].observation
         parts = []
         bases = self._bases(traces, command, name)
         for number, part in enumerate(stretches(o.bins, o.width)):
@@ -442,8 +452,7 @@ class Problem:
             across = np.zeros((kind.size, at.size))
             rows = []
             cache: dict[Filter, tuple[Array, Array]] = {}  # repetitions share it
-            for i in (i for i in repetitions if name in self.trials[i].channels):
-                k = self.trials[i].channels.index(name)
+            for i, k in trials:
                 first, whiten = self.rows[i][name].start, self.whiteners[i][k].filters[number]
                 bins = slice(first + part.start, first + part.stop)
                 if whiten not in cache:

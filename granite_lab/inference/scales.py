@@ -18,8 +18,8 @@ from granite_lab.inference.constants import (
 from granite_lab.inference.discrepancy import FORMULA, MOTION
 from granite_lab.inference.normal import Normal, Posterior, Scales, posterior
 from granite_lab.inference.point import Point
+from granite_lab.inference.priors import trial_scale_name, width_of
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.strengths import trial_scale_name, width_of
 from granite_lab.logs.trial import Array
 
 DISCREPANCIES = (TOLERANCE / 32, 32 * TOLERANCE)
@@ -27,16 +27,13 @@ FORMULAS = (FORMULA_ERROR[1] / 2**14, FORMULA_ERROR[1])
 """Smallest and largest scales of the discrepancy: none that matters, and all that a channel shows; of the
 error of formulas, which is a share of traces that may be 10,000 times the noise (a wrong wheel radius)."""
 
-LEAST_SCALE = NOTHING
-"""Least scale of the numbers that an effect has in each trial, as a share of their prior's range."""
-
 FIRST = Scales(2 * TOLERANCE, FORMULA_ERROR[0])
 """Scales with which a search begins."""
 
 
 def change(before: Scales, after: Scales) -> float:
     """Return the largest change of the logarithm of a scale, infinite for one that was not learnt before."""
-    names = ("shares", "formulas", "louder", "priors")
+    names = ("discrepancies", "formulas", "louder", "priors")
     pairs = ((getattr(before, n), getattr(after, n)) for n in names)
     ratios = [np.inf if k not in x else abs(np.log(y[k] / x[k])) for x, y in pairs for k in y]
     return float(max(ratios, default=0.0))
@@ -175,5 +172,5 @@ def per_trial_scales(
         at = [k for k, (e, _) in enumerate(private) if e == id_]
         width = max(width_of(private[k][1]) for k in at)
         rms = float(np.sqrt(np.mean(table[:, at])))
-        scales[trial_scale_name(id_)] = float(np.clip(rms, LEAST_SCALE * width, width))
+        scales[trial_scale_name(id_)] = float(np.clip(rms, NOTHING * width, width))
     return scales

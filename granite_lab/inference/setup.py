@@ -1,4 +1,4 @@
-"""From corrected trials to a fitted problem: bins of one width, and noise learnt on the way."""
+"""From corrected trials to a fitted problem: one clock, bins of one width, and noise learnt on the way."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.errors import EstimateError, InputError
+from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.inference.constants import (
     BIN,
@@ -37,8 +38,46 @@ was learnt: there residuals were not yet noise."""
 LATENCIES = LATENCY_STD * np.arange(-5, 6)
 """Latencies of the IMU that are tried before the first fit [s]; the robot takes 0.1 to 0.35 s to set off."""
 
-STILL = NOTHING
-"""Share of the full speed below which a wheel counts as standing."""
+
+Clocked = tuple[list[Trial], list[Motion]]
+
+
+def clocks(trials: Sequence[Trial], motions: Sequence[Motion]) -> tuple[Clocked, ...]:
+    """Return how the stamps of encoders and currents may stand.
+
+    Estimation finds the offset of each trial for itself, within several milliseconds, and applies only one
+    that is clearly larger than an ordinary latency. Trials of one logger share their offset: differences of
+    milliseconds between them would be taken for a gap of the model. Where most trials agree with the median
+    of what was applied, all follow it. Where they disagree, either the clocks were set anew in each trial, or
+    a body that follows its wheels late, more so at some speeds, was taken for an offset.
+
+    Args:
+        trials: as estimation corrected them.
+        motions: their estimates, in the same order.
+
+    Returns:
+        both with the offset in stamps and starts; where they disagree, as they are and with the common one.
+    """
+    given = list(trials), list(motions)
+    if len(trials) < 2:
+        return (given,)
+    applied = np.array([m.clock_applied for m in motions])
+    std = np.array([m.clock_offset.std for m in motions])
+    common = float(np.median(applied))
+    alike = np.abs(applied - common) <= 2 * np.nan_to_num(std)
+    if not applied.any():
+        return (given,)
+    pairs = [_on_common_clock(t, m, common) for t, m in zip(trials, motions, strict=True)]
+    together = [t for t, _ in pairs], [m for _, m in pairs]
+    return (together,) if 2 * int(alike.sum()) > len(trials) else (given, together)
+
+
+def _on_common_clock(trial: Trial, motion: Motion, common: float) -> tuple[Trial, Motion]:
+    """Return a trial whose stamps of encoders, currents and command are moved by the common offset."""
+    by = common - motion.clock_applied
+    shifted = replace(trial, **trial.on_its_clock(by))
+    start = Estimate(motion.t_start.value + by, motion.t_start.std)
+    return shifted, replace(motion, clock_applied=common, t_start=start)
 
 
 def trial_models(
@@ -174,33 +213,28 @@ def learnt(problem: Problem, residuals: Sequence[Array]) -> list[list[Whitener]]
     speeds = [_speed(problem, residuals, repetitions) for repetitions in problem.commands]
     rest: dict[tuple[str, int], list[Array]] = {}
     for repetitions, speed in zip(problem.commands, speeds, strict=True):
-        for c, having in _channels(problem, repetitions):
-            rows = errors([residuals[i][problem.trials[i].channels.index(c)] for i in having])
-            rest.setdefault(_sensor(problem, having[0], c), []).extend(rows[:, speed == 0])
+        for c, places in problem.places_of(repetitions).items():
+            noise = errors([residuals[i][k] for i, k in places])
+            rest.setdefault(_sensor(problem, places[0][0], c), []).extend(noise[:, speed == 0])
     width = problem.trials[0].observation.width
     spectra = {sensor: at_rest(rows, FLOOR[sensor[0]], width) for sensor, rows in rest.items()}
     for command, (repetitions, speed) in enumerate(zip(problem.commands, speeds, strict=True)):
-        for c, having in _channels(problem, repetitions):
-            place = {i: problem.trials[i].channels.index(c) for i in having}
-            of_having = [residuals[i][place[i]] for i in having]
-            shown = _predicted(problem, residuals, c, having)
+        for c, places in problem.places_of(repetitions).items():
+            rows = [residuals[i][k] for i, k in places]
+            shown = _predicted(problem, residuals, places)
             strength = speed
             if c.startswith("current"):  # its errors grow with the torque
                 level = float(np.median(np.abs(shown[speed >= FAST])))
                 strength = np.clip(np.abs(shown) / level, 0, 4) * (speed > 0) if level > 0 else speed
-            sensor = spectra[_sensor(problem, having[0], c)]
+            sensor = spectra[_sensor(problem, places[0][0], c)]
             blows = (REST_SHARE * problem.resting(command, c)) ** 2
-            floor = float(np.hypot(FLOOR[c], max(problem.trials[i].observation.rounding(c) for i in having)))
-            filters = identify(of_having, strength, np.gradient(shown), floor, width, sensor, blows)
-            for i, w in zip(having, filters, strict=True):
-                whiteners[i][place[i]] = w
+            floor = float(
+                np.hypot(FLOOR[c], max(problem.trials[i].observation.rounding(c) for i, _ in places))
+            )
+            filters = identify(rows, strength, np.gradient(shown), floor, width, sensor, blows)
+            for (i, k), w in zip(places, filters, strict=True):
+                whiteners[i][k] = w
     return whiteners
-
-
-def _channels(problem: Problem, repetitions: Sequence[int]) -> list[tuple[str, list[int]]]:
-    """Return the channels of a command, each with the trials that have it."""
-    names = dict.fromkeys(c for i in repetitions for c in problem.trials[i].channels)
-    return [(c, [i for i in repetitions if c in problem.trials[i].channels]) for c in names]
 
 
 def _sensor(problem: Problem, trial: int, channel: str) -> tuple[str, int]:
@@ -209,24 +243,20 @@ def _sensor(problem: Problem, trial: int, channel: str) -> tuple[str, int]:
     return channel, round(o.width / float(np.median(np.diff(o.streams[channel].t))))
 
 
-def _predicted(problem: Problem, residuals: Sequence[Array], channel: str, having: Sequence[int]) -> Array:
+def _predicted(problem: Problem, residuals: Sequence[Array], places: Sequence[tuple[int, int]]) -> Array:
     """Return (n,) what the model shows of a channel, mean over trials; zero where nothing was measured."""
-    total = np.zeros(problem.trials[having[0]].observation.bins)
-    for i in having:
-        k = problem.trials[i].channels.index(channel)
-        total += np.nan_to_num(problem.trials[i].measured[k] - residuals[i][k])
-    return total / len(having)
+    rows = [np.nan_to_num(problem.trials[i].measured[k] - residuals[i][k]) for i, k in places]
+    return np.asarray(sum(rows) / len(places))
 
 
 def _speed(problem: Problem, residuals: Sequence[Array], repetitions: Sequence[int]) -> Array:
     """Return (n,) how fast the wheels turn over their largest rate; the command where none were logged."""
-    wheels = [i for i in repetitions if "wheel" in problem.trials[i].channels]
-    if wheels:
-        rate = np.fmax(np.diff(_predicted(problem, residuals, "wheel", wheels), prepend=0.0), 0.0)
+    if wheels := problem.places_of(repetitions).get("wheel"):
+        rate = np.fmax(np.diff(_predicted(problem, residuals, wheels), prepend=0.0), 0.0)
         rate = np.minimum(rate, 1.2 * np.median(rate[rate > 0.5 * np.quantile(rate, 0.9)]))
     else:
         o = problem.trials[repetitions[0]].observation
         rate = velocities_at(o.t, o.variant)
     rate = rate / rate.max()
-    rate[rate < STILL] = 0.0
+    rate[rate < NOTHING] = 0.0  # it stands
     return np.asarray(rate)

@@ -14,14 +14,13 @@ from granite_lab.logs.counters import Mask, integral, runs
 from granite_lab.logs.layouts import Binding
 from granite_lab.logs.quantities import ENCODERS, SENSORS
 from granite_lab.logs.sensors.clock import one_line, row_stamps, sampled
-from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.doubt import ZERO, Doubt
 from granite_lab.logs.sensors.encoders import Wheel, convert
 from granite_lab.logs.sensors.stamps import tidy
 from granite_lab.logs.source import Source
 from granite_lab.logs.trial import Array, CurrentStream, Series, WheelStream, part
 from granite_lab.parameters import Robot
 
-ZERO, UNMEASURED = "every sample is 0", "taken as not measured"  # doubt about a dead channel, its remedy
 WINDOW = 5  # samples through which a line is laid to get a speed
 _MANY = 100  # an axis that is zero in fewer samples than these may just be at rest
 _A, _E2 = 6378137.0, 6.69437999014e-3  # semi-major axis [m] and squared eccentricity of WGS 84
@@ -165,7 +164,7 @@ def _complete(source: Source, samples: Samples, kind: str) -> Samples | None:
     idle = [k for k, axis in enumerate(values.T) if (axis == 0).all()]
     if len(t) >= _MANY and idle and (kind != "acceleration" or len(idle) == len(channels)):
         columns = ", ".join(f"'{source.bindings(channels[k])[0].name}'" for k in idle)
-        source.doubt(ZERO, f"{name}: {columns}", UNMEASURED)
+        source.doubt(ZERO, f"{name}: {columns}", "taken as not measured")
         if len(idle) == len(channels):
             return None
         values = values.copy()

@@ -201,14 +201,14 @@ def products() -> list[tuple[str, ...]]:
 @cache
 def dictionary() -> dict[str, Effect]:
     """Return every term by its id."""
-    found: dict[str, Effect] = {}
+    terms: dict[str, Effect] = {}
     for quantity, of in QUANTITIES.items():
         for groups in products():
             if of.factor and "torque" in groups:
                 continue
             made = _term(quantity, groups)
-            found[made.id] = made
-    return found
+            terms[made.id] = made
+    return terms
 
 
 def term(id_: str) -> Effect:

@@ -310,11 +310,11 @@ def activate(effect: Effect, values: Mapping[str, float]) -> Active:
         InputError: unknown parameter or a value outside its bounds.
     """
     place = f"effect '{effect.id}'"
-    known = {p.name: p for p in effect.parameters}
+    parameters = {p.name: p for p in effect.parameters}
     for name, value in values.items():
-        if name not in known:
-            raise InputError(f"{place}: unknown parameter '{name}'", f"known: {', '.join(known)}")
-        p = known[name]
+        if name not in parameters:
+            raise InputError(f"{place}: unknown parameter '{name}'", f"known: {', '.join(parameters)}")
+        p = parameters[name]
         if not math.isfinite(value) or not p.low <= value <= p.high:
             raise InputError(
                 f"{place}: {name} = {value:g} is out of range",

@@ -159,13 +159,13 @@ def along(
         EstimateError: of `integrate`.
     """
     t, history = instants(p.variant, accuracy), _history(p, tuple(effects), accuracy)
-    kind, found = kind_of(p.variant), []
+    kind, runs = kind_of(p.variant), []
     for more in others:
         every = (*effects, *more)
         chosen = tuple(e.effect for e in every)
         vector = parameter_vector(p, every)
-        found.append(engine_of(chosen, kind).outputs(chosen, p.variant, names, t, history, vector))
-    return tuple(found)
+        runs.append(engine_of(chosen, kind).outputs(chosen, p.variant, names, t, history, vector))
+    return tuple(runs)
 
 
 @lru_cache(maxsize=64)

@@ -17,7 +17,7 @@ from granite_lab.files import read_json, write_text
 from granite_lab.inference.bench import SAND
 from granite_lab.inference.conditions import PLAIN, Conditions, conditions_of
 from granite_lab.inference.constants import BIN
-from granite_lab.inference.noise import CUT, FAST, FLOOR, at_rest, errors
+from granite_lab.inference.noise import ABOVE, CUT, FAST, FLOOR, GRID, at_rest, errors
 from granite_lab.inference.observation import AFTER, BEFORE
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import duration, peak_velocity, velocities_at
@@ -228,13 +228,13 @@ def _noise(rows: Sequence[Residual], variant: Variant) -> Noise:
     error = errors([(r.measured - r.after - r.discrepancy_after)[: t.size] for r in rows])
     width, floor = float(np.median(np.diff(t))), FLOOR[rows[0].channel]
     still, fast = error[:, t < 0], error[:, commanded_share(t, variant) >= FAST]
-    spectrum = at_rest(list(fast), floor, width)[:: 1024 // (FREQUENCIES - 1)]
+    spectrum = at_rest(list(fast), floor, width)[:: GRID // (FREQUENCIES - 1)]
     if np.isfinite(still).sum() < ENOUGH:
         return Noise(channel=rows[0].channel, rest=float(np.sqrt(spectrum.mean())))
     rest = float(at_rest(list(still), floor, width).mean())
     if len(rows) < 2:
         f = np.linspace(0, 0.5 / width, FREQUENCIES)
-        band = spectrum[(f >= CUT) & (f < 2.5 * CUT)]
+        band = spectrum[(f >= CUT) & (f < ABOVE * CUT)]
         spectrum[f < CUT] = band.mean() if band.size else spectrum[-1]
     added = tuple(float(f"{x:.4g}") for x in np.fmax(spectrum - rest, 0.0))
     return Noise(channel=rows[0].channel, rest=float(np.sqrt(rest)), driven=added)

@@ -19,7 +19,7 @@ from granite_lab.errors import EstimateError, InputError
 from granite_lab.inference.bench import SAND, Bench, Setting, Values
 from granite_lab.inference.binning import Stream
 from granite_lab.inference.constants import BIN, FORMULA_ERROR
-from granite_lab.inference.noise import FLOOR, Whitener, white, whitener
+from granite_lab.inference.noise import FLOOR, GRID, Whitener, white, whitener
 from granite_lab.inference.normal import Posterior, Scales, posterior
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.observation import CHANNELS, Observation
@@ -130,7 +130,7 @@ def whitener_of(noise: Noise, trial: Observation, learnt_at: float) -> Whitener:
     if not noise.driven:
         return white(level, every_row, trial.width)
     grid = np.linspace(0, 1, len(noise.driven))
-    spectrum = np.interp(np.linspace(0, 1, max(1024, t.size) + 1), grid, noise.driven)
+    spectrum = np.interp(np.linspace(0, 1, max(GRID, t.size) + 1), grid, noise.driven)
     speed = commanded_share(t, variant) * peak_velocity(variant) / learnt_at
     shared = np.fft.irfft(spectrum)
 

@@ -8,11 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from granite_lab.columns import FilledTable
 from granite_lab.discovery.finding import UNCONVERGED, Finding
 from granite_lab.estimate import mean_over
+from granite_lab.estimation.motion import no_slip_is_known
 from granite_lab.fitting.fit import TRIALS, AThetaFit, View, views_of
+from granite_lab.inference.constants import FEWEST_SPEEDS
 from granite_lab.parameters import by_speed, load_paper
-from granite_lab.reporting.channels import AGREES, SMALL, ChannelAnswer, channels_of
+from granite_lab.reporting.channels import AGREES, SMALL, ChannelAnswer, judged_channels
 from granite_lab.reporting.names import (
     MUCH,
     Step,
@@ -28,9 +31,18 @@ from granite_lab.reporting.names import (
     together,
     twins_of,
 )
-from granite_lab.reporting.silence import REMEDY, assumptions, reach_in_words, silent, why_no_k92
-from granite_lab.reporting.speeds import Speed, published_at, speeds_of, velocities_of
-from granite_lab.results import StudyResult, gaps
+from granite_lab.reporting.speeds import (
+    REMEDY,
+    Speed,
+    assumptions,
+    first_table,
+    published_at,
+    reach_in_words,
+    speeds_of,
+    velocities_of,
+    why_no_k92,
+)
+from granite_lab.results import StudyResult, pooled_misfits
 from granite_lab.rounding import (
     Number,
     chance,
@@ -49,9 +61,6 @@ LAW = "k_92 falls with the desired velocity v as exp(−a_θ v)."
 
 DIFFERS = 3.0
 """So many standard deviations from a value a number differs from it."""
-
-SPEEDS = 3
-"""A law over speed is tested by at least so many speeds."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +99,7 @@ class Answers:
             the interval holds 0.
         channels: of the comparison of measured and simulated motion.
         a_theta_paper: of the paper [s/m].
-        silent: no slip ratio is known well enough for k_92, a comparison with the model or a search.
+        slip_unknown: no slip ratio is known well enough for k_92, a comparison with the model or a search.
     """
 
     lead: str
@@ -102,20 +111,28 @@ class Answers:
     a_theta_agrees: bool | None = None
     channels: tuple[ChannelAnswer, ...] = ()
     a_theta_paper: float = math.nan
-    silent: bool = False
+    slip_unknown: bool = False
+
+    @property
+    def table(self) -> FilledTable | None:
+        """Slip and k_92 by speed, beside the answers; None where it would hold nothing that is known."""
+        return first_table(self.speeds, slip_unknown=self.slip_unknown, virtual=bool(self.virtual))
 
 
 def of_study(result: StudyResult, model: Path | str | None = None, folder: str = "") -> Answers:
-    """Decide what a study answers; without trials and with a finding, what the search alone does.
+    """Compute the answers of a study, or of a search alone, which has a finding and no trials.
 
-    `model` and `folder` are named in commands, the folder by default by the name of the study.
+    Args:
+        result: the study.
+        model: path of the model file, for the commands that use it.
+        folder: of the report, for the same; by default the name of the study.
     """
     paper, finding = load_paper(), result.finding
     speeds = speeds_of(result, paper)
     a_theta, agrees = a_theta_of(result.a_theta)
-    channels = channels_of(gaps(result.trials), finding)
+    channels = judged_channels(pooled_misfits(result.trials), finding)
     questions, no_k92 = [], why_no_k92(result)
-    if quiet := silent(result):
+    if slip_unknown := no_slip_is_known([r.motion for r in result.trials]):
         speeds = tuple(replace(s, k92_note="not known") for s in speeds)
         questions = [_slip(speeds), _k92_answer(no_k92)]
     elif speeds:
@@ -127,18 +144,18 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
         text = f"{sensors} {_differ(finding, gap_pair(finding)[0])}"
         questions = [Answer("model", MODEL_QUESTION, verdict, text, tone)]
         questions += [law_answer(None, finding)] if finding.a_theta else []
-    questions += [] if quiet else [missing_answer(finding, result.unsearched)]
+    questions += [] if slip_unknown else [missing_answer(finding, result.unsearched)]
     questions += [closes_answer(finding)] if finding else []
     questions.append(_trust(result, finding))
     user_effects = dict(result.source.options).get("effects", "")
-    steps: tuple[Step, ...] = (Step(REMEDY),) if quiet else ()
+    steps: tuple[Step, ...] = (Step(REMEDY),) if slip_unknown else ()
     if finding is not None:
         steps = next_steps(finding, model, folder or result.name, user_effects)
     if steps:
         questions.append(Answer("next", "What to do next?", "", steps[0].text, command=steps[0].command))
     return Answers(
         _lead(result, speeds), _virtual(result), tuple(questions), steps, speeds, a_theta, agrees,
-        channels, paper.a_theta, quiet,
+        channels, paper.a_theta, slip_unknown,
     )  # fmt: skip
 
 
@@ -249,7 +266,9 @@ def a_theta_of(fit: AThetaFit | None) -> tuple[Number | None, bool | None]:
     if fit is None or not math.isfinite(fit.a_theta.value):
         return None, None
     number = decided(fit.a_theta.value, fit.a_theta.std, *fit.ci95, unit="s/m")
-    return number, number.holds(fit.published) if _speeds_of(fit) >= SPEEDS and fit.ci95[0] > 0 else None
+    return number, number.holds(fit.published) if _speeds_of(fit) >= FEWEST_SPEEDS and fit.ci95[
+        0
+    ] > 0 else None
 
 
 def _k92_off(fit: AThetaFit) -> dict[float, float]:
@@ -282,15 +301,15 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
         f"{LAW} With soil and robot as in their files, a_θ = {number.with_std} s/m, 95 % interval "
         f"{number.interval} s/m, from {plural(len(fit.points), 'trial')}.{depends}"
     )
-    if agrees is None and _speeds_of(fit) >= SPEEDS:
+    if agrees is None and _speeds_of(fit) >= FEWEST_SPEEDS:
         text += " The interval holds 0: these trials do not show that k_92 falls with the velocity."
         return Answer("a_theta", question, "Not known", text)
     if agrees is None:
         few = _speeds_of(fit)
-        text += f" A test of this law needs {SPEEDS} speeds; these trials have {few}."
+        text += f" A test of this law needs {FEWEST_SPEEDS} speeds; these trials have {few}."
         return Answer("a_theta", question, "Not tested", text)
     if agrees:
-        but, more = _but(fit, views)
+        but, more = _limits(fit, views)
         return Answer("a_theta", question, f"Yes{but}", f"{text}{more}", "fair" if but else "good")
     way = "above" if number.value > fit.published else "below"
     text += f" It is {percent(abs(number.value / fit.published - 1))} {way} the paper's."
@@ -299,11 +318,11 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
             " This k_92 is fitted with the paper's model; what is missing from the model can cause the "
             "difference."
         )
-    held = any(v.ci95[0] <= fit.published <= v.ci95[1] for v in views if v.by != "files")
-    return Answer("a_theta", question, "Not by these files alone" if held else "No", text, "fair")
+    inside = any(v.ci95[0] <= fit.published <= v.ci95[1] for v in views if v.by != "files")
+    return Answer("a_theta", question, "Not by these files alone" if inside else "No", text, "fair")
 
 
-def _but(fit: AThetaFit, views: Sequence[View]) -> tuple[str, str]:
+def _limits(fit: AThetaFit, views: Sequence[View]) -> tuple[str, str]:
     """Return what limits the answer that a_θ agrees by the files, and the numbers of it."""
     but, more = "", ""
     if off := _k92_off(fit):
@@ -312,8 +331,8 @@ def _but(fit: AThetaFit, views: Sequence[View]) -> tuple[str, str]:
             f", but not k_92 at {where} m/s",
             f" k_92 itself lies {far} std from the paper's at {where} m/s.",
         )
-    found = next((v.ci95 for v in views if v.by == "found"), None)
-    if found is not None and not found[0] <= fit.published <= found[1]:
+    augmented = next((v.ci95 for v in views if v.by == "found"), None)
+    if augmented is not None and not augmented[0] <= fit.published <= augmented[1]:
         but = " by these files, but not with what was found"
     return but, more
 
@@ -458,7 +477,7 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
         doubts.append(f"{plural(failed, 'trial')} could not be used")
     if finding is None or not finding.provisional:
         speeds = by_speed(velocities_of(result))
-        doubts += [f"only {plural(len(speeds), 'speed')}"] if 0 < len(speeds) < SPEEDS else []
+        doubts += [f"only {plural(len(speeds), 'speed')}"] if 0 < len(speeds) < FEWEST_SPEEDS else []
         doubts += ["no speed was driven twice"] if speeds and max(map(len, speeds.values())) < 2 else []
     if finding is not None:
         doubts += [reason.rstrip(".") for reason in finding.provisional]

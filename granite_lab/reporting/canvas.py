@@ -149,13 +149,13 @@ def panels(
     tall = head + sum(heights) + gap * (len(heights) - 1) + FOOT
     wide = (width - left - RIGHT - BETWEEN * (columns - 1)) / columns
     figure = Canvas(figsize=(width, tall))
-    shares = {
+    fractions = {
         "left": left / width, "right": 1 - RIGHT / width, "top": 1 - head / tall, "bottom": FOOT / tall,
         "hspace": gap * len(heights) / sum(heights), "wspace": BETWEEN / wide,
     }  # fmt: skip
     grid = figure.subplots(
         len(heights), columns, sharex="col", sharey="row", squeeze=False, height_ratios=heights,
-        gridspec_kw=shares,
+        gridspec_kw=fractions,
     )  # fmt: skip
     for axis in grid[:, 0]:
         axis.yaxis.set_label_coords(label, 0.5, transform=_inches_along(axis))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from granite_lab.columns import Cell, Column, Table, number, words
 from granite_lab.discovery.finding import Finding
-from granite_lab.results import PHASES, Gap
+from granite_lab.results import PHASES, PooledMisfit
 from granite_lab.rounding import NONE, shown_as, significant, with_unit
 
 AGREES = "agrees"
@@ -31,7 +31,7 @@ class ChannelAnswer:
     """How well the model explains one quantity over whole trials.
 
     Attributes:
-        channel, name: as in `Gap`, and as a reader calls it.
+        channel, name: as in `PooledMisfit`, and as a reader calls it.
         unit: of `rms`, `noise` (std of the measurement) and `largest` (simulated magnitude), as printed.
         verdict, tone: in words.
         worst: phase in which the difference is largest against the noise.
@@ -74,8 +74,8 @@ CHANNEL_TABLE = Table[ChannelAnswer](
 )
 
 
-def channels_of(
-    by_phase: dict[tuple[str, str], Gap], finding: Finding | None = None
+def judged_channels(
+    by_phase: dict[tuple[str, str], PooledMisfit], finding: Finding | None = None
 ) -> tuple[ChannelAnswer, ...]:
     """Judge each channel over whole trials.
 
@@ -98,7 +98,7 @@ def channels_of(
     return tuple(judged)
 
 
-def _judge(gap: Gap, noise: float) -> tuple[str, str]:
+def _judge(gap: PooledMisfit, noise: float) -> tuple[str, str]:
     if not math.isfinite(gap.normalised):
         return "not judged, noise not known", ""
     if gap.normalised <= NOISE:
@@ -110,11 +110,11 @@ def _judge(gap: Gap, noise: float) -> tuple[str, str]:
     return ("differs", "fair") if gap.normalised <= CLEAR else ("differs clearly", "bad")
 
 
-def _small(value: float, gap: Gap) -> Cell:
+def _small(value: float, gap: PooledMisfit) -> Cell:
     return number(value, 2, scale=shown_as(gap.unit)[1])
 
 
-MISFITS = Table[Gap](
+MISFITS = Table[PooledMisfit](
     "misfits",
     "Simulated minus measured, by quantity and phase",
     Column("quantity", lambda g: g.name),

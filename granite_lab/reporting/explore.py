@@ -24,7 +24,7 @@ from granite_lab.model.simulator import simulate
 from granite_lab.parameters import WHEELS, by_speed
 from granite_lab.processes import shared_out
 from granite_lab.reporting.canvas import extremes
-from granite_lab.reporting.names import SENSORS, with_found
+from granite_lab.reporting.names import SENSORS, with_effects
 from granite_lab.reporting.plot_motion import shown_channel
 from granite_lab.reporting.render import rendered
 from granite_lab.results import CHANNELS, StudyResult
@@ -83,7 +83,7 @@ def explore_data(result: StudyResult, jobs: int = 1) -> dict[str, Any]:
     return {
         "kind": "virtual" if result.virtual else "measured", "quantities": named, "trials": trials,
         "left": left,
-        "found": with_found(result.finding) if result.finding and result.finding.terms else "",
+        "found": with_effects(result.finding) if result.finding and result.finding.terms else "",
     }  # fmt: skip
 
 
@@ -116,7 +116,7 @@ def _packed(given: tuple[StudyResult, Sequence[Comparison], int], k: int) -> dic
 
 def _motion_curves(c: Comparison, finding: Finding | None) -> Iterator[Curves]:
     """Yield the channels of a comparison."""
-    later = _with_found(c, finding)
+    later = _augmented(c, finding)
     for name in (n for n in UNITS if n in c.measured):
         value, std = shown_channel(c, "measured", name)
         simulated = shown_channel(c, "simulated", name)[0]
@@ -126,7 +126,7 @@ def _motion_curves(c: Comparison, finding: Finding | None) -> Iterator[Curves]:
         yield Curves(name, words, UNITS[name], name in READ, c.t, value, std, simulated, augmented, raw)
 
 
-def _with_found(c: Comparison, finding: Finding | None) -> Comparison | None:
+def _augmented(c: Comparison, finding: Finding | None) -> Comparison | None:
     """Return a comparison with the simulation by what was found, in the trial's sand; None without any."""
     if finding is None or not finding.active or not finding.terms:
         return None

@@ -22,7 +22,7 @@ from granite_lab.origin import Source
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.canvas import FORMATS
 from granite_lab.reporting.report import Report
-from granite_lab.results import SCHEMA, StudyResult, gaps, shown_path, warnings_of
+from granite_lab.results import SCHEMA, StudyResult, pooled_misfits, shown_path, warnings_of
 from granite_lab.shown import jsonable, picked
 
 
@@ -44,7 +44,7 @@ def to_json(
         "virtual": result.virtual,
         "answers": answers_as_json(report.answers),
         "a_theta": a_theta_as_json(result.a_theta),
-        "misfits": list(gaps(result.trials).values()),
+        "misfits": list(pooled_misfits(result.trials).values()),
         "discovery": finding_as_json(finding, model) if finding is not None else None,
         "trials": [_trial(r) for r in result.trials],
         "failures": result.failures,
@@ -169,10 +169,10 @@ def changed_files(document: Mapping[str, Any], path: Path) -> Iterator[str]:
         InputError: it holds no hashes, or names files outside its folder.
     """
     try:
-        held = {str(entry["file"]): str(entry["sha256"]) for entry in document["files"]}
+        recorded = {str(entry["file"]): str(entry["sha256"]) for entry in document["files"]}
     except (KeyError, TypeError):
         raise InputError(f"{path}: holds no hashes of the report's files", "run the study again") from None
-    for name, known in held.items():
+    for name, sha in recorded.items():
         place = PurePosixPath(name)
         if place.is_absolute() or ".." in place.parts:
             raise InputError(
@@ -181,5 +181,5 @@ def changed_files(document: Mapping[str, Any], path: Path) -> Iterator[str]:
         file = path.parent / place
         if not file.is_file():
             yield f"{name}: is missing"
-        elif sha256(file) != known:
+        elif sha256(file) != sha:
             yield f"{name}: its content was changed"

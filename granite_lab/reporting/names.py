@@ -87,7 +87,7 @@ def sensor(channel: str) -> str:
     return SENSORS.get(channel, channel)
 
 
-def channels_of(finding: Finding) -> list[str]:
+def sensors_of(finding: Finding) -> list[str]:
     """Return the channels that the search used, in the order of the report."""
     used = {r.channel for r in finding.residuals}
     return [c for c in SENSORS if c in used] + sorted(used - set(SENSORS))
@@ -151,7 +151,7 @@ def _shown(effect: EffectFinding) -> list[FittedParameter]:
     return shown
 
 
-def with_found(finding: Finding) -> str:
+def with_effects(finding: Finding) -> str:
     """Say what the model has more than the paper's, as a legend does."""
     if not finding.effects:
         return "with the description"
@@ -196,7 +196,7 @@ def shared(lines: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:
     )
 
 
-def lines_of(trial: str = "", speed: float = math.nan, quantity: str = "motion") -> str:
+def lines_link(trial: str = "", speed: float = math.nan, quantity: str = "motion") -> str:
     """Return where lines stand on the page to zoom into: of a trial, or of all at a speed."""
     at = {"trial": trial} if trial else {"trial": "", "speed": f"{speed:.3g}"}
     return f"{LINES}#{urlencode(at | {'quantity': quantity})}"

@@ -22,10 +22,10 @@ from granite_lab.model.command import duration
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import Figure
-from granite_lab.reporting.channels import channels_of
-from granite_lab.reporting.names import lines_of, speed_stem, together
+from granite_lab.reporting.channels import judged_channels
+from granite_lab.reporting.names import lines_link, speed_stem, together
 from granite_lab.reporting.speeds import Speed
-from granite_lab.results import gaps
+from granite_lab.results import pooled_misfits
 from granite_lab.rounding import axis_unit, shown_as, significant
 
 SLIP_STD_SHOWN = 0.04
@@ -82,7 +82,7 @@ def motion_figure(speed: Speed) -> Figure:
     virtual = any(r.motion.virtual for r in speed.results)
     name = f"motion_{speed_stem(speed.velocity)}"
     caption = f"Trial {c.motion.trial}{like}."
-    return Figure(name, title, caption, partial(_history, c), virtual, lines_of(c.motion.trial))
+    return Figure(name, title, caption, partial(_history, c), virtual, lines_link(c.motion.trial))
 
 
 def comparison_figure(c: Comparison, index: int, like: Sequence[Comparison] = ()) -> Figure:
@@ -99,7 +99,7 @@ def comparison_figure(c: Comparison, index: int, like: Sequence[Comparison] = ()
 def _verdict(comparisons: Sequence[Comparison]) -> str:
     """Say which of the drawn quantities differ."""
     drawn = {name for panel in PANELS for name in panel.channels}
-    judged = [c for c in channels_of(gaps(comparisons)) if c.channel in drawn]
+    judged = [c for c in judged_channels(pooled_misfits(comparisons)) if c.channel in drawn]
     differ = [c.name for c in judged if c.differs]
     if differ:
         return f"{together(differ)} {'differs' if len(differ) == 1 else 'differ'}"
@@ -271,7 +271,7 @@ def health_figure(motion: Motion, index: int) -> Figure:
         f"normalised innovation squared (1 is ideal, up to 3 is good; more if innovations are few): "
         f"{squares or 'none'}. Grey: standstills."
     )
-    make, lines = partial(_health, motion, ratio), lines_of(motion.trial)
+    make, lines = partial(_health, motion, ratio), lines_link(motion.trial)
     return Figure(f"health_{index:02d}", title, caption, make, motion.virtual, lines)
 
 

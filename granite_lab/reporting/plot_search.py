@@ -22,13 +22,13 @@ from granite_lab.reporting.canvas import AFTER, BEFORE, Figure
 from granite_lab.reporting.names import (
     STATUS,
     capital,
-    channels_of,
-    lines_of,
+    lines_link,
     listed,
     plain,
     sensor,
+    sensors_of,
     speed_stem,
-    with_found,
+    with_effects,
 )
 from granite_lab.rounding import places, shown_as, significant, times
 
@@ -48,12 +48,12 @@ def gap_figure(finding: Finding) -> Figure:
     if math.isfinite(whole.held_out[0]):
         lines["trials left out"] = whole.held_out
     first = len(lines)
-    lines |= {sensor(c): by_channel[c].train for c in channels_of(finding) if c in by_channel}
+    lines |= {sensor(c): by_channel[c].train for c in sensors_of(finding) if c in by_channel}
     before, after, where = gap_pair(finding)
     title = f"The gap between sensors and model is {times(before)}; noise and tolerance explain 1"
     if finding.terms:
         title = (
-            f"{capital(with_found(finding))}, the gap falls from {times(before)} to {times(after)} {where}"
+            f"{capital(with_effects(finding))}, the gap falls from {times(before)} to {times(after)} {where}"
         )
     caption = (
         "Above the line: rms of all residuals, divided by the rms that noise and tolerance explain. Below: "
@@ -74,7 +74,7 @@ def _dumbbells(lines: Mapping[str, Pair], finding: Finding, rule: int) -> Canvas
         axis.hlines(
             y, np.fmin(before, after), np.fmax(before, after), color=canvas.FAINT, linewidth=1.6, zorder=1
         )
-        axis.plot(after, y, "D", color=AFTER, markersize=4, label=with_found(finding))
+        axis.plot(after, y, "D", color=AFTER, markersize=4, label=with_effects(finding))
     for k, pair in enumerate(lines.values()):
         text = " → ".join(times(x) for x in (pair if finding.terms else pair[:1]))
         axis.text(1.42 * high, k, text, ha="right", va="center", fontsize=7.5)
@@ -143,7 +143,7 @@ def intervals_figure(finding: Finding) -> Figure | None:
 
 
 def _intervals(finding: Finding) -> Canvas:
-    speeds, channels = by_speed(d.variant for d in finding.where), channels_of(finding)
+    speeds, channels = by_speed(d.variant for d in finding.where), sensors_of(finding)
     heights, variants = [0.13 * len(channels)] * len(speeds), {d.variant for d in finding.where}
     figure, axes = canvas.panels(heights, frame=canvas.Frame(left=canvas.NAMES, gap=0.24), x=canvas.TIME)
     for axis, (speed, positions) in zip(axes, speeds.items(), strict=True):
@@ -158,7 +158,7 @@ def _intervals(finding: Finding) -> Canvas:
 def history_figures(finding: Finding) -> list[Figure]:
     """Draw the sensors with the largest gap, one figure per speed: mean of the trials, and the model."""
     gap_of = {g.channel: g.train[0] for g in finding.gaps}
-    ranked = sorted(channels_of(finding), key=lambda c: -gap_of.get(c, 0.0))[:SHOWN]
+    ranked = sorted(sensors_of(finding), key=lambda c: -gap_of.get(c, 0.0))[:SHOWN]
     figures = []
     for velocity, positions in by_speed(r.variant for r in finding.residuals).items():
         at = [finding.residuals[i] for i in positions]
@@ -172,7 +172,7 @@ def history_figures(finding: Finding) -> list[Figure]:
         name = f"found_history_{speed_stem(velocity)}"
         count = f"Mean of {n} trials" if n > 1 else "One trial"
         caption = f"{count}. Grey: the paper's model disagrees by more than the tolerance."
-        make, lines = partial(_history, finding, drawn), lines_of(speed=velocity, quantity="search")
+        make, lines = partial(_history, finding, drawn), lines_link(speed=velocity, quantity="search")
         figures.append(Figure(name, title, caption, make, finding.virtual, lines))
     return figures
 
@@ -185,7 +185,7 @@ def _closer(finding: Finding, drawn: Mapping[str, Residual]) -> str:
     best = max(factor, key=lambda c: factor[c], default="")
     if not finding.terms or not factor.get(best, 0.0) >= 1.1:
         return "readings of the sensors with the largest gap"
-    return f"{sensor(best)} is {significant(factor[best], 2)} times closer {with_found(finding)}"
+    return f"{sensor(best)} is {significant(factor[best], 2)} times closer {with_effects(finding)}"
 
 
 def mean_of(group: Sequence[Residual]) -> Residual:
@@ -210,7 +210,7 @@ def _history(finding: Finding, drawn: Mapping[str, Residual]) -> Canvas:
         lines = [
             (mean.measured, canvas.MEASURED_LIGHT, 2.2, "measured"),
             (mean.before, BEFORE, 1.0, "paper's model"),
-            *([(mean.after, AFTER, 1.0, with_found(finding))] if finding.terms else ()),
+            *([(mean.after, AFTER, 1.0, with_effects(finding))] if finding.terms else ()),
         ]
         for values, colour, width, label in lines:
             axis.plot(mean.t, scale * (values - zero), color=colour, linewidth=width, label=label)

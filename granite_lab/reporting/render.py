@@ -17,7 +17,6 @@ from markupsafe import Markup, escape
 from granite_lab.reporting.answers import of_study
 from granite_lab.reporting.canvas import typeset
 from granite_lab.reporting.report import MODEL, Report
-from granite_lab.reporting.speeds import first_table
 from granite_lab.results import StudyResult
 from granite_lab.rounding import kept
 from granite_lab.shown import as_html, jsonable
@@ -73,9 +72,8 @@ TONES = {"good": "#00634a", "fair": "#8a4b00", "bad": "#a3211a"}
 @as_html.register
 def study_as_html(result: StudyResult) -> str:
     """Return the first screen of a study's report as a part of a page, with its styles in it."""
-    decided = of_study(result)
-    first = first_table(decided.speeds, silent=decided.silent, virtual=bool(decided.virtual))
-    return rendered("notebook.html", answers=decided, first=first, tones=TONES)
+    answers = of_study(result)
+    return rendered("notebook.html", answers=answers, first=answers.table, tones=TONES)
 
 
 def rendered(template: str, **content: object) -> str:

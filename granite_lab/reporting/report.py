@@ -26,13 +26,12 @@ from granite_lab.reporting.names import (
     in_plain_words,
     latency_in_words,
     law_formulas,
-    lines_of,
+    lines_link,
     pasted,
     saved_model,
     shared,
 )
-from granite_lab.reporting.speeds import first_table
-from granite_lab.results import StudyResult, gaps, recordings_of, warnings_of
+from granite_lab.results import StudyResult, pooled_misfits, recordings_of, warnings_of
 from granite_lab.rounding import percent
 
 OPEN_SPEEDS = 4
@@ -185,18 +184,18 @@ def study_report(
     decided = decide.of_study(result, model, folder)
     sections = []
     if result.trials:
-        slip = _slip_alone(decided) if decided.silent else _slip(result, decided)
-        sections = [Section("slip", "Slip" if decided.silent else "Slip and k_92", _kept(slip))]
-        if not decided.silent:
+        slip = _slip_alone(decided) if decided.slip_unknown else _slip(result, decided)
+        sections = [Section("slip", "Slip" if decided.slip_unknown else "Slip and k_92", _kept(slip))]
+        if not decided.slip_unknown:
             sections.append(Section("model", "Model and measurement", _kept(_model(result, decided))))
     elif result.failures:
         sections = [Section("trials", "Trials that were left out", (_failures(result),))]
     if result.finding is not None:
         sections.append(Section("missing", "What is missing", _kept(_missing(result.finding))))
     if result.trials:
-        looks, found = _looks(result, folder, recordings), result.finding
+        looks, finding = _looks(result, folder, recordings), result.finding
         options = ""
-        if model and found is not None and found.simulates:
+        if model and finding is not None and finding.simulates:
             effects = dict(result.source.options).get("effects", "")
             options = saved_model(model, folder or result.name, effects)
         quality = _quality(result, decided, looks, options)
@@ -211,7 +210,7 @@ def study_report(
     }  # fmt: skip
     return Report(
         result.name, f"Report of a {kind}, {today()}", decided,
-        first_table(decided.speeds, silent=decided.silent, virtual=bool(decided.virtual)), tuple(sections),
+        decided.table, tuple(sections),
         numbers, tuple(Link(text, address) for text, address in addresses.items() if address),
     )  # fmt: skip
 
@@ -240,7 +239,7 @@ def _slip_alone(decided: Answers) -> Iterator[Maybe]:
 
 
 def _model(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
-    virtual, found = bool(decided.virtual), gaps(result.trials)
+    virtual, misfits = bool(decided.virtual), pooled_misfits(result.trials)
     drawn = [plot_motion.motion_figure(s) for s in decided.speeds]
     half = OPEN_SPEEDS // 2
     rest = drawn[half:-half] if len(drawn) > OPEN_SPEEDS else []
@@ -250,7 +249,7 @@ def _model(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
     yield CHANNEL_TABLE.fill(decided.channels, virtual=virtual)
     yield _fold(
         "Differences by phase",
-        _gallery(*rest), MISFITS.fill(found.values(), virtual=virtual),
+        _gallery(*rest), MISFITS.fill(misfits.values(), virtual=virtual),
     )  # fmt: skip
 
 
@@ -291,7 +290,7 @@ def _missing(finding: Finding) -> Iterator[Maybe]:
     yield _fold(
         "Candidates, and what these trials could have shown of them",
         _gallery(plot_search.candidates_figure(finding)),
-        search_tables.candidates_table(finding),
+        search_tables.CANDIDATES.fill(finding.candidates, virtual=finding.virtual),
         search_tables.effects_table(finding, finding.small, "small"),
         search_tables.detectable_table(finding),
         search_tables.confusion_table(finding),
@@ -309,7 +308,7 @@ def _looks(result: StudyResult, folder: str, recordings: str) -> Looks:
     place = f"{folder or result.name}/{recordings}"
     commands = [f"granite-lab view {pasted(f'{place}/{name}')}" if recordings else "" for name in names]
     trials = [r.trial.name for r in result.trials]
-    return Looks(tuple(zip(trials, map(lines_of, trials), commands, strict=True)))
+    return Looks(tuple(zip(trials, map(lines_link, trials), commands, strict=True)))
 
 
 def _quality(result: StudyResult, decided: Answers, looks: Looks, model: str) -> Iterator[Maybe]:

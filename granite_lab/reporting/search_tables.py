@@ -29,12 +29,12 @@ from granite_lab.reporting.names import (
     SENSORS,
     STATUS,
     amount,
-    channels_of,
     declared,
     inside,
     meaning,
     plain,
     scale_of,
+    sensors_of,
 )
 from granite_lab.results import PHASES
 from granite_lab.rounding import NONE, interval, percent, percent_of, tidy_unit
@@ -188,18 +188,18 @@ def discrepancies(finding: Finding) -> dict[str, tuple[float, float]]:
         values = np.concatenate([getattr(r, name)[r.std > 0] / r.size for r in residuals] or [np.zeros(0)])
         return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
 
-    return {c: (part(c, "discrepancy_before"), part(c, "discrepancy_after")) for c in channels_of(finding)}
+    return {c: (part(c, "discrepancy_before"), part(c, "discrepancy_after")) for c in sensors_of(finding)}
 
 
 def gaps_table(finding: Finding) -> FilledTable:
     """List per sensor the gap, in the fit and on trials left out, and the discrepancy."""
-    shares, unknown = discrepancies(finding), (math.nan, math.nan)
+    by_channel, unknown = discrepancies(finding), (math.nan, math.nan)
     every = (finding.gap, *finding.gaps)
     out = any(math.isfinite(v) for g in every for v in g.held_out)
     names = {"all": "all sensors"} | SENSORS
 
     def discrepancy(g: Gap, k: int) -> Cell:
-        return number(shares.get(g.channel, unknown)[k], 2, "%", 100)
+        return number(by_channel.get(g.channel, unknown)[k], 2, "%", 100)
 
     return Table[Gap](
         "found_gaps",
@@ -258,11 +258,6 @@ CANDIDATES = Table[Candidate](
     "the fit; logarithm of the Bayes factor of the effect alone against the paper's model. A screened "
     "candidate was not fitted in full.",
 )  # fmt: skip
-
-
-def candidates_table(finding: Finding) -> FilledTable:
-    """List every candidate with its probability, the share of the gap it closes, and what became of it."""
-    return CANDIDATES.fill(finding.candidates, virtual=finding.virtual)
 
 
 def detectable_table(finding: Finding) -> FilledTable:

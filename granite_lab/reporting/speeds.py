@@ -1,8 +1,9 @@
-"""Slip and k_92 by speed, with the paper's; each number is rounded here and printed from here everywhere."""
+"""Slip and k_92 by speed, with the paper's, and why there is no k_92; every output prints these numbers."""
 
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,8 +15,9 @@ from granite_lab.estimate import mean_over
 from granite_lab.estimation.motion import TELLING
 from granite_lab.fitting.fit import BOUNDS
 from granite_lab.parameters import Paper, Published, by_speed
+from granite_lab.reporting.names import inside, listed
 from granite_lab.results import StudyResult
-from granite_lab.rounding import NONE, Number, decided
+from granite_lab.rounding import NONE, Number, decided, significant
 
 EVERYTHING = 100.0
 """An interval of λ_R wider than this [points] holds every slip that wheels may have, so no slip is known."""
@@ -73,17 +75,17 @@ K92 = (
 AGREES = {True: Cell("yes", (True,), "good"), False: Cell("no", (False,), "fair"), None: Cell(NONE, (None,))}
 
 
-def first_table(speeds: Sequence[Speed], *, silent: bool, virtual: bool) -> FilledTable | None:
+def first_table(speeds: Sequence[Speed], *, slip_unknown: bool, virtual: bool) -> FilledTable | None:
     """Return the table of the first screen; None where it would hold nothing that is known.
 
-    Where the report is `silent`, it has no k_92.
+    There is no k_92 where `slip_unknown`.
     """
-    if not speeds or (silent and not any(s.slip_is_known for s in speeds)):
+    if not speeds or (slip_unknown and not any(s.slip_is_known for s in speeds)):
         return None
     note = "Means over trials. The interval includes their scatter and the std of each."
     return Table[Speed](
         "slip_by_speed",
-        "Slip ratio λ_R by speed" if silent else "Slip ratio λ_R and contact-angle ratio k_92 by speed",
+        "Slip ratio λ_R by speed" if slip_unknown else "Slip ratio λ_R and contact-angle ratio k_92 by speed",
         Column("speed", lambda s: s.velocity, "speed_mps", unit="m/s", form="g"),
         Column("slip", lambda s: Cell(s.slip.text, (s.slip.value / 100,)), "slip_ratio", unit="%"),
         Column(
@@ -96,11 +98,13 @@ def first_table(speeds: Sequence[Speed], *, silent: bool, virtual: bool) -> Fill
         Column("paper in interval", lambda s: AGREES[s.agrees]),
         Column(
             "k_92", lambda s: Cell(s.k92_note or s.k92.with_std, (s.k92.value, s.k92.std)),
-            "k92 k92_std", unit="–", shown=not silent,
+            "k92 k92_std", unit="–", shown=not slip_unknown,
         ),
-        Column("paper's k_92", lambda s: s.paper_k92, "k92_paper", unit="–", form="g", shown=not silent),
+        Column(
+            "paper's k_92", lambda s: s.paper_k92, "k92_paper", unit="–", form="g", shown=not slip_unknown
+        ),
         Column("trials", lambda s: s.trials, "trials"),
-        note=note if silent else f"{note} {K92}",
+        note=note if slip_unknown else f"{note} {K92}",
     ).fill(speeds, virtual=virtual)  # fmt: skip
 
 
@@ -140,3 +144,77 @@ def published_at(velocity: float, paper: Paper) -> Published | None:
 def velocities_of(result: StudyResult) -> list[float]:
     """Return the desired velocity of each trial [m/s]."""
     return [trial.motion.variant.velocity for trial in result.trials]
+
+
+REMEDY = (
+    "Let the robot stand for 2 s before and after each run, name its standstills (rests, body_rests), or use "
+    "a reference with its std (--use-reference)."
+)
+
+
+def why_no_k92(result: StudyResult) -> str:
+    """Say why no trial of a study determines k_92; empty where a trial does, or where there is no trial."""
+    if not result.trials or any(r.fit.tells for r in result.trials):
+        return ""
+    reasons: dict[str, list[Comparison]] = defaultdict(list)
+    for r in result.trials:
+        reasons[_reason(r)].append(r)
+    parts: list[str] = []
+    for reason, trials in reasons.items():
+        stds = [100 * r.fit.slip_measured.std for r in trials]
+        low, high = (significant(f(stds), 2) for f in (min, max))
+        uncertainty = f"± {low}" if low == high else f"± {low} to {high}"
+        which = "that of" if parts else "λ_R of"
+        names = [r.trial.name for r in trials]
+        several = f"{len(names)} trials" if len(names) > 3 else listed(names)
+        parts.append(f"{which} {several} {reason.format(std=uncertainty)}")
+    return f"k_92 cannot be determined from these trials, because {'; '.join(parts)}."
+
+
+def _reason(r: Comparison) -> str:
+    """Return what is wrong with the λ_R of a trial, with a place for how well it is known."""
+    fit, motion = r.fit, r.motion
+    if not math.isfinite(fit.slip_measured.value):
+        return "does not exist: nothing in it is steady"
+    if not fit.slip_known:
+        causes = [reason for reason in motion.health.reasons if "known to ±" not in reason]
+        # the std of slip depends most on what anchors the velocity
+        causes.sort(key=lambda reason: "anchor" not in reason and "standstill" not in reason)
+        because = f" ({causes[0].split(': ')[0]})" if causes else ""
+        return f"is known to {{std}} points only{because.replace('{', '{{').replace('}', '}}')}"
+    if fit.status in BOUNDS:
+        low, high = (significant(100 * x, 2) for x in fit.reach)
+        side = "above" if fit.status == "at_lower_bound" else "below"
+        return f"lies {side} the {low} to {high} % that the model reaches on this soil"
+    return "could not be fitted"
+
+
+def reach_in_words(speeds: Sequence[Speed]) -> str:
+    """Say which slip the model can reach on the soil of the trials, by its k_92 alone."""
+    reached = [s for s in speeds if all(map(math.isfinite, s.reach))]
+    if not reached:
+        return ""
+    ends = [f"{significant(max(s.reach[0], 0.0), 2)} to {significant(s.reach[1], 2)} %" for s in reached]
+    if len(reached) > 3:
+        low, high = min(s.reach[0] for s in reached), max(s.reach[1] for s in reached)
+        where = f"{significant(max(low, 0.0), 2)} to {significant(high, 2)} %, depending on speed"
+    else:
+        where = listed([f"{end} at {s.velocity:.3g} m/s" for s, end in zip(reached, ends, strict=True)])
+    return f"On this soil the model reaches a slip of {where}."
+
+
+def assumptions(result: StudyResult) -> str:
+    """Say which robot and soil were assumed because they were not named; empty where all are named."""
+    given = dict(result.source.options)
+    parts = []
+    for kind in ("robot", "soil"):
+        unnamed = [r for r in result.trials if getattr(r.trial.info, kind) is None]
+        if kind in given or not unnamed:
+            continue
+        titles = list(dict.fromkeys(getattr(r.run, kind).title for r in unnamed))
+        every = "" if len(unnamed) == len(result.trials) else f" of {len(unnamed)} trials"
+        parts.append(f"the {kind}{every} is {listed([inside(title) for title in titles])}")
+    if not parts:
+        return ""
+    keys = " and ".join(f"--{part.split()[1]}" for part in parts)
+    return f"Assumed, because no log and no option says it: {listed(parts)} ({keys} says which)."

@@ -11,10 +11,10 @@ from rich.text import Text
 
 from granite_lab import reporting, results
 from granite_lab.columns import Cell, Column, Table, good, words
-from granite_lab.model.effect import EFFECT_PARAMETERS, EFFECTS
+from granite_lab.model.effect import EFFECT_PARAMETERS
 from granite_lab.parameters.catalogue import VARIANTS, provenance_table
 from granite_lab.reporting.table import TONES, VIRTUAL, clean, say, show_table
-from granite_lab.rounding import significant, tidy_unit
+from granite_lab.rounding import percent, significant, tidy_unit
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -44,10 +44,9 @@ def show_study(
     """
     decided = reporting.answers.of_study(result, model, folder)
     say(console, decided.lead)
-    first = reporting.speeds.first_table(decided.speeds, silent=decided.silent, virtual=bool(decided.virtual))
-    if first is not None:
+    if decided.table is not None:
         console.print()
-        show_table(first, console)
+        show_table(decided.table, console)
     _answers(decided.questions, console)
     if result.finding is not None and not result.trials:
         _search(result.finding, console)
@@ -164,7 +163,7 @@ def show_a_theta(fit: AThetaFit, console: Console) -> None:
 
 def show_misfits(comparisons: Sequence[Comparison], console: Console) -> None:
     """Print the difference of simulation and measurement by quantity, over all trials."""
-    judged = reporting.channels.channels_of(results.gaps(comparisons))
+    judged = reporting.channels.judged_channels(results.pooled_misfits(comparisons))
     table = reporting.channels.CHANNEL_TABLE.fill(judged, virtual=any(c.motion.virtual for c in comparisons))
     columns = ("quantity", "verdict", "difference, rms", "noise", "largest value")
     show_table(table, console, only=columns)
@@ -214,7 +213,7 @@ def _file(report: FileReport, console: Console) -> None:
         if report.layout
         else "no known layout; columns guessed from names and values"
     )
-    say(console, f"{layout}, {100 * report.confidence:.0f} % sure")
+    say(console, f"{layout}, {percent(report.confidence)} sure")
     if report.dialect is not None:
         d = report.dialect
         encoding = d.encoding.upper().removesuffix("-SIG")
@@ -234,7 +233,7 @@ def _file(report: FileReport, console: Console) -> None:
         which = f"variant {m.variant.velocity:g} m/s of Table 2" if m.variant else "no variant of Table 2"
         text = (
             f"motion: {significant(m.velocity)} m/s, {significant(m.acceleration, 2)} m/s², "
-            f"{significant(m.distance)} m at the wheels, {which} ({100 * m.confidence:.0f} % sure)"
+            f"{significant(m.distance)} m at the wheels, {which} ({percent(m.confidence)} sure)"
         )
         say(console, text)
     for doubt in report.doubts:
@@ -282,11 +281,6 @@ def show_parameters(parameters: Sequence[Provenance], variants: Sequence[Variant
         console.print()
     say(console, "variants (Table 2)", "bold")
     show_table(VARIANTS.fill(variants), console)
-
-
-def show_effects(effects: Sequence[Effect], console: Console) -> None:
-    """Print one line per effect."""
-    show_table(EFFECTS.fill(effects), console)
 
 
 def show_effect(effect: Effect, console: Console) -> None:

@@ -17,7 +17,7 @@ from granite_lab.parameters import by_speed
 from granite_lab.processes import shared_out
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import FORMATS, Figure, converted, drawn, on_page
-from granite_lab.reporting.channels import CHANNEL_TABLE, MISFITS, channels_of
+from granite_lab.reporting.channels import CHANNEL_TABLE, MISFITS, judged_channels
 from granite_lab.reporting.explore import to_explore
 from granite_lab.reporting.json_report import dumps, to_json
 from granite_lab.reporting.latex import to_latex
@@ -25,7 +25,7 @@ from granite_lab.reporting.names import LINES, from_here
 from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.render import to_html, to_markdown, to_pdf
 from granite_lab.reporting.report import made_by, study_report
-from granite_lab.results import RECORDINGS, StudyResult, gaps, recordings_of
+from granite_lab.results import RECORDINGS, StudyResult, pooled_misfits, recordings_of
 
 
 def write_report(
@@ -89,14 +89,14 @@ def write_comparison(comparisons: Sequence[Comparison], folder: Path) -> list[Pa
     Raises:
         LabError: a file cannot be written.
     """
-    differences, virtual = gaps(comparisons), any(c.motion.virtual for c in comparisons)
+    differences, virtual = pooled_misfits(comparisons), any(c.motion.virtual for c in comparisons)
     like = {
         k: [comparisons[i] for i in positions]
         for positions in by_speed(c.motion.variant.velocity for c in comparisons).values()
         for k in positions
     }
     figures = tuple(comparison_figure(c, k + 1, like[k]) for k, c in enumerate(comparisons))
-    judged = CHANNEL_TABLE.fill(channels_of(differences), virtual=virtual)
+    judged = CHANNEL_TABLE.fill(judged_channels(differences), virtual=virtual)
     with replacing(folder, "comparison") as new:
         _write_figures(figures, new)
         _write_tables([judged, MISFITS.fill(differences.values(), virtual=virtual)], new)

@@ -53,6 +53,6 @@ def _simulate(
     return [made.respond(task) for task in tasks]
 
 
-def effects_of_search(own: Path | None) -> dict[str, Effect]:
+def effects_of_search(file: Path | None) -> dict[str, Effect]:
     """Return all effects that a search may simulate: the library, terms of the dictionary, pushes."""
-    return library(own) | dictionary() | {LatentForce.id: LatentForce()}
+    return library(file) | dictionary() | {LatentForce.id: LatentForce()}

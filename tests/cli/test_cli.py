@@ -146,8 +146,8 @@ def held(column: str, value: float) -> Callable[[pd.DataFrame], pd.DataFrame]:
     [
         (held("imu_ax_mps2", 0.01), 3, ("imu_ax_mps2", "acceleration x")),  # by the reader, or by the check
         (held("imu_gy_radps", 0.0), 3, ("imu_gy_radps", "rate y")),
-        (held("enc_fl_rad", 0.3), 3, ("no motion: fl",)),
-        (held("cur_rr_A", 0.0), 3, ("constant: rr",)),
+        (held("enc_fl_rad", 0.3), 3, ("encoder fl stands still",)),
+        (held("cur_rr_A", 0.0), 3, ("constant at 0 A",)),
         (lambda table: table[table["t_s"] < 6.0], 4, ("standstill",)),
     ],
 )

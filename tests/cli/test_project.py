@@ -166,7 +166,7 @@ def test_the_file_says_what_is_known_of_single_trials(tmp_path: Path) -> None:
     text = f'use_reference = true\nref_x_std_m = 0.01\n[[trial]]\nname = "{A}"\nrests = [[0, 1]]\n'
     folder = folder_with(tmp_path, text)
     options = choose(folder, Options(info=TrialInfo(ref_x_std=0.02))).options
-    one, other = (options.known(folder / f"{name}.csv") for name in (A, B))
+    one, other = (options.info_of(folder / f"{name}.csv") for name in (A, B))
     assert one == TrialInfo(rests=((0.0, 1.0),), use_reference=True, ref_x_std=0.02)
     assert other == TrialInfo(use_reference=True, ref_x_std=0.02)
     done = lab("ingest", folder, "--jobs", 1)

@@ -58,7 +58,7 @@ def test_a_folder_with_logs_and_an_open_answer_is_enough_for_a_judgement(
     opened = gl.reveal(folder, file)
     printed = succeeded("reveal", folder, "--finding", file).out
     assert "judgement: right" in printed
-    assert "gap closed, trials in the fit: 100.0 %" in printed
+    assert "gap closed, trials in the fit: 100" in printed
     assert "[-]" not in printed
     assert opened.score.outcome == outcome
     assert opened.warnings == ()

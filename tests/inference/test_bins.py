@@ -16,13 +16,13 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.inference.bench import ACCURACY, RAKED, SAND, SIGNALS
 from granite_lab.inference.binning import means
-from granite_lab.inference.clocks import clocks
 from granite_lab.inference.constants import LOW_PASS_STD
 from granite_lab.inference.noise import STRETCH, at_rest, errors, identify, stretches
 from granite_lab.inference.nuisances import SENSORS, TrialModel
 from granite_lab.inference.observation import Observation, bin_width, observe
 from granite_lab.inference.point import SHARED
 from granite_lab.inference.problem import Problem
+from granite_lab.inference.setup import clocks
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, TrialInfo, WheelStream
 from granite_lab.model.effect import activate
 from granite_lab.model.instants import Accuracy

@@ -13,10 +13,10 @@ from granite_lab.estimation import correct
 from granite_lab.inference.bench import SAND, Bench, World
 from granite_lab.inference.fit import LEAST, NO_FURTHER, Fit, fit
 from granite_lab.inference.point import SHARED, Point
+from granite_lab.inference.priors import centre_of
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import change
 from granite_lab.inference.setup import baseline, trial_models
-from granite_lab.inference.strengths import centre_of
 from granite_lab.logs import read_trial
 from granite_lab.parameters import load_robot, load_soil
 from granite_lab.processes import one_thread

@@ -20,17 +20,18 @@ from rich.console import Console
 from granite_lab.effects.library import get
 from granite_lab.estimate import Estimate, Part, mean_over
 from granite_lab.fitting.fit import View
+from granite_lab.model.effect import EFFECTS
 from granite_lab.parameters import load_paper, load_variants
 from granite_lab.parameters.catalogue import in_force
 from granite_lab.reporting import terminal
 from granite_lab.reporting.answers import Answers, law_answer, of_study
-from granite_lab.reporting.channels import channels_of
+from granite_lab.reporting.channels import judged_channels
 from granite_lab.reporting.report import Fold, Gallery, study_report
 from granite_lab.reporting.speeds import first_table, speeds_of
 from granite_lab.reporting.table import say, show_table
 from granite_lab.reporting.tables import trial_table
 from granite_lab.reporting.terminal import show_study
-from granite_lab.results import Gap, StudyResult, gaps
+from granite_lab.results import PooledMisfit, StudyResult, pooled_misfits
 from granite_lab.rounding import decided, interval, percent, plus_minus, significant
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import SPEEDS, made_up_study, rename
@@ -114,7 +115,7 @@ def test_a_paper_value_is_compared_with_the_interval_as_it_is_printed() -> None:
         (speed,) = answers.speeds
         low, top = (float(x.replace("−", "-")) for x in speed.slip.interval.split(" to "))
         assert speed.agrees is (low <= 22.9 <= top)
-        table = first_table(answers.speeds, silent=False, virtual=False)
+        table = first_table(answers.speeds, slip_unknown=False, virtual=False)
         assert table is not None
         assert (table.rows[0][4].text == "yes") is speed.agrees
 
@@ -193,8 +194,8 @@ def test_repetitions_are_grouped_and_the_middle_one_is_drawn(study: StudyResult)
     assert three.typical.motion.slip_ratio.value == slips[1]
 
 
-def gap(normalised: float, rms: float = 0.05, phase: str = "all") -> Gap:
-    return Gap("velocity", "m/s", phase, rms, 0.0, rms, normalised, size=1.0, trials=1)
+def gap(normalised: float, rms: float = 0.05, phase: str = "all") -> PooledMisfit:
+    return PooledMisfit("velocity", "m/s", phase, rms, 0.0, rms, normalised, size=1.0, trials=1)
 
 
 @pytest.mark.parametrize(
@@ -210,20 +211,22 @@ def gap(normalised: float, rms: float = 0.05, phase: str = "all") -> Gap:
     ],
 )
 def test_a_quantity_is_judged_by_noise_and_largest_value(normalised: float, rms: float, verdict: str) -> None:
-    (judged,) = channels_of({("velocity", "all"): gap(normalised, rms)})
+    (judged,) = judged_channels({("velocity", "all"): gap(normalised, rms)})
     assert judged.verdict == verdict
 
 
 def test_the_worst_phase_is_the_furthest_beyond_its_noise_and_slip_differs_by_points() -> None:
-    (judged,) = channels_of({("slip_f", "all"): Gap("slip_f", "-", "all", 0.15, 0.0, 0.3, 28.0, 0.5, 3)})
+    (judged,) = judged_channels(
+        {("slip_f", "all"): PooledMisfit("slip_f", "-", "all", 0.15, 0.0, 0.3, 28.0, 0.5, 3)}
+    )
     assert (judged.rms, judged.unit) == (15.0, "points")
     phases = {"all": 99.0, "brake": 2.0, "steady": 9.0, "rest": NAN}
-    (judged,) = channels_of({("velocity", p): gap(x, phase=p) for p, x in phases.items()})
+    (judged,) = judged_channels({("velocity", p): gap(x, phase=p) for p, x in phases.items()})
     assert judged.worst == "in steady motion"
 
 
 def test_the_speeds_of_four_wheels_are_pooled_by_their_squares(study: StudyResult) -> None:
-    pooled = gaps(study.trials)
+    pooled = pooled_misfits(study.trials)
     own = [m for r in study.trials for m in r.misfits if m.phase == "all"]
     wheels = [m for m in own if m.channel.startswith("wheel_")]
     mean = np.average([m.rms**2 for m in wheels], weights=[m.samples for m in wheels])
@@ -373,11 +376,11 @@ def test_wide_tables_wrap_their_headings_and_lose_nothing() -> None:
     slip, k92 = decided(22.435, 0.123, 22.087, 22.788, unit="%"), decided(0.0825, 0.0026)
     speeds = tuple(replace(s, slip=slip, k92=k92) for s in answers.speeds)
     console = Console(file=out, width=80, highlight=False)
-    show_table(first_table(speeds, silent=False, virtual=bool(answers.virtual)), console)
+    show_table(first_table(speeds, slip_unknown=False, virtual=bool(answers.virtual)), console)
     lines = [line.split() for line in out.getvalue().splitlines()]
     assert sum(line[-1:] == ["3"] for line in lines) == len(SPEEDS)
     assert any(line[-1:] == ["trials"] for line in lines)
-    terminal.show_effects([get("encoder_eccentricity"), get("contact_angle_actual_speed")], console)
+    show_table(EFFECTS.fill([get("encoder_eccentricity"), get("contact_angle_actual_speed")]), console)
     assert "sin_front [rad]," in " ".join(out.getvalue().split())
     say(console, "a number and its unit, such as one of these, stay on the one line: 95 % or 4.919 s/m")
     assert "95 %" in out.getvalue()

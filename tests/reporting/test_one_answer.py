@@ -17,13 +17,13 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.estimate import Estimate
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import answers as decide
-from granite_lab.reporting.channels import SENSORS_OF, channels_of
+from granite_lab.reporting.channels import SENSORS_OF, judged_channels
 from granite_lab.reporting.latex import escaped
 from granite_lab.reporting.names import describe, plain
 from granite_lab.reporting.plot_motion import comparison_figure
 from granite_lab.reporting.report import study_report
 from granite_lab.reporting.terminal import show_study
-from granite_lab.results import StudyResult, gaps, of_search, warnings_of
+from granite_lab.results import StudyResult, of_search, pooled_misfits, warnings_of
 from tests.reporting.made_up_finding import made_up_finding
 
 
@@ -157,8 +157,8 @@ def differing(finding: Finding) -> set[str]:
 
 def test_no_quantity_agrees_in_which_the_search_sees_a_difference(twelve: StudyResult) -> None:
     finding = made_up_finding("named")
-    judged = {c.channel: c for c in channels_of(gaps(twelve.trials), finding)}
-    alone = {c.channel: c for c in channels_of(gaps(twelve.trials))}
+    judged = {c.channel: c for c in judged_channels(pooled_misfits(twelve.trials), finding)}
+    alone = {c.channel: c for c in judged_channels(pooled_misfits(twelve.trials))}
     for channel, sensors in SENSORS_OF.items():
         if differing(finding).intersection(sensors):
             assert judged[channel].verdict != "agrees"

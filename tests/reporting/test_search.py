@@ -202,7 +202,7 @@ def test_tables_hold_size_twins_probability_share_and_fate(findings: dict[str, F
         (search_tables.confusion_table(finding),
          {"candidate": "multi-pass compaction", "named first": "85 %", "nothing named": "5 %",
           "taken for": "centre-of-mass offset (10 %)"}),
-        (search_tables.candidates_table(finding),
+        (search_tables.CANDIDATES.fill(finding.candidates),
          {"candidate": "multi-pass compaction", "probability": "97 %", "closes alone": "93 %",
           "ln Bayes factor, alone [–]": "300", "result": "named"},
          {"candidate": "gear backlash", "result": "ended at a limit (backlash)"},

@@ -35,7 +35,7 @@ def vague(std: float = 0.13, **fit: Any) -> StudyResult:
 
 def test_without_a_known_slip_nothing_is_said_of_k92_model_or_effects(tmp_path: Path) -> None:
     answers = of_study(vague())
-    assert answers.silent
+    assert answers.slip_unknown
     assert [a.id for a in answers.questions] == ["slip", "k92", "trust", "next"]
     k92 = answers.questions[1]
     assert k92.text.startswith("k_92 cannot be determined from these trials, because λ_R of")
@@ -53,7 +53,7 @@ def test_one_known_slip_ends_the_silence() -> None:
     study = vague()
     first, *others = made_up_study().trials[0], *study.trials[1:]
     answers = of_study(replace(study, trials=(first, *others)))
-    assert not answers.silent
+    assert not answers.slip_unknown
     assert [a.id for a in answers.questions][:3] == ["slip", "a_theta", "model"]
     noted = [s.k92_note for s in answers.speeds]
     assert noted.count("") == 1
@@ -64,7 +64,7 @@ def test_a_study_in_which_every_k92_is_at_a_bound_says_what_the_model_reaches() 
     curve = ((0.0, 0.31), (0.5, 0.12), (1.0, 0.021))
     study = vague(0.01, status="at_lower_bound", curve=curve)
     answers = of_study(study)
-    assert not answers.silent
+    assert not answers.slip_unknown
     text = answers.questions[1].text
     assert "lies above the 2.1 to 31 % that the model reaches on this soil" in text
     assert "the model reaches a slip of 2.1 to 31 %" in answers.questions[0].text

@@ -23,7 +23,7 @@ from granite_lab.planning.design import load_design
 from granite_lab.results import StudyResult
 from granite_lab.running.cache import trial_key
 from granite_lab.running.output import Guard, tell
-from granite_lab.study_folder import save_found, write
+from granite_lab.study_folder import save_finding, write
 from tests.effects.example import EXAMPLE
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding
@@ -76,7 +76,7 @@ def test_what_was_commanded_is_recognised_and_a_plan_can_start_from_it(
     silent = [replace(t, info=replace(t.info, v_desired=None)) for t in trials]
     assert {r.trial for r in found.residuals} <= {t.name for t in silent}
     guard = Guard(tmp_path)
-    save_found(found, Options(), silent, motions, guard)
+    save_finding(found, Options(), silent, motions, guard)
     assert guard.lines == []
     driven = {d.variant for d in load_design(tmp_path / "design.json").driven}
     assert driven

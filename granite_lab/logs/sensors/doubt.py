@@ -8,6 +8,9 @@ from typing import Literal
 
 Grade = Literal["good", "fair", "poor"]
 
+ZERO, NOT_CONNECTED = "every sample is 0", "as if not connected"
+"""What a doubt about a dead channel is, and how another one ends."""
+
 
 @dataclass(frozen=True)
 class Doubt:
@@ -35,6 +38,11 @@ class Doubt:
     def __str__(self) -> str:
         seen = f"{self.where}: {self.what}" if self.where else self.what
         return f"{seen}; {self.remedy}" if self.remedy else seen
+
+    @property
+    def dead(self) -> bool:
+        """Whether a channel holds no measurement."""
+        return self.what == ZERO or self.what.endswith(NOT_CONNECTED)
 
     def of(self, where: str) -> Doubt:
         """Return the same, of a place in which its own lies: a file, or a column of it."""

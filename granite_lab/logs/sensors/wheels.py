@@ -12,6 +12,7 @@ import numpy as np
 from granite_lab.logs.counters import joined, quantum, runs
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import CURRENTS, ENCODERS, factors
+from granite_lab.logs.sensors.doubt import NOT_CONNECTED
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, WheelStream
 from granite_lab.parameters import WHEELS, Robot, Variant, load_variants
 
@@ -133,8 +134,9 @@ def _without_dead(wheels: WheelStream, imu: ImuStream | None, log: Log) -> Wheel
         return wheels
     for name, stands in zip(WHEELS, still, strict=True):
         if stands:
-            still_one = f"encoder {name} stands still while the others turn, as if not connected"
-            log.doubt(still_one, remedy="left out")
+            log.doubt(
+                f"encoder {name} stands still while the others turn, {NOT_CONNECTED}", remedy="left out"
+            )
     angle, rate = (None if x is None else np.where(still, np.nan, x) for x in (wheels.angle, wheels.rate))
     assert angle is not None
     return dataclasses.replace(wheels, angle=angle, rate=rate)
@@ -224,7 +226,10 @@ def check_currents(currents: CurrentStream, wheels: WheelStream | None, log: Log
     values = currents.current
     finite = np.isfinite(values)
     live = [i for i in range(4) if finite[:, i].sum() > 20 and finite[going, i].any()]
-    if len(live) < 3 or not np.ptp(values[:, live], axis=0).all():
+    dead = [i for i in live if not np.ptp(values[finite[:, i], i])]
+    for i in dead:
+        log.doubt(f"constant at {np.nanmax(values[:, i]):g} A, {NOT_CONNECTED}", log.column(CURRENTS[i]))
+    if dead or len(live) < 3:
         return currents
     values = np.nan_to_num(values)
     power = np.mean(values[going] * np.sign(speed[going])[:, None], axis=0)

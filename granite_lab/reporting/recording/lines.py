@@ -24,7 +24,7 @@ from granite_lab.parameters import WHEELS
 from granite_lab.reporting.answers import missing_answer
 from granite_lab.reporting.names import latency_in_words, sensor, sensors_in_words
 from granite_lab.reporting.recording.stream import Writer, drawable
-from granite_lab.rounding import axis_unit, plus_minus, significant
+from granite_lab.rounding import axis_unit, percent, plus_minus, significant
 
 Rgb = tuple[int, int, int]
 
@@ -123,7 +123,7 @@ def lines_of(comparison: Comparison, finding: Finding | None = None) -> list[Lin
             Line("motor_current/measured", WHEELS, "A", t, value, OF_WHEELS, (1.0,) * 4, step=MEDIUM)
         )
     if finding is not None:
-        lines += _found(finding, comparison)
+        lines += _augmented(finding, comparison)
     return [line for line in (line.shown() for line in lines) if not np.isnan(line.value).all()]
 
 
@@ -185,7 +185,7 @@ def residuals_of(finding: Finding, comparison: Comparison) -> list[Residual]:
     return [r for r in finding.residuals if r.trial == comparison.motion.trial]
 
 
-def _found(finding: Finding, comparison: Comparison) -> Iterator[Line]:
+def _augmented(finding: Finding, comparison: Comparison) -> Iterator[Line]:
     """Yield what the sensors read beside the simulation without and with what was found.
 
     Wheel angles grow all the time, so that of them the difference to the simulation is drawn.
@@ -300,7 +300,7 @@ def write_events(
     events = [*_events(comparison), *_updates(comparison, start), *_of_search(comparison, finding)]
     for bar in intervals:
         sentence = f"simulated {bar.channel} differs from the measured one by up to {bar.label} % of its rms"
-        events.append(Event(bar.start, f"{sentence}, {bar.start:.2f} s to {bar.end:.2f} s"))
+        events.append(Event(bar.start, f"{sentence}, {bar.start:.2f} s to {bar.end:.2f} s", "WARN"))
     events.sort(key=lambda e: e.t)
     text = [drawable(f"{e.t:6.2f} s  {e.text}") for e in events]
     stamps = np.clip([e.t for e in events], t[0], t[-1])
@@ -344,7 +344,7 @@ def _events(comparison: Comparison) -> Iterator[Event]:
         yield Event(begin, f"fit of k_92: {fit.status.replace('_', ' ')}", "WARN")
     yield Event(0.0, f"command starts, at {plus_minus(motion.t_start, 's')} of the log's own time")
     t1, t2 = motion.steady
-    slip = f"measured {plus_minus(motion.slip_ratio, '%', 100)}, simulated {100 * run.slip_ratio:.1f} %"
+    slip = f"measured {plus_minus(motion.slip_ratio, '%', 100)}, simulated {percent(run.slip_ratio)}"
     yield Event(t2 - start, f"slip λ_R (2) over the steady part of {t2 - t1:.2f} s: {slip}")
 
 
@@ -372,9 +372,9 @@ def _updates(comparison: Comparison, start: float) -> Iterator[Event]:
         t = health.t[of_kind] - start
         pause = 5 * float(np.median(np.diff(t))) if len(t) > 2 else np.inf
         for run in np.split(t, np.flatnonzero(np.diff(t) > max(pause, 0.25)) + 1):
-            mean = f"mean normalized innovation squared of all: {health.nis.get(kind, np.nan):.2f}"
+            nis = significant(health.nis.get(kind, np.nan), 2)
             text = f"{kind.replace('_', '-')} updates: {len(run)}, until {run[-1]:.2f} s"
-            yield Event(float(run[0]), f"{text} ({mean})")
+            yield Event(float(run[0]), f"{text} (mean normalised innovation squared of all: {nis})")
     ratio = np.abs(health.innovation) / np.where(health.innovation_std > 0, health.innovation_std, np.inf)
     for i in [i for i in np.argsort(-ratio) if ratio[i] > OUTLIER][:MOST_OUTLIERS]:
         text = f"{health.kind[i].replace('_', '-')} update {ratio[i]:.1f} times its std off"

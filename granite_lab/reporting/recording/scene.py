@@ -46,10 +46,10 @@ class Pose(NamedTuple):
     spin: Array
 
 
-def _at(t: Array, known_t: Array, known: Array) -> Array:
+def _at(t: Array, sample_t: Array, samples: Array) -> Array:
     """Return known samples at other times; gaps are bridged, ends are held, and nothing known is zero."""
-    good = np.isfinite(known)
-    return np.interp(t, known_t[good], known[good]) if good.any() else np.zeros_like(t)
+    good = np.isfinite(samples)
+    return np.interp(t, sample_t[good], samples[good]) if good.any() else np.zeros_like(t)
 
 
 def poses(comparison: Comparison, t: Array) -> tuple[Pose, Pose]:

@@ -48,10 +48,10 @@ def _refuse_others(path: Path) -> None:
     refuse_special(path)
     try:
         with path.open("rb") as file:
-            known = file.read(3) == b"RRF"
+            is_recording = file.read(3) == b"RRF"
     except OSError as error:
         raise readable(error, path) from None
-    if not known:
+    if not is_recording:
         hint = "make one with 'granite-lab study TRIALS --out DIR'"
         raise InputError(f"{path}: not a Rerun recording", hint)
 

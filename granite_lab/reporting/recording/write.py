@@ -113,14 +113,14 @@ def layout(lines: Sequence[Line], *, lanes: int, name: str) -> Any:
         time_view=TIME_AXIS,
     )
     key = rrb.TextDocumentView(origin="/key", name="Key")
-    shares = [4.4, 1.4 + 0.52 * min(lanes, 7), 2.0]
+    heights = [4.4, 1.4 + 0.52 * min(lanes, 7), 2.0]
     left = [rrb.Horizontal(_scene(), key, column_shares=[5, 3]), bars, _log()]
     tabs = []
     for title, keys in TABS.items():
         if views := [_series(k, plots[k]) for k in keys if k in plots]:
             columns = 1 if len(views) <= MOST_ROWS else 2
             tabs.append(rrb.Grid(*views, grid_columns=columns, name=title))
-    return rrb.Horizontal(rrb.Vertical(*left, row_shares=shares), rrb.Tabs(*tabs), name=name)
+    return rrb.Horizontal(rrb.Vertical(*left, row_shares=heights), rrb.Tabs(*tabs), name=name)
 
 
 def blueprint(content: Any) -> Any:
