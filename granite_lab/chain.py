@@ -95,7 +95,7 @@ def blindly(path: Path, options: Options) -> Motion:
 
 
 def simulable(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
-    """Return what `corrected` does, and in the motion what its simulation is driven by.
+    """Return `corrected` trial, robot and motion, in it the command or wheels that drive a simulation.
 
     Raises:
         InputError, EstimateError: as `corrected`, or the wheels are to drive and are not known.
@@ -149,7 +149,7 @@ def soil_name(trial: Trial, options: Options, model: ModelFile | None) -> str:
 
 
 NO_SLIP = "no trial has a slip ratio that is known to 5 points, so nothing is searched"
-"""Why a search is left out: without known motions nothing can be said to be missing from a model."""
+"""Why a search is left out: without known motions no gap of the model can be determined."""
 
 NAME = "study"
 """Name of a study that is not written; a report has the name of its folder."""
@@ -170,7 +170,7 @@ def over_trials(
     Args:
         paths: the logs.
         options: for all of them.
-        execution: where the work is done and what is remembered.
+        execution: processes, cluster and stored results.
         discover: search for a missing effect in the end.
         strict: a trial or a search that fails ends the study.
         done: called with each path once it is finished.
@@ -209,12 +209,12 @@ def find_effect(
     execution: Execution = HERE,
     progress: Progress = lambda *_: None,
 ) -> Finding:
-    """Find the effect that the model lacks, or remember what was found before in the same trials.
+    """Find the effect that the model lacks, or return the stored finding of the same trials.
 
     Args:
         trials: of one robot on one soil, as estimation corrected them.
         motions: estimates of the trials.
-        law: a_θ by their steady slip, where it is known already.
+        law: a_θ by their steady slip, where it was fitted before.
         progress: as in `discovery.discover`.
 
     Raises:
@@ -327,7 +327,7 @@ def source_of(
         paths: all logs, those that failed too.
         trials: those that went through.
         options: that were in force.
-        discover: whether a search for a missing effect was asked for; None where that is no question.
+        discover: whether a search for a missing effect was asked for; None of commands without one.
     """
     info = trials[0].info
     names = options.robot or info.robot or "granite", soil_name(trials[0], options, model_of(options))

@@ -113,23 +113,19 @@ def save_finding(
     from granite_lab.planning.design import save_design  # noqa: PLC0415, a defect there is guarded
 
     saved = guard.run("model", lambda: save_model_of(finding, options, trials, guard.folder))
-    with_command = []  # trials whose metadata say what was commanded
-    for trial, motion in zip(trials, motions, strict=True):
-        if isinstance(motion.variant, Course):  # plans are of trapezoids
-            continue
-        v, a, d = motion.variant.velocity, motion.variant.acceleration, motion.variant.distance
-        with_command.append(replace(trial, info=replace(trial.info, v_desired=v, a_max=a, distance=d)))
+    pairs = [(trial, motion.variant) for trial, motion in zip(trials, motions, strict=True)]
+    trapezoids = [(trial, variant) for trial, variant in pairs if not isinstance(variant, Course)]
 
     def design() -> None:
         with replacing(guard.folder, "design") as new:
-            save_design(finding, with_command, new / DESIGN)
+            save_design(finding, trapezoids, new / DESIGN)
 
     def tracebacks() -> None:
         with replacing(guard.folder, "tracebacks") as new:
             if finding.tracebacks:
                 write_text(new / "failure-search.txt", "\n".join(finding.tracebacks))
 
-    if with_command:
+    if trapezoids:
         guard.run("design", design)
     guard.run("tracebacks", tracebacks)
     return saved

@@ -50,11 +50,11 @@ def path(given: File) -> Path | None:
 
 
 def options_of(arguments: Mapping[str, Any]) -> Options:
-    """Return what a verb was told of logs and trials, as a record.
+    """Return the options of a verb on logs and trials as a record.
 
     Args:
-        arguments: of the verb, as ``locals()`` has them where it begins; those that `options` does not have
-            are passed over.
+        arguments: of the verb, as ``locals()`` has them at its first line; names that `options` lacks are
+            ignored.
 
     Raises:
         UsageError, InputError: as `options`.
@@ -71,10 +71,10 @@ def options(
     drive: str = "auto", model: File = None, effects: File = None,
     tolerance: float = TOLERANCE, latency: float = LATENCY_LIMIT,
 ) -> Options:  # fmt: skip
-    """Return what is said of logs and trials; verbs have these arguments, with these types and defaults.
+    """Return options on logs and trials as a record; verbs have these arguments, types and defaults.
 
     Raises:
-        UsageError: nothing drives like that, or a std is not above zero.
+        UsageError: `drive` is not known, or a std is not above zero.
         InputError: as `parameters.changes.checked`.
     """
     if drive not in (drives := get_args(DriveBy)):
@@ -107,6 +107,6 @@ def refuse_outside(name: str, value: float | None, low: float, high: float = mat
 
 
 def execution_of(jobs: int, scheduler: str | None = None, *, cache: bool = False) -> Execution:
-    """Return how work over trials is done; raise a UsageError for a negative number of processes."""
+    """Return where and how trials are processed; raise a UsageError for a negative number of processes."""
     refuse_outside("jobs", jobs, 0)
     return Execution(jobs, scheduler, Cache() if cache else None)

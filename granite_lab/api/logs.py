@@ -1,4 +1,4 @@
-"""`check`, `inspect`, `ingest` and `view`: whether a log is good, what it holds, the motion in it, a look."""
+"""`check`, `inspect`, `ingest` and `view`: quality of a log, its content, its motion, its recording."""
 
 from __future__ import annotations
 
@@ -261,9 +261,9 @@ def check(
 
     Args:
         logs: paths of logs, or of folders with logs.
-        robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
-        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
-            trials, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: options on the logs, as in `ingest`.
+        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: metadata of the trials,
+            as in `ingest`.
         jobs: number of processes; 0 means one per core.
         done: called with each path once it is finished.
 

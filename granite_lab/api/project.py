@@ -1,4 +1,4 @@
-"""Which trials are taken and what is known of them: options, and `granite-lab.toml` beside the logs."""
+"""Choice of trials, and their metadata from options and from `granite-lab.toml` beside the logs."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ class Excluded:
 
 @dataclass(frozen=True, kw_only=True)
 class OfTrial(Stated):
-    """What is known of a trial, by the name of its log without the ending."""
+    """Metadata of one trial, which is named by its log without the ending."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class Project:
-    """What the file says. A relative path starts at the file's folder; an empty text says nothing.
+    """Content of the file. A relative path starts at the file's folder; an empty text stands for no entry.
 
     It holds for the logs in its folder, and for those that it names if it lies where a command is run.
 
@@ -51,7 +51,7 @@ class Project:
         exclude: trials that are left out.
         logs: paths of logs, or of folders with logs.
         use_reference, ref_v_std, ref_x_std: as in `TrialInfo`, for all trials.
-        trial: what is known of single ones.
+        trial: metadata of single trials.
     """
 
     robot: str = ""
@@ -66,7 +66,7 @@ class Project:
     trial: tuple[OfTrial, ...] = ()
 
     def info_of(self, name: str) -> TrialInfo:
-        """Return what is known of a trial."""
+        """Return the metadata of a trial."""
         of_trial = next((entry.info for entry in self.trial if entry.name == name), TrialInfo())
         common = TrialInfo(
             use_reference=self.use_reference, ref_v_std=self.ref_v_std, ref_x_std=self.ref_x_std
@@ -76,7 +76,7 @@ class Project:
 
 @dataclass(frozen=True)
 class Chosen:
-    """Logs that are taken, what is said of all, and the trials that are left out."""
+    """Logs to analyse, options for all of them, and the trials that are left out."""
 
     files: tuple[Path, ...]
     options: Options
@@ -164,12 +164,12 @@ def _projects_of(files: Sequence[Path]) -> dict[Path, tuple[Path, Project]]:
 
 
 def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
-    """Return which trials are taken and what is said about them; what is given wins over the file.
+    """Choose the trials and complete the options by the projects' files; an option overrides a file.
 
     Args:
         logs: paths of logs, or of folders with logs.
         options: as given.
-        everything: take trials that are excluded, too.
+        everything: include trials that are excluded.
 
     Raises:
         UsageError: no log, all of them excluded, files of several folders that disagree, or a name that is
@@ -197,7 +197,7 @@ def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
             f"{where}: excludes {'all trials' if len(files) > 1 else files[0].name}",
             f"reason given: {excluded[0].reason}",
         )
-    # All files that are named are read once, so that a wrong one ends the command before any work.
+    # Each named file is read once here, so that a wrong one ends the command before any work.
     changes = options.info.changes if options.info else ()
     load_robot(options.robot or "granite", changes=changes)
     load_soil(options.soil or "dry_sand", changes)
@@ -213,7 +213,7 @@ def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
 
 
 def _reasons(project_of: Mapping[Path, tuple[Path, Project]], given: Mapping[str, str]) -> dict[Path, str]:
-    """Return the logs that are left out, with the reason; a reason that is given replaces that of the file.
+    """Return the logs that are left out, with the reason; a reason by an option replaces that of the file.
 
     Raises:
         UsageError: a trial that is given is none of the logs, or lacks a reason.
@@ -256,7 +256,7 @@ def _of_others(folder: Path, files: Sequence[Path]) -> bool:
 
 
 def _agreed(projects: Mapping[Path, Project], key: str, given: str | None) -> str | None:
-    """Return what is given, else what all projects say; raise a UsageError where they differ."""
+    """Return the option, else the entry of all projects; raise a UsageError where these differ."""
     values = {getattr(project, key): folder for folder, project in projects.items()}
     if given is None and len(values) > 1:
         raise UsageError(

@@ -56,7 +56,7 @@ Done = Callable[[Path], None]
 def _analysed(
     command: str, logs: Logs, options: Options, execution: Execution, strict: bool, done: Done
 ) -> tuple[list[Comparison], Origin]:
-    """Return the trials that went through the chain, and what is to be said of all."""
+    """Return the trials that passed the chain, with source, failures and warnings of all."""
     chosen = choose(logs, options)
     outcomes = each_trial(analyse, chosen.files, chosen.options, execution=execution, done=done)
     results, failed = sifted(chosen.files, outcomes, strict=strict)
@@ -80,9 +80,9 @@ def fit_k92(
 
     Args:
         logs: paths of logs, or of folders with logs.
-        robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
-        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
-            trials, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: options on the logs, as in `ingest`.
+        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: metadata of the trials,
+            as in `ingest`.
         drive: what drives the simulation: "wheels", as they were measured; "command"; or "auto", the command
             where it is stated and the wheels follow it, else the wheels.
         model: file (model.toml) of the paper's model with effects switched on.
@@ -124,10 +124,10 @@ def fit_a_theta(
     Args:
         logs: paths of logs or of folders, or the fits of `fit_k92`.
         published: use Table 3 of the paper instead of trials.
-        robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: options on the logs, as in `ingest`.
         exclude: as in `study`.
-        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
-            trials, as in `ingest`.
+        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: metadata of the trials,
+            as in `ingest`.
         drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
 
     Returns:
@@ -172,9 +172,9 @@ def compare(
     Args:
         logs: paths of logs, or of folders with logs.
         out: folder for tables and figures; without it nothing is written.
-        robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
-        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
-            trials, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: options on the logs, as in `ingest`.
+        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: metadata of the trials,
+            as in `ingest`.
         drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
 
     Returns:
@@ -217,11 +217,11 @@ def study(
             same logs by the same code, is kept.
         discover: search for an effect that the model lacks.
         recordings: also write a Rerun recording of each trial into `out`.
-        robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: options on the logs, as in `ingest`.
         exclude: trials to leave out, by the names of their logs without the ending, and why, as
             ``{"run04": "a wheel hit a stone"}``.
-        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
-            trials, as in `ingest`.
+        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: metadata of the trials,
+            as in `ingest`.
         drive, model, effects, strict, jobs, scheduler, cache, done: as in `fit_k92`.
         tolerance, latency: as in `discover`.
         progress: called with what is done, how many steps of it are done, and of how many at most; 0 where
@@ -331,10 +331,10 @@ def discover(
         logs: paths of logs, or of folders with logs; all of one robot on one soil.
         out: folder for the report, finding.json, design.json (for `plan_next`) and model.toml; without it
             nothing is written.
-        robot, soil, column_map, topics, window, changes: what is said of the logs, as in `ingest`.
+        robot, soil, column_map, topics, window, changes: options on the logs, as in `ingest`.
         exclude: as in `study`.
-        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: what is known of the
-            trials, as in `ingest`.
+        rests, body_rests, distance_measured, use_reference, ref_v_std, ref_x_std: metadata of the trials,
+            as in `ingest`.
         tolerance: accepted discrepancy, as a share of a channel's rms in motion.
         latency: largest delay between the stamps of two sensors that counts as latency [s].
         drive, effects, strict, jobs, scheduler, cache: as in `fit_k92`.
@@ -353,7 +353,7 @@ def discover(
     chosen = choose(logs, options)
     options = chosen.options
 
-    def ahead(_: Path) -> None:  # imports what follows while other processes work on the trials
+    def ahead(_: Path) -> None:  # import while other processes work on the trials
         import granite_lab.study_folder  # noqa: F401, PLC0415, heavy
 
     outcomes = each_trial(simulable, chosen.files, options, execution=execution, done=ahead)

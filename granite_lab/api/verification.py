@@ -47,7 +47,7 @@ def verify(
     done: Callable[[Path], None] = lambda _: None,
     progress: Progress = lambda *_: None,
 ) -> Verification:
-    """Compute a report again from its inputs, nothing remembered, and compare its numbers and tables.
+    """Compute a report again from its inputs, without stored results, and compare numbers and tables.
 
     The files of the report are first compared with the hashes in its ``report.json``. Nothing that a report
     names is run: the user's own effects come from `effects` alone.

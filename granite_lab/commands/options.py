@@ -1,4 +1,4 @@
-"""Options that several commands share, and what the texts of options stand for."""
+"""Options that several commands share, and the parsing of their texts."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ Json = Annotated[bool, Option("--json", help="Print one JSON document instead of
 
 
 def picture(text: str, **more: Any) -> Any:
-    """Return the option for the file of a picture; `more` as of `typer.Option`."""
+    """Return the option for the file of a figure; `more` as of `typer.Option`."""
 
     def checked(option: typer.CallbackParam, path: Path | None) -> Path | None:
         if path and path.suffix.lower() not in (".png", ".svg", ".pdf"):
@@ -158,7 +158,7 @@ def count_of(logs: Sequence[Path]) -> int | None:
 
 
 def read_all(option: str, texts: Sequence[str], read: Callable[[str], T], hint: str) -> list[T]:
-    """Return what texts stand for.
+    """Parse texts.
 
     Raises:
         UsageError: `read` raises a ValueError; the message names the option.
@@ -201,7 +201,7 @@ def excluded_of(texts: Sequence[str] | None) -> dict[str, str]:
 
 
 def topics_of(texts: Sequence[str]) -> dict[str, str]:
-    """Return what topics of a bag are taken for, to their names."""
+    """Return roles of a bag's topics (``imu``, ``joints``, …) to the topics' names."""
     from granite_lab.logs.bag import ROLES
 
     def read(text: str) -> tuple[str, str]:

@@ -100,7 +100,7 @@ def provenance(origin: Origin) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Watch:
-    """What functions of the API call as they go on.
+    """Callbacks by which functions of the API report progress.
 
     Attributes:
         done: after each step.

@@ -62,8 +62,8 @@ def discover(
         effects: candidates by id.
         motions: estimates of the trials, in their order; they know what was commanded and when.
         jobs: number of processes.
-        respond: does the simulations in their place.
-        progress: told what is being done, how many steps are done, and of how many at most.
+        respond: simulates in place of these processes.
+        progress: called with the stage, the number of finished steps, and their largest number.
         tolerance: discrepancy that does not matter, as a share of a channel's rms in motion.
         latency: largest delay between the stamps of two sensors that is no missing effect [s].
 
@@ -167,7 +167,7 @@ def _with_lugs(world: World, count: float) -> World:
 
 
 def _noting_lugs(finding: Finding, robot: Robot, count: float) -> Finding:
-    """Say which number of lugs the search took, where an effect that was found depends on it."""
+    """Add a note on the number of lugs that the search took, where a found effect depends on it."""
     if not any(active.effect.by_lugs for active in finding.active):
         return replace(finding, robot=robot)
     if count == robot.wheels.lugs:
@@ -180,7 +180,7 @@ def _noting_lugs(finding: Finding, robot: Robot, count: float) -> Finding:
 def _unobservable(
     variants: Sequence[Variant], candidates: Mapping[str, Effect]
 ) -> tuple[set[str], list[str]]:
-    """Return the effects that trials whose wheels drive them cannot tell of, and how that is said."""
+    """Return effects that measured wheel speeds as the input of simulations hide, and notes on them."""
     turned = [v for v in variants if is_driven(v)]
     free = sum(isinstance(v, Course) and not v.commanded for v in turned)
     of_drives = [id_ for id_, e in candidates.items() if turned and drives(e)]
@@ -202,7 +202,7 @@ def _unobservable(
 def _power(
     problem: Problem, searched: Search, judgement: Judgement, library: Sequence[str], tolerance: float
 ) -> tuple[tuple[Detectable, ...], Confusion]:
-    """Return what the trials could show beside what was named; the search's screen serves where it can."""
+    """Return what the trials could show beside the named effects, by the stored screen where there is one."""
     model = judgement.model
     looks = searched.looks.get(model.effects, ())
     rest = [c for c in library if c not in model.effects]
@@ -213,10 +213,10 @@ def _power(
 
 
 def _possible(problem: Problem) -> tuple[Problem, tuple[tuple[str, str], ...]]:
-    """Leave out trials that the model cannot drive.
+    """Leave out trials whose command has no solution in the model.
 
     Raises:
-        EstimateError: it can drive none.
+        EstimateError: that holds for all.
     """
     neutral = problem.neutral()
     runs = problem.bench.run([problem.centre(neutral, c) for c in range(len(problem.inputs))])

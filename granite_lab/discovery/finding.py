@@ -213,10 +213,10 @@ class Confusion:
     factor: float
     draws: int
 
-    def taken_for(self, id_: str, share: float = 1 - CERTAIN) -> tuple[tuple[str, float], ...]:
-        """Return the wrong candidates that come first in more than `share` of the sets, likeliest first."""
+    def taken_for(self, id_: str) -> tuple[tuple[str, float], ...]:
+        """Return the wrong candidates that come first in over 1 - `CERTAIN` of the sets, likeliest first."""
         row = self.matrix[self.ids.index(id_)]
-        wrong = [(o, float(x)) for o, x in zip(self.ids, row, strict=True) if o != id_ and x > share]
+        wrong = [(o, float(x)) for o, x in zip(self.ids, row, strict=True) if o != id_ and x > 1 - CERTAIN]
         return tuple(sorted(wrong, key=lambda item: -item[1]))
 
 

@@ -136,7 +136,6 @@ def _with_terms(
         small=(*judgement.small, *small),
         before=before,
         after=after,
-        gap=whole.gap,
         closed=whole.closed,
         speeds=whole.speeds,
     )

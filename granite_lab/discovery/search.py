@@ -100,7 +100,8 @@ def search(
         base: the fit without effects.
         candidates: ids.
         tolerance: discrepancy that does not matter, as a share of a channel's rms.
-        tell: told what is being done, and beside how many effects; `MOST` where they are exchanged.
+        tell: called with the stage, and the number of effects beside which is searched; `MOST` while effects
+            are exchanged.
     """
     steps = _Steps(problem, candidates, tolerance, tell, {(): _model((), base)})
     best, taken = steps.revised(*steps.path(steps.models[()]))
@@ -147,7 +148,7 @@ class _Steps:
     named: int = 0
 
     def path(self, model: Model) -> tuple[Model, list[_Extension]]:
-        """Extend a set effect by effect; return where that ends, and the way there."""
+        """Extend a set effect by effect; return the last set and the steps to it."""
         taken: list[_Extension] = []
         while len(model.effects) < MOST:
             best, tried = self.extended(model)
@@ -163,7 +164,7 @@ class _Steps:
         return model, taken
 
     def after_larger(self, model: Model, larger: Model) -> Model:
-        """Return a set fitted again from where one with a further effect ended, if that is likelier.
+        """Fit a set again from the end of a fit with one more effect; return the likelier fit.
 
         Full fits change what candidates promise by factors of up to two. One that brings more than that
         shows that the set beside which it stands had missed its optimum; what else stood beside that is
@@ -186,7 +187,7 @@ class _Steps:
         return other
 
     def afresh(self, model: Model) -> Model:
-        """Return a set that leaves a discrepancy fitted again from the files' sand, if that is likelier.
+        """Fit a set that leaves a discrepancy again from the numbers of the files; return the likelier fit.
 
         Sand that stood in for effects which have been found since may lie beside another optimum.
         """
@@ -196,7 +197,7 @@ class _Steps:
         return self.refitted(model, [model.fit.point.at_files()], FIRST)
 
     def refitted(self, model: Model, starts: Sequence[Point], scales: Scales) -> Model:
-        """Return a set fitted again from other starts, if that is likelier."""
+        """Fit a set again from other starts; return the likelier fit."""
         self.tell(f"fitting {_words(model.effects)}", self.named)
         fits = attempts(self.problem, [(start, scales) for start in starts]).get(model.effects)
         other = model if fits is None else _model(model.effects, fits)
@@ -209,8 +210,8 @@ class _Steps:
     def revised(self, best: Model, taken: list[_Extension]) -> tuple[Model, list[_Extension]]:
         """Extend again what is left of a set without one of its effects, and go on with a likelier one.
 
-        What stands in for two effects that are missing may come before either. The `FEW` effects that are
-        needed least are taken out, each in turn; see `is_strange`.
+        An effect that resembles the sum of two missing ones may be found before either. The `FEW` effects
+        that are needed least are taken out, each in turn; see `is_strange`.
         """
         for _ in range(MOST):
             if len(best.effects) < 2 or not self.is_strange(best):
@@ -397,7 +398,7 @@ class _Steps:
                 self.small.add(key)
 
     def guard(self) -> None:
-        """Set aside what may not be saved: sets that predict what is left out worse than the files do.
+        """Set aside sets that predict what is left out worse than the numbers of the files do.
 
         Sand that has moved to make up for a wrong effect shows there. None is set aside where every set does.
         """
@@ -411,10 +412,10 @@ class _Steps:
             bad.append(m.effects)
 
     def finish(self) -> None:
-        """Bring the sets that may have a say to their optimum; the others keep what they reach at least.
+        """Fit the sets that can change a probability to their optimum; the others keep their rough fit.
 
-        A set has a say whose odds against the likeliest are not below `UNLIKELY`; of those the first `TRIED`.
-        One that only adds to the likeliest what does not matter says nothing against its effects.
+        They are the first `TRIED` sets whose odds against the likeliest are not below `UNLIKELY`. A set that
+        only adds effects which do not matter is left out: it is no evidence against the likeliest.
         """
         ranked = sorted(self.models.values(), key=lambda m: -m.log_posterior)
         best = next(m for m in ranked if m.effects not in self.small)
@@ -437,7 +438,7 @@ def _with(problem: Problem, point: Point, score: Score) -> Point:
 def _where_alone(problem: Problem, point: Point, models: Mapping[tuple[str, ...], Model]) -> Point:
     """Return a point with the sand, offsets and gains of the best fit of a part of its effects.
 
-    There they stand in already for what the point lacks.
+    There these numbers already compensate for the effects that the point lacks.
     """
     parts = [m.fit for k, m in models.items() if set(k) < set(point.effects)]
     part = max(parts, key=lambda f: f.evidence).point

@@ -1,4 +1,4 @@
-"""From the posterior over sets to a verdict: none, named (alone or as twins), partly named, or unknown."""
+"""Verdict on the sets of a search: none, named (alone or as twins), partly named, or unknown."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class Named:
         return self.probability >= CREDIBLE and len(self.twins) < TRIED
 
     def is_sure_beside(self, unexplained: float, scales: Scales) -> bool:
-        """Tell whether it may be named though more is missing, for which it could stand in.
+        """Tell whether it may be named although more is missing, which it could resemble.
 
         Of what it closes and of what is left unexplained together, less than `STANDS_IN` must be left: what
         stands in for another cause leaves more. Speeds left out must show it. Its numbers must be as
@@ -145,7 +145,6 @@ class Judgement:
         described: what the likeliest model holds besides and trials left out show; no cause.
         small: what it holds besides and does not matter.
         before, after: predictions without and with the effects.
-        gap: (trials,) misfit of the model alone beyond what noise and the tolerance explain, left out.
         closed: share of the gap that is closed on trials left out.
         speeds: the same on speeds left out.
         scatter: channel to how far repetitions differ, where that is more than `LEAST_SHARE`; see
@@ -161,7 +160,6 @@ class Judgement:
     small: tuple[Named, ...]
     before: Predicted
     after: Predicted
-    gap: Array
     closed: Estimate = OPEN
     speeds: Estimate = OPEN
     scatter: Mapping[str, float] = field(default_factory=dict)
@@ -216,8 +214,7 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     beside = _by_probability(by_evidence(search), search.beside)
     if not matters(problem, alone.fit, best.fit, tolerance):
         small = (*beside, *_by_probability(by_evidence(search), best.effects))
-        gap = np.zeros_like(before.in_fit)
-        return Judgement("none", nothing_missing(search), alone, (), (), small, before, before, gap)
+        return Judgement("none", nothing_missing(search), alone, (), (), small, before, before)
     whole = whole_of(before, after)
     competition = compete(problem, search, predictions.of)
     parts = together(
@@ -244,7 +241,7 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     probability = float(min((n.probability for n in named), default=missing))
     return Judgement(
         verdict, probability, best, tuple(named), described, small, before, after,
-        whole.gap, whole.closed, whole.speeds, competition=competition,
+        whole.closed, whole.speeds, competition=competition,
     )  # fmt: skip
 
 
@@ -281,16 +278,14 @@ def _by_probability(competition: Competition, effects: Sequence[str]) -> tuple[N
 def by_posterior(problem: Problem, search: Search) -> Judgement:
     """Return what the posterior alone says; it stands in where trials cannot be predicted."""
     best = search.best
-    nothing, unseen = np.full(len(problem.trials), np.nan), Predicted.unknown(problem)
+    unseen = Predicted.unknown(problem)
     competition = by_evidence(search)
     named = _by_probability(competition, best.effects)
     sure = all(n.probability >= CREDIBLE for n in named)
     verdict: Verdict = "none" if not named else "named" if sure else "unknown"
     probability = min((n.probability for n in named), default=nothing_missing(search))
     names, terms = (named, ()) if sure else ((), named)
-    return Judgement(
-        verdict, probability, best, names, terms, (), unseen, unseen, nothing, competition=competition
-    )
+    return Judgement(verdict, probability, best, names, terms, (), unseen, unseen, competition=competition)
 
 
 @dataclass(frozen=True, eq=False)

@@ -144,8 +144,8 @@ def _work(tasks: Sequence[Task]) -> list[Array | None]:
 def _batches(tasks: Sequence[Task]) -> list[list[Task]]:
     """Split tasks into what a process takes at once, the largest first.
 
-    Each has one set of effects, for which a process builds the equations anew. About as many batches as there
-    are tasks in one leave no process long alone.
+    Each has one set of effects, for which a process builds the equations anew. With about as many batches as
+    tasks in each, all processes end at about the same time.
     """
     most = math.isqrt(len(tasks)) + 1
     batches: list[list[Task]] = []
@@ -194,7 +194,7 @@ class Bench:
             self._pool.shutdown(cancel_futures=True)
 
     def here(self) -> None:
-        """Simulate in this process from now on, in silence."""
+        """Simulate in this process from now on, without reports of progress."""
         self._pool, self._tick = None, lambda _: None
 
     def side_by_side(self, call: Callable[[int], Y], count: int) -> list[Y]:

@@ -16,8 +16,8 @@ NOTHING = 1e-3
 """Share below which a size counts as none, as a thousandth of a range; convention."""
 
 UNSEEN = 1e-5
-"""Share of the robot's weight, or of a prior's std, that no sensor shows: traces are at most some 10,000
-times the noise, as that of a wrong wheel radius."""
+"""Share of the robot's weight, or of a prior's std, that no sensor shows. The largest trace, that of a wrong
+wheel radius, is some 10,000 times the noise."""
 
 CLOSE = 0.1
 """Share of a std, or of what a prior leaves open, that makes no difference: an error of that size beside one
@@ -27,13 +27,12 @@ REACH = 3.0
 """Standard deviations within which a normal number lies in all practice (99.7 %); convention."""
 
 UPDATES = 8
-"""Most steps of what need not reach its end: what is learnt beside the numbers of a fit, each time it is
-learnt, and the first fit, whose noise is not known yet; convention."""
+"""Most steps of iterations that need not converge: those of the scales at each step of a fit, and of the
+first fit, whose noise is not known yet; convention."""
 
 TRIED, FEW = 3, 2
-"""How many alternatives are tried, the most promising first: where each may be the best one, and where a
-second is enough (a rival, a size, a set to be revised). Convention; the ranking of first order that chooses
-them is off by one or two places."""
+"""Number of alternatives that are tried, the most promising first: three where each may be the best, two
+where one rival is enough. Convention; their ranking of first order is wrong by one or two places."""
 
 FEWEST_SPEEDS = 3
 """Speeds from which on a law in speed is tested: it has one number more than a line."""
@@ -94,8 +93,8 @@ LEAST_SHARE = FORMULA_ERROR[0]
 by is listed as small."""
 
 OUTLIER = 1 / LEAST_SHARE
-"""Factor by which the residuals of a trial, or its own numbers, exceed those of the median trial where
-nothing fits it (another command, a wheel off the ground, another robot): the median is then a small share."""
+"""Ratio to the median trial above which the residuals of a trial, or its own numbers, show that the model
+does not apply to it: another command, a wheel off the ground, another robot."""
 
 REST_SHARE = FORMULA_ERROR[1]
 """Std of the discrepancy near rest, as a share of a channel's rms in motion: there a law of the model is no
@@ -109,14 +108,14 @@ RELEVANT = FORMULA_ERROR[1]
 of their formulas make no more."""
 
 STANDS_IN = FORMULA_ERROR[1]
-"""Share of what a cause closes that an effect must leave to pass for one that only stands in for it."""
+"""Share of the gap of a cause that an effect leaves if it only resembles the cause."""
 
 RIVAL = FORMULA_ERROR[1]
 """Share of the best candidate's gain that a rival must promise to be fitted. Gains are linear about another
 fit; full fits have changed the order of candidates by factors of up to two."""
 
 LOUD = 1 + FORMULA_ERROR[1]
-"""Factor of the noise from which on a fit is bad: what it leaves is not smooth, and no noise."""
+"""Factor of the noise above which a fit is bad: its residuals are neither smooth nor noise."""
 
 SAME = math.sqrt(1 - FORMULA_ERROR[1] ** 2)
 """Cosine above which two signatures count as one: they differ by no more than an error of their formulas."""

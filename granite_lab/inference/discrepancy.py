@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from granite_lab.inference.bench import SIGNALS
 from granite_lab.inference.constants import NOTHING, REST_SHARE, REST_SPEED, SMOOTH, TINY, TOLERANCE
+from granite_lab.inference.noise import stretches
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.observation import Mask
 from granite_lab.logs.trial import Array
@@ -90,6 +91,21 @@ def modulated(size: Array, kind: int, width: float) -> Basis:
 def joined(parts: Sequence[Basis]) -> Basis:
     """Return several bases as one."""
     return Basis(np.hstack([p.columns for p in parts]), np.concatenate([p.kind for p in parts]))
+
+
+def plain_bases(size: float, moving: Mask, resting: Mask, width: float) -> tuple[Basis, ...]:
+    """Return per stretch of a command the discrepancy of a channel, that of effects' formulas left out.
+
+    Args:
+        size: rms of the channel in motion.
+        moving, resting: (n,) where the robot moves, and where it is near rest.
+        width: of a bin [s].
+    """
+    sizes = ((MOTION, np.where(moving, size, 0.0)), (REST, np.where(resting, size, 0.0)))
+    return tuple(
+        joined([modulated(values[part], kind, width) for kind, values in sizes])
+        for part in stretches(moving.size, width)
+    )
 
 
 def scale_of(

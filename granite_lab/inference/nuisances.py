@@ -55,13 +55,11 @@ class Slack:
     Attributes:
         name: for people.
         std: first value of the std of its prior, in its unit.
-        unit: of the number.
         learnt: the std is learnt from the trials; otherwise the standstill determines the number anyway.
     """
 
     name: str
     std: float
-    unit: str
     learnt: bool = False
 
 
@@ -85,8 +83,8 @@ class TrialModel:
         self.command = variant if command is None else command
         self.channels = tuple(observation.streams)
         self.slacks = (
-            *(Slack(name, std, "", True) for name, std in zip(SAND[:RAKED], RAKING, strict=True)),
-            Slack("start", SENSOR_STD["start"], "s"),
+            *(Slack(name, std, True) for name, std in zip(SAND[:RAKED], RAKING, strict=True)),
+            Slack("start", SENSOR_STD["start"]),
             *_slacks(observation, robot),
         )
         self._place = {s.name: k for k, s in enumerate(self.slacks)}
@@ -229,24 +227,24 @@ def _slacks(observation: Observation, robot: Robot) -> tuple[Slack, ...]:
     accel_z = 1.0 if observation.gravity_removed else REACH * bias + weight
     table = {
         "accel_x": [
-            Slack("tilt", SENSOR_STD["tilt"], "rad", True),
-            Slack("accel_x offset", 2 * bias, "m/s^2"),
-            Slack("accel_x gain", SENSOR_STD["accel_x gain"], "", True),
+            Slack("tilt", SENSOR_STD["tilt"], True),
+            Slack("accel_x offset", 2 * bias),
+            Slack("accel_x gain", SENSOR_STD["accel_x gain"], True),
         ],
-        "accel_z": [Slack("accel_z offset", accel_z, "m/s^2")],
-        "pitch_rate": [Slack("pitch_rate offset", REACH * rate_bias, "rad/s")],
+        "accel_z": [Slack("accel_z offset", accel_z)],
+        "pitch_rate": [Slack("pitch_rate offset", REACH * rate_bias)],
         "wheel": [
-            Slack("wheel offset", SENSOR_STD["wheel offset"], "rad"),
-            Slack("wheel gain", SENSOR_STD["wheel gain"], "", True),
+            Slack("wheel offset", SENSOR_STD["wheel offset"]),
+            Slack("wheel gain", SENSOR_STD["wheel gain"], True),
         ],
         "wheel_split": [
-            Slack("wheel_split offset", SENSOR_STD["wheel offset"], "rad"),
-            Slack("wheel_split gain", SENSOR_STD["wheel_split gain"], "", True),
+            Slack("wheel_split offset", SENSOR_STD["wheel offset"]),
+            Slack("wheel_split gain", SENSOR_STD["wheel_split gain"], True),
         ],
     } | {
         f"current_{motor}": [
-            Slack(f"current_{motor} offset", 2 * currents.offset, "A"),
-            Slack(f"current_{motor} gain", currents.gain, "", True),
+            Slack(f"current_{motor} offset", 2 * currents.offset),
+            Slack(f"current_{motor} gain", currents.gain, True),
         ]
         for motor in ("f", "r", "side")
     }

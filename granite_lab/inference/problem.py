@@ -10,7 +10,7 @@ import numpy as np
 
 from granite_lab.inference.bench import RAKED, SIMULATED, Bench, Setting, Task
 from granite_lab.inference.constants import LEAD_STD, LINEAR, REACH, SAND_STD
-from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, Basis, joined, modulated, sizes_of
+from granite_lab.inference.discrepancy import FORMULA, Basis, joined, modulated, plain_bases, sizes_of
 from granite_lab.inference.noise import Filter, Whitener, stretches
 from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
 from granite_lab.inference.nuisances import SENSORS, SENSORS_LEAST, SENSORS_STD, TrialModel
@@ -333,20 +333,9 @@ class Problem:
             )
             bins = t.bins_of(response, x, point.sensors)
             size, moving, resting = sizes_of([self.trials[i] for i in repetitions], response, bins)
-            plain = {}
-            for c in self.places_of(repetitions):
-                level, width = size.get(c, 0.0), t.observation.width
-                plain[c] = tuple(
-                    joined(
-                        [
-                            modulated(np.where(moving[part], level, 0.0), MOTION, width),
-                            modulated(np.where(resting[part], level, 0.0), REST, width),
-                        ]
-                    )
-                    for part in stretches(moving.size, width)
-                )
-            self._plain.append(plain)
-            self._sizes.append({c: (size.get(c, 0.0), moving, resting) for c in plain})
+            sizes = {c: (size.get(c, 0.0), moving, resting) for c in self.places_of(repetitions)}
+            self._plain.append({c: plain_bases(*of, t.observation.width) for c, of in sizes.items()})
+            self._sizes.append(sizes)
 
     def size_of(self, command: int, channel: str) -> tuple[float, Mask]:
         """Return the rms of a channel in motion, and (n,) where the robot moves."""

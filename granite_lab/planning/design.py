@@ -21,7 +21,7 @@ from granite_lab.inference.noise import ABOVE, CUT, FAST, FLOOR, GRID, at_rest, 
 from granite_lab.inference.observation import AFTER, BEFORE
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import duration, peak_velocity, velocities_at
-from granite_lab.parameters import Robot, Soil, Variant, load_variants
+from granite_lab.parameters import Robot, Soil, Variant
 from granite_lab.parameters.quantity import build, key_of, quantity
 
 SCHEMA = "granite-lab/design/2"
@@ -103,14 +103,19 @@ class Design:
     virtual: bool = False
 
 
-def save_design(finding: Finding, trials: Sequence[Trial], path: Path) -> None:
-    """Write what a plan needs of a search to a file, unless the logs do not state the command.
+def save_design(finding: Finding, commanded: Sequence[tuple[Trial, Variant]], path: Path) -> None:
+    """Write what a plan needs of a search to a file, where any trial's command is a trapezoid.
+
+    Args:
+        finding: the search.
+        commanded: trials with their commands.
+        path: of the file.
 
     Raises:
         LabError: the file cannot be written.
     """
     try:
-        driven = _driven(finding.residuals, trials)
+        driven = _driven(finding.residuals, commanded)
     except InputError:
         driven = ()
     if not driven:
@@ -165,18 +170,16 @@ def load_design(path: Path) -> Design:
     return design
 
 
-def _driven(residuals: Sequence[Residual], trials: Sequence[Trial]) -> tuple[Driven, ...]:
+def _driven(residuals: Sequence[Residual], commanded: Sequence[tuple[Trial, Variant]]) -> tuple[Driven, ...]:
     """Return the trials by command.
 
     Raises:
-        InputError: the command or its conditions are not stated.
+        InputError: a log's conditions cannot be used.
     """
     groups: dict[tuple[Variant, Conditions], list[Residual]] = {}
-    for trial in trials:
+    for trial, variant in commanded:
         rows = [r for r in residuals if r.trial == trial.name and np.isfinite(r.measured).any()]
         if rows:
-            info = dataclasses.replace(trial.info, v_desired=trial.info.v_desired or rows[0].variant)
-            variant = variant_of_trial(dataclasses.replace(trial, info=info))
             groups.setdefault((variant, conditions_of(trial)), []).extend(rows)
     driven = []
     for (variant, conditions), rows in groups.items():
@@ -188,29 +191,6 @@ def _driven(residuals: Sequence[Residual], trials: Sequence[Trial]) -> tuple[Dri
                    before=before, after=after, noise=tuple(noise))
         )  # fmt: skip
     return tuple(driven)
-
-
-def variant_of_trial(trial: Trial) -> Variant:
-    """Return what was commanded: as the log says, or by Table 2.
-
-    Raises:
-        InputError: nothing says it.
-    """
-    info = trial.info
-    if info.v_desired is not None:
-        for row in load_variants():
-            if np.isclose(row.velocity, info.v_desired):
-                return Variant(
-                    velocity=row.velocity,
-                    acceleration=info.a_max or row.acceleration,
-                    distance=info.distance or row.distance,
-                )
-        if info.a_max is not None and info.distance is not None:
-            return Variant(velocity=info.v_desired, acceleration=info.a_max, distance=info.distance)
-    raise InputError(
-        f"trial '{trial.name}': velocity, acceleration and distance of the command are not known",
-        "add '# v_desired_mps = …', '# a_max_mps2 = …' and '# distance_m = …' to the log",
-    )
 
 
 def commanded_share(t: Array, variant: Variant) -> Array:

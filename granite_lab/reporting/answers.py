@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,13 +15,13 @@ from granite_lab.fitting.fit import TRIALS, AThetaFit, View, views_of
 from granite_lab.inference.constants import FEWEST_SPEEDS
 from granite_lab.parameters import by_speed, load_paper
 from granite_lab.reporting.channels import AGREES, SMALL, ChannelAnswer, judged_channels
+from granite_lab.reporting.driven import lead, of_simulator
 from granite_lab.reporting.names import (
     MUCH,
     Step,
     capital,
     describe,
     in_plain_words,
-    inside,
     listed,
     next_steps,
     plain,
@@ -34,7 +33,6 @@ from granite_lab.reporting.names import (
 from granite_lab.reporting.speeds import (
     REMEDY,
     Speed,
-    assumptions,
     first_table,
     published_at,
     reach_in_words,
@@ -154,7 +152,7 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
     if steps:
         questions.append(Answer("next", "What to do next?", "", steps[0].text, command=steps[0].command))
     return Answers(
-        _lead(result, speeds), _virtual(result), tuple(questions), steps, speeds, a_theta, agrees,
+        lead(result, speeds), of_simulator(result), tuple(questions), steps, speeds, a_theta, agrees,
         channels, paper.a_theta, slip_unknown,
     )  # fmt: skip
 
@@ -174,53 +172,6 @@ def _differ(finding: Finding, gap: float) -> str:
     return text + (
         " Repetitions of a command differ more than that from each other." if finding.scatter else ""
     )
-
-
-def _drove(trials: int, robots: Sequence[str], soils: Sequence[str], speeds: Sequence[float]) -> str:
-    """Say what was driven; titles of robots and soils may repeat, and the most frequent ones come first."""
-    robot, soil = (
-        listed([name for name, _ in Counter(titles).most_common()])
-        for titles in ([r.split(",")[0] for r in robots], map(inside, soils))
-    )
-    velocities = listed([f"{v:g}" for v in speeds])
-    return f"{plural(trials, 'trial')} of {robot} driving straight on {soil} at {velocities} m/s"
-
-
-def _lead(result: StudyResult, speeds: Sequence[Speed]) -> str:
-    if not result.trials and result.finding is not None:
-        robot, soil = result.finding.robot.title, result.finding.soil.title
-        driven = {r.trial: r.variant for r in result.finding.residuals}
-        return f"{_drove(len(driven), [robot], [soil], sorted(set(driven.values())))}."
-    if not result.trials:
-        return f"None of {len(result.failures)} trials could be used. The reasons are listed below."
-    runs = [r.run for r in result.trials]
-    robots, soils = [r.robot.title for r in runs], [r.soil.title for r in runs]
-    counts = {len(s.results) for s in speeds}
-    each = f" ({counts.pop()} at each speed)" if len(counts) == 1 and len(speeds) > 1 else ""
-    excluded = sum(f.excluded for f in result.failures)
-    failed = len(result.failures) - excluded
-    left_out = f" {plural(failed, 'more trial')} could not be used." if failed else ""
-    left_out += f" {plural(excluded, 'more trial')} excluded by the user." if excluded else ""
-    assumed = f" {text}" if (text := assumptions(result)) else ""
-    return f"{_drove(len(runs), robots, soils, [s.velocity for s in speeds])}{each}.{left_out}{assumed}"
-
-
-def _virtual(result: StudyResult) -> str:
-    if not result.trials and result.finding is not None and result.finding.virtual:
-        return (
-            "A simulator wrote the sensor logs of these trials; no robot was driven. Nothing here is about "
-            "real sand."
-        )
-    count, n = (
-        sum(r.trial.info.virtual or r.motion.virtual for r in result.trials),
-        len(result.trials),
-    )
-    which = "All trials are" if count == n else f"{count} of {n} trials are"
-    text = (
-        f"{which} virtual: a simulator wrote the sensor logs and no robot was driven. “Measured” means "
-        "estimated from the virtual sensors. Nothing here is about real sand."
-    )
-    return text if count else ""
 
 
 def _slip(speeds: Sequence[Speed]) -> Answer:
@@ -463,7 +414,7 @@ def closes_answer(finding: Finding) -> Answer:
 
 
 def _trust(result: StudyResult, finding: Finding | None) -> Answer:
-    """Say what speaks for the answers, and every doubt."""
+    """Return the grounds for the answers, and every doubt."""
     grounds, doubts = [], []
     doubtful = [r.trial.name for r in result.trials if not r.motion.health.good]
     n = len(result.trials)

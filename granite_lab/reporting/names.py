@@ -184,15 +184,15 @@ def together(names: Sequence[str]) -> str:
 
 
 def shared(lines: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:
-    """Say once what several trials say alike; each line is a trial's name and what it says."""
-    speakers: dict[str, list[str]] = {}
+    """Merge equal notes of several trials; each line is a trial's name and its notes."""
+    trials_of: dict[str, list[str]] = {}
     for trial, notes in lines:
         for line in dict.fromkeys(notes):
-            speakers.setdefault(line, []).append(trial)
+            trials_of.setdefault(line, []).append(trial)
     everybody = len(lines)
     return tuple(
         f"all {everybody} trials: {line}" if len(trials) == everybody > 1 else f"{', '.join(trials)}: {line}"
-        for line, trials in speakers.items()
+        for line, trials in trials_of.items()
     )
 
 
@@ -222,7 +222,7 @@ def strained_in_words(finding: Finding) -> list[str]:
 
 
 def _measure_soil(finding: Finding) -> list[Step]:
-    """Ask for a measurement of the soil where the fit moves its numbers far."""
+    """Return the step to measure the soil where the fit moves its numbers far."""
     far = [words for name, (_, words) in SAND.items() if name in finding.strained and name != "a_theta"]
     if not far:
         return []

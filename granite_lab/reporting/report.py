@@ -76,7 +76,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Looks:
-    """How to look at each trial: its name, its lines, and the command that shows its recording, if any."""
+    """Each trial with its name, its page of lines, and the command that shows its recording, if any."""
 
     rows: tuple[tuple[str, str, str], ...]
 
@@ -303,7 +303,7 @@ def _failures(result: StudyResult) -> list[str]:
 
 
 def _looks(result: StudyResult, folder: str, recordings: str) -> Looks:
-    """Say how to look at each trial; with recordings, by a command."""
+    """Return name, page of lines and command of the recording of each trial."""
     names = recordings_of(result)
     place = f"{folder or result.name}/{recordings}"
     commands = [f"granite-lab view {pasted(f'{place}/{name}')}" if recordings else "" for name in names]

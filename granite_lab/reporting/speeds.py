@@ -15,7 +15,7 @@ from granite_lab.estimate import mean_over
 from granite_lab.estimation.motion import TELLING
 from granite_lab.fitting.fit import BOUNDS
 from granite_lab.parameters import Paper, Published, by_speed
-from granite_lab.reporting.names import inside, listed
+from granite_lab.reporting.names import listed
 from granite_lab.results import StudyResult
 from granite_lab.rounding import NONE, Number, decided, significant
 
@@ -201,20 +201,3 @@ def reach_in_words(speeds: Sequence[Speed]) -> str:
     else:
         where = listed([f"{end} at {s.velocity:.3g} m/s" for s, end in zip(reached, ends, strict=True)])
     return f"On this soil the model reaches a slip of {where}."
-
-
-def assumptions(result: StudyResult) -> str:
-    """Say which robot and soil were assumed because they were not named; empty where all are named."""
-    given = dict(result.source.options)
-    parts = []
-    for kind in ("robot", "soil"):
-        unnamed = [r for r in result.trials if getattr(r.trial.info, kind) is None]
-        if kind in given or not unnamed:
-            continue
-        titles = list(dict.fromkeys(getattr(r.run, kind).title for r in unnamed))
-        every = "" if len(unnamed) == len(result.trials) else f" of {len(unnamed)} trials"
-        parts.append(f"the {kind}{every} is {listed([inside(title) for title in titles])}")
-    if not parts:
-        return ""
-    keys = " and ".join(f"--{part.split()[1]}" for part in parts)
-    return f"Assumed, because no log and no option says it: {listed(parts)} ({keys} says which)."

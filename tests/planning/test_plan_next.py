@@ -1,6 +1,7 @@
 """What is planned for a search: from its record over the file and the question to the table."""
 
 import io
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from granite_lab.inference.noise import FLOOR
 from granite_lab.inference.observation import CHANNELS
 from granite_lab.logs.trial import Trial, TrialInfo
 from granite_lab.model.command import duration, peak_velocity, phase_of
-from granite_lab.parameters import Variant, load_robot, load_soil, load_variants
+from granite_lab.parameters import Variant, load_robot, load_soil, load_variants, variant_of
 from granite_lab.planning.design import (
     Design,
     Driven,
@@ -31,7 +32,6 @@ from granite_lab.planning.design import (
     commanded_share,
     load_design,
     save_design,
-    variant_of_trial,
 )
 from granite_lab.planning.plan import options, plan_next
 from granite_lab.planning.stage import question, trial_model, whitener_of
@@ -59,8 +59,12 @@ def trials_of(finding: Finding) -> list[Trial]:
     return [Trial(name, TrialInfo(v_desired=v)) for name, v in speeds.items()]
 
 
+def commanded(trials: list[Trial]) -> list[tuple[Trial, Variant]]:
+    return [(t, variant_of(t.info.v_desired or math.nan)) for t in trials]
+
+
 def saved(finding: Finding, path: Path, trials: list[Trial] | None = None) -> Design:
-    save_design(finding, trials_of(finding) if trials is None else trials, path)
+    save_design(finding, commanded(trials_of(finding) if trials is None else trials), path)
     return load_design(path)
 
 
@@ -92,10 +96,7 @@ def test_trials_of_one_command_under_other_conditions_are_another_command(tmp_pa
 
 
 def test_without_a_command_nothing_is_written(tmp_path: Path) -> None:
-    finding = made_up_finding("named")
-    # no row of Table 2
-    off = replace(finding, residuals=tuple(replace(r, variant=0.123) for r in finding.residuals))
-    save_design(off, [Trial(t.name, TrialInfo()) for t in trials_of(finding)], tmp_path / DESIGN)
+    save_design(made_up_finding("named"), [], tmp_path / DESIGN)
     assert not (tmp_path / DESIGN).exists()
 
 
@@ -252,7 +253,7 @@ def test_where_much_is_known_no_trial_is_worth_it() -> None:
 def test_the_document_and_the_table_carry_the_figures_of_the_folder(tmp_path: Path) -> None:
     """The folder holds what `discover` and `study` both write, and no log."""
     finding = made_up_finding("named", speeds=(0.2,), repetitions=2)
-    save_design(finding, trials_of(finding), tmp_path / DESIGN)
+    save_design(finding, commanded(trials_of(finding)), tmp_path / DESIGN)
     document = told("plan-next", tmp_path, "--room", 1, "--max-speed", 0.2, "--jobs", 1)
     assert document["schema"] == "granite-lab/plan/2"
     assert document["measure"] == "relative standard deviation"
@@ -284,8 +285,3 @@ def test_a_channel_with_a_noise_of_nothing_has_the_floor_of_its_kind() -> None:
     observation = trial_model(0, SLOW, design.driven[0], design.robot).observation
     white = whitener_of(Noise(channel="wheel", rest=0.0), observation, 0.2)
     assert white(np.ones(observation.bins)) == pytest.approx(1 / FLOOR["wheel"])
-
-
-def test_a_log_that_says_nothing_of_the_command_is_refused() -> None:
-    with pytest.raises(InputError, match="of the command are not known"):
-        variant_of_trial(Trial("one", TrialInfo()))
