@@ -16,7 +16,7 @@ from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.problem import Problem
 from granite_lab.model.dictionary import Term, dictionary, is_term
 
-MOST = 8
+MOST_TERMS = 8
 """Effects and terms in a model at most: with more a sum follows any curve at the speeds that were driven."""
 
 
@@ -35,7 +35,7 @@ def described(problem: Problem, pushes: Pushes, tolerance: float) -> Fit | None:
     before = pushes.fit
     try:
         screened = Screened(problem, pushes, [t for t in dictionary().values() if isinstance(t, Term)])
-        chosen = _chosen(problem, screened, tolerance, MOST - len(before.point.effects))
+        chosen = _chosen(problem, screened, tolerance, MOST_TERMS - len(before.point.effects))
     except (EstimateError, np.linalg.LinAlgError):
         return None
     point = before.point

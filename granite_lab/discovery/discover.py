@@ -101,8 +101,10 @@ def discover(
         fits = [at_first(way)[1] for way, _ in ways] if len(ways) > 1 else [0.0]
         chosen = int(np.argmin(fits))
         (problem, dropped), (trials, motions) = ways[chosen], readings[chosen]
-        problem, base, strange = _without_outliers(problem)
-        dropped += strange
+        base = baseline(problem)
+        problem, outliers = _without(problem, _outliers(problem, base))
+        if outliers:
+            base, dropped = baseline(problem), (*dropped, *outliers)
         count = lugs(problem, base, robot.wheels.lugs)
         if count != robot.wheels.lugs:
             bench = stack.enter_context(Bench(_with_lugs(bench.world, count), jobs, tick, respond))
@@ -149,16 +151,13 @@ def discover(
         )  # fmt: skip
 
 
-def _without_outliers(problem: Problem) -> tuple[Problem, Fit, tuple[tuple[str, str], ...]]:
-    """Fit the model without effects; leave trials out that nothing fits, each named with the reason."""
-    base = baseline(problem)
-    strange = _outliers(problem, base)
-    if not strange:
-        return problem, base, ()
-    kept = [t for i, t in enumerate(problem.trials) if i not in strange]
-    rest = Problem(kept, problem.bench, tuple(problem.sand_std.tolist()))
-    names = tuple((problem.trials[i].observation.name, why) for i, why in strange.items())
-    return rest, baseline(rest), names
+def _without(problem: Problem, reasons: Mapping[int, str]) -> tuple[Problem, tuple[tuple[str, str], ...]]:
+    """Leave trials out; return the problem of the others, and the names of those with the reasons."""
+    if not reasons:
+        return problem, ()
+    kept = [t for i, t in enumerate(problem.trials) if i not in reasons]
+    names = tuple((problem.trials[i].observation.name, why) for i, why in reasons.items())
+    return Problem(kept, problem.bench, tuple(problem.sand_std.tolist())), names
 
 
 def _with_lugs(world: World, count: float) -> World:
@@ -225,12 +224,7 @@ def _possible(problem: Problem) -> tuple[Problem, tuple[tuple[str, str], ...]]:
         raise EstimateError(
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
         )
-    if not out:
-        return problem, ()
-    reason = "its command has no solution in the model"
-    names = tuple((problem.trials[i].observation.name, reason) for i in sorted(out))
-    kept = [t for i, t in enumerate(problem.trials) if i not in out]
-    return Problem(kept, problem.bench, tuple(problem.sand_std.tolist())), names
+    return _without(problem, dict.fromkeys(sorted(out), "its command has no solution in the model"))
 
 
 def _outliers(problem: Problem, base: Fit) -> dict[int, str]:

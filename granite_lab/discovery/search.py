@@ -199,8 +199,8 @@ class _Steps:
     def refitted(self, model: Model, starts: Sequence[Point], scales: Scales) -> Model:
         """Fit a set again from other starts; return the likelier fit."""
         self.tell(f"fitting {_words(model.effects)}", self.named)
-        fits = attempts(self.problem, [(start, scales) for start in starts]).get(model.effects)
-        other = model if fits is None else _model(model.effects, fits)
+        refit = attempts(self.problem, [(start, scales) for start in starts]).get(model.effects)
+        other = model if refit is None else _model(model.effects, refit)
         if other.log_posterior <= model.log_posterior + WORTH:
             return model
         self.models[model.effects] = other

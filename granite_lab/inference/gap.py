@@ -9,7 +9,7 @@ from scipy.signal import periodogram
 
 from granite_lab.inference.discrepancy import FORMULA, MOTION
 from granite_lab.inference.fit import Fit, under
-from granite_lab.inference.noise import ABOVE, CUT, LEAST, errors
+from granite_lab.inference.noise import ABOVE, CUT, FEWEST_BINS, errors
 from granite_lab.inference.normal import ChannelPart, Scales
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import DISCREPANCIES, FORMULAS, posterior_at
@@ -157,7 +157,7 @@ def _powers(rows: Array, width: float, low: float, high: float) -> Array:
     """Return the power densities of (k, n) rows between two frequencies; none where they are too short."""
     densities = [np.zeros(0)]
     for row in (r[np.isfinite(r)] for r in rows):
-        if row.size >= LEAST:
+        if row.size >= FEWEST_BINS:
             f, power = periodogram(row, 1 / width, "hann")
             densities.append(power[(f > 0) & (f >= low) & (f < high)])
     return np.concatenate(densities)

@@ -33,7 +33,7 @@ ORDER = 16
 REST_ORDER = 2
 """The same of a sensor at standstill: a low-pass of second order."""
 
-LEAST = 9
+FEWEST_BINS = 9
 """Bins of which a spectrum can be told: several of each coefficient of `REST_ORDER`."""
 
 FAST = 0.8
@@ -247,7 +247,7 @@ def _spectrum(error: Sequence[Array], order: int, floor: float, width: float, cu
     The floor enters as white noise: a sensor at rest on one step of its scale has no noise to learn.
     """
     every = [row[np.isfinite(row)] for row in error]
-    rows = [row for row in every if row.size >= LEAST]
+    rows = [row for row in every if row.size >= FEWEST_BINS]
     if not rows:  # wide bins, of slow sensors: too few for a spectrum, enough for a level
         few = np.concatenate([np.zeros(0), *every])
         return np.full(GRID + 1, floor**2 + (float(np.mean(few**2)) if few.size else 0.0))

@@ -20,7 +20,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.inference.bench import SIGNALS
 from granite_lab.inference.binning import CURRENTS, Binning, Stream, at_edges_or_between
 from granite_lab.inference.constants import BIN, REACH, SMOOTH
-from granite_lab.inference.noise import LEAST
+from granite_lab.inference.noise import FEWEST_BINS
 from granite_lab.logs.sensors.imu import mounted
 from granite_lab.logs.sensors.stamps import GAP_PERIODS
 from granite_lab.logs.trial import Array, Trial
@@ -234,7 +234,7 @@ def _axles(kind: str, t: Array, table: Array) -> dict[str, Stream]:
 def _stream(
     name: str, t: Array, values: Array, fine: Mask, signal: int, *, is_angle: bool
 ) -> dict[str, Stream]:
-    if fine.sum() < LEAST:
+    if fine.sum() < FEWEST_BINS:
         return {}
     return {name: Stream(t[fine], np.asarray(values[fine]), np.eye(len(SIGNALS))[signal], is_angle)}
 

@@ -58,7 +58,7 @@ class Driven:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Named:
+class NamedEffect:
     """An effect that was named, with the values of all its parameters and with its twins."""
 
     id: str
@@ -67,7 +67,7 @@ class Named:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Figure:
+class NamedNumber:
     """A number with a name."""
 
     name: str
@@ -90,14 +90,14 @@ class Design:
 
     verdict: str
     provisional: tuple[str, ...] = ()
-    named: tuple[Named, ...] = ()
-    possible: tuple[Figure, ...] = ()
+    named: tuple[NamedEffect, ...] = ()
+    possible: tuple[NamedNumber, ...] = ()
     robot: Robot
     soil: Soil
     sand: tuple[float, ...] = (0.0,) * len(SAND)
     latency: float = quantity("s", -10, 10, "of the IMU's stamps", default=0.0)
     share: float = quantity("", 0, 1e3, "discrepancy as a share of the rms")
-    scales: tuple[Figure, ...] = ()
+    scales: tuple[NamedNumber, ...] = ()
     width: float = quantity("s", 1e-4, 10, "of a bin", default=BIN)
     driven: tuple[Driven, ...]
     virtual: bool = False
@@ -126,16 +126,16 @@ def save_design(finding: Finding, commanded: Sequence[tuple[Trial, Variant]], pa
         verdict=finding.verdict,
         provisional=finding.provisional,
         named=tuple(
-            Named(id=e.id, values=values[e.id], twins=tuple(t for t in e.twins if t not in named))
+            NamedEffect(id=e.id, values=values[e.id], twins=tuple(t for t in e.twins if t not in named))
             for e in sorted(named.values(), key=lambda e: -e.probability)
         ),
-        possible=_figures({c.id: c.gain for c in finding.candidates if c.id not in named}),
+        possible=_numbers({c.id: c.gain for c in finding.candidates if c.id not in named}),
         robot=finding.robot,
         soil=finding.soil,
         sand=tuple(finding.sand[n].value if n in finding.sand else 0.0 for n in SAND),
         latency=finding.latency.value,
         share=max(finding.discrepancy, finding.tolerance),
-        scales=_figures(finding.scales),
+        scales=_numbers(finding.scales),
         width=float(np.median(np.diff(finding.residuals[0].t))),
         driven=driven,
         virtual=finding.virtual,
@@ -143,8 +143,8 @@ def save_design(finding: Finding, commanded: Sequence[tuple[Trial, Variant]], pa
     write_text(path, json.dumps({"schema": SCHEMA} | _table(design), allow_nan=False) + "\n")
 
 
-def _figures(values: Mapping[str, float]) -> tuple[Figure, ...]:
-    return tuple(Figure(name=n, value=v) for n, v in values.items() if abs(v) < 1e9 and "." not in n)
+def _numbers(values: Mapping[str, float]) -> tuple[NamedNumber, ...]:
+    return tuple(NamedNumber(name=n, value=v) for n, v in values.items() if abs(v) < 1e9 and "." not in n)
 
 
 def _table(record: Any) -> Any:

@@ -21,7 +21,7 @@ from granite_lab.model.effect import Effect, EffectParameter, Symbols
 from granite_lab.model.instants import instants
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import GRAVITY, Variant, load_robot, load_soil
-from granite_lab.planning.design import Design, Driven, Figure, Named, Noise
+from granite_lab.planning.design import Design, Driven, NamedEffect, NamedNumber, Noise
 from granite_lab.planning.plan import plan_next
 from granite_lab.planning.stage import Stage, explanations, fitted, question, whitener_of
 from tests.planning.test_plan_next import design_of, driven_of
@@ -114,10 +114,10 @@ def test_no_number_of_trials_beats_the_error_of_an_effects_formula(stages: Any) 
     assert about > 2 * exact
 
 
-TILT = (Figure(name="tilt", value=1e-3),)
+TILT = (NamedNumber(name="tilt", value=1e-3),)
 SLOPE = design_of(
     driven_of(SLOW, count=3), verdict="named", scales=TILT,
-    named=(Named(id="ground_slope", values=(1.0,), twins=("imu_tilt",)),),
+    named=(NamedEffect(id="ground_slope", values=(1.0,), twins=("imu_tilt",)),),
 )  # fmt: skip
 
 

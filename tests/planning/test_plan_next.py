@@ -26,8 +26,8 @@ from granite_lab.parameters import Variant, load_robot, load_soil, load_variants
 from granite_lab.planning.design import (
     Design,
     Driven,
-    Figure,
-    Named,
+    NamedEffect,
+    NamedNumber,
     Noise,
     commanded_share,
     load_design,
@@ -72,7 +72,9 @@ def test_what_a_search_found_survives_the_file(tmp_path: Path) -> None:
     finding = made_up_finding("named", twins=("com_offset",))
     design = saved(finding, tmp_path / DESIGN)
     assert design.verdict == "named"
-    assert design.named == (Named(id="multi_pass", values=finding.active[0].values, twins=("com_offset",)),)
+    assert design.named == (
+        NamedEffect(id="multi_pass", values=finding.active[0].values, twins=("com_offset",)),
+    )
     assert design.robot == ROBOT
     assert design.soil == SOIL
     assert design.sand[0] == finding.sand["a_theta"].value
@@ -162,10 +164,10 @@ def test_logs_that_begin_driving_and_end_soon_give_a_plan(tmp_path: Path, repeti
     assert all(np.isfinite(list(p.after.values())).all() for p in plan.proposals)
 
 
-NAMED = Named(id="ground_slope", values=(0.7,), twins=("imu_tilt",))
+NAMED = NamedEffect(id="ground_slope", values=(0.7,), twins=("imu_tilt",))
 ALONE = replace(NAMED, twins=())
-SURE = Named(id="drive_reaction", values=(0.8,))
-OTHERS = tuple(Figure(name=n, value=v) for n, v in (("tyre_windup", 9.0), ("bulldozing", -1.0)))
+SURE = NamedEffect(id="drive_reaction", values=(0.8,))
+OTHERS = tuple(NamedNumber(name=n, value=v) for n, v in (("tyre_windup", 9.0), ("bulldozing", -1.0)))
 
 
 @pytest.mark.parametrize(
@@ -195,7 +197,10 @@ def test_an_effect_that_is_not_known_or_has_changed_is_refused() -> None:
 
 
 def test_the_strength_with_the_largest_relative_std_is_sharpened() -> None:
-    weak, strong = Named(id="drive_reaction", values=(0.05,)), Named(id="com_offset", values=(0.05,))
+    weak, strong = (
+        NamedEffect(id="drive_reaction", values=(0.05,)),
+        NamedEffect(id="com_offset", values=(0.05,)),
+    )
     plan = plan_next(design_of(driven_of(), verdict="named", named=(weak, strong)), library(), max_speed=0.2)
     assert list(plan.now) == ["drive_reaction.share"]
 
@@ -233,7 +238,7 @@ def shown(design: Design, **told: Any) -> str:
 
 
 def test_the_table_fits_80_columns_and_says_what_to_do_and_why() -> None:
-    named, scales = (replace(NAMED, values=(1.5,)),), (Figure(name="tilt", value=1e-3),)
+    named, scales = (replace(NAMED, values=(1.5,)),), (NamedNumber(name="tilt", value=1e-3),)
     design = design_of(driven_of(count=3), verdict="named", named=named, scales=scales, virtual=True)
     words = shown(design)
     assert words.startswith("Which trial distinguishes ground slope and IMU tilt? (virtual data)")
