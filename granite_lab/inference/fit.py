@@ -40,7 +40,7 @@ NO_RANK = 2 * WORTH
 """Drop of the objective with new derivatives below which a rough fit ends: a further effect must bring more,
 so that the rank of sets does not change."""
 
-TRUSTED, TRUSTED_ROUGH = 0.1, 0.4
+TRUSTED, TRUSTED_ROUGH = CLOSE, 0.4
 """How far from one the drop over the promised one may be for the derivatives to be kept, far from the
 optimum; of a rough fit."""
 
@@ -48,7 +48,7 @@ NEAR = 1.0
 """Promised drop below which a step of Gauss and Newton is taken although the objective does not fall. Within
 one std its changes show kinks of the model and derivatives at the centre of a command, not the optimum."""
 
-AS_GOOD, AS_GOOD_ROUGH = CLOSE, 1.0
+AS_GOOD, AS_GOOD_ROUGH = CLOSE, NEAR
 """How far a fit may move, in std of the numbers, with derivatives that count as those of the point; a rough
 one."""
 

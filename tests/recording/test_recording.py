@@ -405,7 +405,7 @@ def test_log_lines_name_what_is_missing_and_where(searched: ReadBack) -> None:
     assert [line for line in lines if "IMU stamps 4.0 ± 1.0\u00a0ms behind those of wheels" in line]
     levels = dict(zip(lines, searched.texts("/events", "TextLog:level"), strict=True))
     assert levels[missing] == "WARN"
-    assert levels[where] == "INFO"  # the model differs; the trial is as good as any
+    assert levels[where] == "WARN"
 
 
 def test_nothing_found_and_not_searched_are_said(trial: Comparison, tmp_path: Path) -> None:
