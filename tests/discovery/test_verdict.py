@@ -284,7 +284,11 @@ def test_a_small_effect_that_promises_most_does_not_hide_another(monkeypatch: py
         little = "shake" in after.point.effects and "shake" not in before.point.effects
         return {"accel_x": 0.5 * TOLERANCE if little else 1.0}
 
-    for name, told in (("good", lambda *_: True), ("strained", lambda *_: False), ("prediction_change", moved)):
+    for name, told in (
+        ("good", lambda *_: True),
+        ("strained", lambda *_: False),
+        ("prediction_change", moved),
+    ):
         monkeypatch.setattr(f"granite_lab.discovery.search.{name}", told)
     found = ask.__wrapped__(push=0.3, shake=0.2).search
     assert (found.best.effects, found.beside) == (("push",), ("shake",))
