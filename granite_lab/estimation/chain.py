@@ -13,7 +13,7 @@ from granite_lab.estimation import stages
 from granite_lab.estimation.clean import clean_trial
 from granite_lab.estimation.clock_rate import doubt_rate
 from granite_lab.estimation.closure import doubt_closure
-from granite_lab.estimation.guard import common_gaps, guard
+from granite_lab.estimation.guard import common_gaps, guard, with_radius
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.outcome import FEWEST_OF_IMU, motion_of, motion_without_imu
@@ -67,7 +67,7 @@ def correct(trial: Trial, robot: Robot, *, soil: Soil | None = None) -> tuple[Tr
     clean, motion = finish(trial, robot, solved)
     gaps = common_gaps(motion, solved.problem.faults.gaps, solved.problem.wheels)
     limits = [doubt for doubt in solved.problem.doubts if doubt.grade != "good"]
-    motion = guard(motion, soil, (*limits, *solved.limits, *gaps))
+    motion = with_radius(guard(motion, soil, (*limits, *solved.limits, *gaps)), robot)
     offset = replace(motion.clock_offset, value=motion.clock_offset.value + moved)
     return clean, replace(motion, clock_offset=offset, clock_applied=motion.clock_applied + moved)
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from granite_lab.estimate import Estimate
+from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation.closure import CONTRADICTS
 from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.health import sentence
@@ -17,11 +17,14 @@ from granite_lab.logs.counters import Mask, integral, mean_known, runs
 from granite_lab.logs.sensors.doubt import Doubt, Grade
 from granite_lab.logs.sensors.standstill import MOVING, Interval
 from granite_lab.logs.trial import Array, WheelStream
-from granite_lab.parameters import GRAVITY, WHEELS, Soil
+from granite_lab.parameters import GRAVITY, WHEELS, Robot, Soil
 
 RADIUS = 0.04
 """Std of the effective wheel radius against the robot's file, as a share: deflection, wear and lugs of a tyre
 change the rolling radius by some per cent (Wong, Theory of Ground Vehicles, section 1.2)."""
+
+BY_RADIUS = "wheel radius"
+"""Part of the std of a slip ratio."""
 
 FOLLOWS = 0.25
 """Time within which a body follows its wheels on sand [s]."""
@@ -210,6 +213,20 @@ def _means(motion: Motion, values: Array, where: Mask) -> Array:
     size = max(round(FOLLOWS / float(np.median(np.diff(motion.t)))), 1)
     parts = [values[k : k + size].mean(axis=0) for a, b in runs(where) for k in range(a, b - size + 1, size)]
     return np.array(parts).reshape(-1, *values.shape[1:])
+
+
+def with_radius(motion: Motion, robot: Robot) -> Motion:
+    """Return the motion whose std contains that of the wheel radius, where the robot's file states one.
+
+    It is the same error in all trials, so that a fit to several of them counts it apart.
+    """
+    share = robot.wheels.radius_std / robot.wheels.radius
+    if share == 0.0 or not math.isfinite(motion.slip_ratio.value):
+        return motion
+    made = share * abs(1.0 - motion.slip_ratio.value)
+    part = Part(BY_RADIUS, "B", "normal", "m", robot.wheels.radius_std, made)
+    parts = sorted([*motion.slip_parts, part], key=lambda one: -one.contribution)
+    return replace(_rolled(motion, share), slip_parts=tuple(parts))
 
 
 def _rolled(motion: Motion, share: float) -> Motion:

@@ -21,6 +21,7 @@ from granite_lab.estimation.slip import identify_scatter, with_jumps
 from granite_lab.estimation.smoother import Solution, settle, smooth, with_gyro_scale, with_steady_slip
 from granite_lab.estimation.wheels import Rolling, rolling_of
 from granite_lab.logs.sensors import mounting
+from granite_lab.logs.sensors.counts import other_counts
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.faults import find_faults, find_restarts, without_steps
 from granite_lab.logs.sensors.imu import despike, mounted
@@ -75,7 +76,8 @@ def roll_wheels(
         wheels, turned = check_signs(trial.wheels, imu, robot, forward_given=forward)
     except EstimateError as refusal:
         raise EstimateError(f"{trial.name}: {refusal.message}", refusal.hint) from None
-    return wheels, rolling_of(wheels, robot), turned
+    scaled = other_counts(wheels, robot.encoders.counts)
+    return wheels, rolling_of(wheels, robot), (*turned, *([scaled] if scaled else []))
 
 
 def stand(sensors: Sensors, by_hand: Sequence[Interval] = ()) -> Problem:

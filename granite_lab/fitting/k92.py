@@ -19,6 +19,7 @@ from scipy.optimize import brentq
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
+from granite_lab.estimation.guard import BY_RADIUS
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import K92_BOUNDS, LEAST, FitStatus, K92Fit, Shift
 from granite_lab.inference.bench import RAKED, SAND, Bench, World
@@ -182,7 +183,7 @@ def fit_k92(
 
 def _by_slip(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]) -> K92Fit:
     """Fit k_92 to the steady slip ratio alone."""
-    variant, measured = motion.variant, motion.slip_ratio
+    variant, (measured, sources) = motion.variant, _of_trial(motion)
 
     def slip_of(k92: float, of: Robot = robot, on: Soil = soil) -> float:
         return _slip_of(motion, of, on, effects, k92)
@@ -213,7 +214,6 @@ def _by_slip(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
         sand.append(Part(shown, "B", "log-normal", "1", step, whole))
     std_sand, std_measurement = math.hypot(*(part.contribution for part in sand)), measured.std / abs(slope)
     std = math.hypot(std_measurement, std_sand)
-    sources = motion.slip_parts or (Part("λ_R as measured", "B", "normal", "1", measured.std, measured.std),)
     known, notes = math.isfinite(std), [] if status == "ok" else [_beyond_reach(status, measured, curve)]
     notes.append(
         f"Std of k_92: {std_measurement:.4f} from λ_R, {std_sand:.4f} from the scatter of the sand."
@@ -240,6 +240,15 @@ def _by_slip(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
         curve=tuple(sorted({k: curve[k] for k in (*curve, *near.tolist())}.items())),
         shared=tuple(shift(name, std) for name, std in stds.items()),
     )
+
+
+def _of_trial(motion: Motion) -> tuple[Estimate, tuple[Part, ...]]:
+    """Return λ_R with what its std is made of, less the part of the wheel radius, which all trials share."""
+    measured, parts = motion.slip_ratio, motion.slip_parts
+    common = sum(part.contribution**2 for part in parts if part.name == BY_RADIUS)
+    own = replace(measured, std=math.sqrt(max(measured.std**2 - common, 0.0))) if common else measured
+    whole = Part("λ_R as measured", "B", "normal", "1", own.std, own.std)
+    return own, tuple(part for part in parts if part.name != BY_RADIUS) or (whole,)
 
 
 def _scaled(robot: Robot, soil: Soil, name: str, factor: float) -> tuple[Robot, Soil]:

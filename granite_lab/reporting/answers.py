@@ -10,6 +10,7 @@ from pathlib import Path
 from granite_lab.columns import FilledTable
 from granite_lab.discovery.finding import UNCONVERGED, Finding
 from granite_lab.estimate import mean_over
+from granite_lab.estimation.guard import BY_RADIUS
 from granite_lab.estimation.motion import no_slip_is_known
 from granite_lab.fitting.fit import TRIALS, AThetaFit, View, views_of
 from granite_lab.inference.constants import FEWEST_SPEEDS
@@ -446,9 +447,9 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
         elif finding.effects:
             doubts.append("no trial could be left out of the fit to test a prediction")
     doubt = [f"Doubts: {'; '.join(doubts)}."] if doubts else []
-    radius = (
-        " The std of the slip leaves out the wheel radius: an error of 1 % is 1 point of slip." if n else ""
-    )
+    stated = any(part.name == BY_RADIUS for r in result.trials for part in r.motion.slip_parts)
+    left_out = "The std of the slip leaves out the wheel radius: an error of 1 % is 1 point of slip."
+    radius = f" {left_out}" if n and not stated else ""
     text = " ".join([*grounds, *doubt, f"Valid for these speeds, this robot and this sand.{radius}"])
     verdict, tone = ("With care", "fair") if doubts else ("Well, for trials like these", "good")
     return Answer("trust", "How far can this be trusted?", verdict, text, tone)
