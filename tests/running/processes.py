@@ -25,20 +25,26 @@ STUDY = (
 )  # fmt: skip
 
 
+def own_cache(folder: Path) -> Path:
+    """Return a cache that remembers no result of another test; what is compiled for one is for all."""
+    compiled = folder / "machine-code"
+    if not compiled.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        common = Path(os.environ["GRANITE_LAB_CACHE"]) / compiled.name
+        common.mkdir(parents=True, exist_ok=True)
+        compiled.symlink_to(common)
+    return folder
+
+
 def begin(folder: Path, *args: object, cache: Path | None = None) -> subprocess.Popen[str]:
     """Start a command in a session of its own, so that all its processes can be found.
 
-    A cache of its own remembers no result of another test; what is compiled for one is for all.
+    Args:
+        cache: as `own_cache` makes it.
     """
     environment = dict(os.environ)
     if cache:
-        compiled = cache / "machine-code"
-        if not compiled.exists():
-            cache.mkdir(parents=True, exist_ok=True)
-            common = Path(environment["GRANITE_LAB_CACHE"]) / compiled.name
-            common.mkdir(parents=True, exist_ok=True)
-            compiled.symlink_to(common)
-        environment["GRANITE_LAB_CACHE"] = str(cache)
+        environment["GRANITE_LAB_CACHE"] = str(own_cache(cache))
     return subprocess.Popen(
         [sys.executable, "-W", "ignore", "-c", MAIN, *map(str, args)],
         cwd=folder,
