@@ -9,7 +9,7 @@ import pytest
 from granite_lab.effects import get
 from granite_lab.effects.model_file import load_model
 from tests.corpus.cli import Done, lab, succeeded, told
-from tests.running.processes import own_cache, trials
+from tests.running.processes import FEW, own_cache, trials
 
 pytestmark = pytest.mark.usefixtures("few_effects")
 LOGS = ("logs/virtual_v0.5_r2.csv", "logs/virtual_v0.7_r1.csv")
@@ -18,7 +18,7 @@ LOGS = ("logs/virtual_v0.5_r2.csv", "logs/virtual_v0.7_r1.csv")
 @pytest.fixture(scope="module")
 def few_effects(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Search among few effects, with a cache of its own; tests/docs runs the command with all of them."""
-    few = {id_: get(id_) for id_ in ("com_offset", "drive_reaction", "tyre_windup")}
+    few = {id_: get(id_) for id_ in FEW}
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("GRANITE_LAB_CACHE", str(own_cache(tmp_path_factory.mktemp("few") / "cache")))
         patch.setattr("granite_lab.chain.library", lambda *_: few)

@@ -54,7 +54,8 @@ def errors(changed: Callable[[Trial], Trial]) -> tuple[Array, Array, list[str]]:
 @pytest.mark.parametrize("counts", [512, 1920, 4096])
 def test_slip_of_the_samples_is_true_at_any_resolution(counts: int) -> None:
     error, std, grades = errors(lambda trial: counted(trial, counts))
-    assert abs(float(error[:, 0].mean())) < 0.3
+    # three tenths of a point over the twelve; a mean over fewer scatters by more
+    assert abs(float(error[:, 0].mean())) < 0.3 * np.sqrt(len(LOGS) / len(PLACES))
     assert np.count_nonzero(np.abs(error) < 2 * std, axis=0).min() >= LEAST
     assert float(np.median(std[:, 0])) < 0.7
     assert "poor" not in grades
