@@ -24,8 +24,6 @@ from tests.soak import SOAK
 
 pytestmark = pytest.mark.slow
 SAMPLES = Path(__file__).parents[2] / "data" / "samples"
-TRIALS = "*.csv" if SOAK else "*_v0.[357]_r[12].csv"
-"""Of the samples: without the slowest, which last longest, each command twice; all in `make soak`."""
 CHOSEN = ("drive_reaction", "tyre_windup")
 """What `discover` finds in the samples."""
 
@@ -63,7 +61,7 @@ class Case:
 @pytest.fixture(scope="module")
 def case() -> Iterator[Case]:
     robot = load_robot()
-    rows = [correct(read_trial(path), robot) for path in sorted(SAMPLES.glob(TRIALS))]
+    rows = [correct(read_trial(path), robot) for path in sorted(SAMPLES.glob("*.csv"))]
     trials, motions = [r[0] for r in rows], [r[1] for r in rows]
     models, variants = trial_models(trials, robot, motions)
     world = World(robot, load_soil(), variants, {id_: get(id_) for id_ in CHOSEN})
@@ -100,4 +98,4 @@ def test_a_fit_of_a_model_that_is_wrong_does_not_pass_for_converged(case: Case) 
     assert found.scales.loud
     assert found.promised > LEAST
     both = case.chosen
-    assert both.evidence > found.evidence + 400 * len(case.problem.trials)
+    assert both.evidence > found.evidence + 5000
