@@ -4,6 +4,7 @@ are coarse, and the machine seems to have one core."""
 import gc
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -64,3 +65,21 @@ def one_blas_thread() -> Iterator[None]:
 
     with one_thread():
         yield
+
+
+@pytest.fixture
+def fits_by_slip(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Let fits go by the slip alone, and return the cache that remembers them.
+
+    For tests that show what is done with fits: a fit to the trajectory takes ten times as long.
+    """
+    from granite_lab.errors import EstimateError
+    from tests.running.processes import own_cache
+
+    def left_out(*_: object) -> None:
+        raise EstimateError("left out by a test")
+
+    cache = own_cache(tmp_path_factory.mktemp("fits") / "cache")
+    monkeypatch.setattr("granite_lab.fitting.k92._with_trajectory", left_out)
+    monkeypatch.setenv("GRANITE_LAB_CACHE", str(cache))
+    return cache

@@ -15,6 +15,7 @@ from granite_lab.options import Options
 from tests.corpus.cli import GRANITE, SAMPLES, lab, refused, succeeded, told
 from tests.running.processes import trials
 
+pytestmark = pytest.mark.usefixtures("fits_by_slip")
 A, B = "virtual_v0.3_r1", "virtual_v0.7_r1"
 
 

@@ -1,19 +1,32 @@
 """The main job as a user meets it: trials in, a report and recordings out, failures told and left out."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from granite_lab.effects import get
 from granite_lab.effects.model_file import load_model
 from tests.corpus.cli import Done, lab, succeeded, told
-from tests.running.processes import trials
+from tests.running.processes import FEW, own_cache, trials
 
+pytestmark = pytest.mark.usefixtures("few_effects")
 LOGS = ("logs/virtual_v0.5_r2.csv", "logs/virtual_v0.7_r1.csv")
 
 
 @pytest.fixture(scope="module")
-def ended(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Done]:
+def few_effects(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Search among few effects, with a cache of its own; tests/docs runs the command with all of them."""
+    few = {id_: get(id_) for id_ in FEW}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("GRANITE_LAB_CACHE", str(own_cache(tmp_path_factory.mktemp("few") / "cache")))
+        patch.setattr("granite_lab.chain.library", lambda *_: few)
+        yield
+
+
+@pytest.fixture(scope="module")
+def ended(few_effects: None, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Done]:
     """Two good trials of different speed and a broken one, analysed once: their folder, and what was said."""
     root = tmp_path_factory.mktemp("study")
     text = (root / trials(root, "virtual_v0.5_r2", "virtual_v0.7_r1")[0]).read_text(encoding="utf-8")

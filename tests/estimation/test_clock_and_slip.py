@@ -18,6 +18,7 @@ from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.smoother import Innovations, mismatch
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import load_robot
+from tests.soak import SOAK
 from tests.truth import faults
 from tests.truth.motion import estimate
 from tests.truth.trials import TruthTrial, generate
@@ -27,7 +28,7 @@ OFFSETS = [0.005, -0.005, 0.02, -0.02, 0.05, -0.05, 0.2, -0.2]
 
 TRIALS = [
     (800 + i, offset, (0.2, 0.3, 0.5, 0.7)[(i // 2) % 4], ("industrial", "consumer")[i % 2])
-    for i, offset in enumerate(OFFSETS * 3)
+    for i, offset in enumerate(OFFSETS * (3 if SOAK else 2))
 ]
 """Seed, offset, velocity, grade."""
 

@@ -7,14 +7,20 @@ from functools import cache
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import binom
 
 from granite_lab.estimation import correct
 from granite_lab.logs import read_trial
 from granite_lab.logs.trial import Array, ImuStream, Trial
 from granite_lab.parameters import load_robot
 from tests.cli.test_samples import LOGS, truth_of
+from tests.soak import SOAK
 
 ROBOT = load_robot("granite")
+PLACES = range(0, len(LOGS), 1 if SOAK else 3)
+"""Of the samples; one at each speed, all in `make soak`."""
+LEAST = int(binom.ppf(0.02, len(PLACES), 0.9545))
+"""Of so many true numbers fewer lie within two std once in 50 times."""
 G = 9.81
 
 
@@ -32,9 +38,9 @@ def counted(trial: Trial, counts: int, rounded: Callable[[Array], Array] = np.ri
 
 
 def errors(changed: Callable[[Trial], Trial]) -> tuple[Array, Array, list[str]]:
-    """(12, 2) errors of slip [points] and distance [m] over all samples, their std, and the grades."""
+    """(n, 2) errors of slip [points] and distance [m] over samples, their std, and the grades."""
     found, stds, grades = [], [], []
-    for place in range(len(LOGS)):
+    for place in PLACES:
         trial, truth, slip = read(place)
         motion = correct(changed(trial), ROBOT)[1]
         begin, end = np.interp(motion.t[[0, -1]], truth["t_s"], truth["x_m"])
@@ -48,15 +54,16 @@ def errors(changed: Callable[[Trial], Trial]) -> tuple[Array, Array, list[str]]:
 @pytest.mark.parametrize("counts", [512, 1920, 4096])
 def test_slip_of_the_samples_is_true_at_any_resolution(counts: int) -> None:
     error, std, grades = errors(lambda trial: counted(trial, counts))
-    assert abs(float(error[:, 0].mean())) < 0.3
-    assert np.count_nonzero(np.abs(error) < 2 * std, axis=0).min() >= 10
+    # three tenths of a point over the twelve; a mean over fewer scatters by more
+    assert abs(float(error[:, 0].mean())) < 0.3 * np.sqrt(len(LOGS) / len(PLACES))
+    assert np.count_nonzero(np.abs(error) < 2 * std, axis=0).min() >= LEAST
     assert float(np.median(std[:, 0])) < 0.7
     assert "poor" not in grades
 
 
 def test_distance_by_the_imu_alone_is_true_within_its_std() -> None:
     error, std, _ = errors(lambda trial: replace(trial, wheels=None, currents=None))
-    assert np.count_nonzero(np.abs(error[:, 1]) < 2 * std[:, 1]) >= 10
+    assert np.count_nonzero(np.abs(error[:, 1]) < 2 * std[:, 1]) >= LEAST
     assert abs(float(error[:, 1].mean())) < 0.006
     assert float(np.median(std[:, 1])) < 0.012
 
@@ -96,6 +103,6 @@ def test_rounded_and_muted_imus_are_true_within_their_std(
     change: Callable[[Trial], Trial], widest: float
 ) -> None:
     error, std, _ = errors(change)
-    assert np.count_nonzero(np.abs(error) < 2 * std, axis=0).min() >= 10
+    assert np.count_nonzero(np.abs(error) < 2 * std, axis=0).min() >= LEAST
     assert np.abs(error / std).max() < 3
     assert float(np.median(std[:, 0])) < widest

@@ -18,6 +18,13 @@ MAIN = (
     "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
     "from granite_lab.cli import main; from granite_lab.reporting import canvas; canvas.DPI = 20; main()"
 )
+FEW = ("com_offset", "drive_reaction", "tyre_windup")
+"""Effects of a search that is short."""
+AMONG_FEW = (
+    "from granite_lab import chain; from granite_lab.effects import get;"
+    f"chain.library = lambda *_: {{name: get(name) for name in {FEW}}};"
+)
+"""Lets a process search among these alone; `make soak` searches among all."""
 TWO = ("virtual_v0.5_r1", "virtual_v0.7_r2")
 STUDY = (
     "study", "logs", "--out", "report", "--jobs", "2", "--no-recordings",
@@ -25,22 +32,29 @@ STUDY = (
 )  # fmt: skip
 
 
-def begin(folder: Path, *args: object, cache: Path | None = None) -> subprocess.Popen[str]:
+def own_cache(folder: Path) -> Path:
+    """Return a cache that remembers no result of another test; what is compiled for one is for all."""
+    compiled = folder / "machine-code"
+    if not compiled.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        common = Path(os.environ["GRANITE_LAB_CACHE"]) / compiled.name
+        common.mkdir(parents=True, exist_ok=True)
+        compiled.symlink_to(common)
+    return folder
+
+
+def begin(folder: Path, *args: object, cache: Path | None = None, first: str = "") -> subprocess.Popen[str]:
     """Start a command in a session of its own, so that all its processes can be found.
 
-    A cache of its own remembers no result of another test; what is compiled for one is for all.
+    Args:
+        cache: as `own_cache` makes it.
+        first: Python that the process runs before the command.
     """
     environment = dict(os.environ)
     if cache:
-        compiled = cache / "machine-code"
-        if not compiled.exists():
-            cache.mkdir(parents=True, exist_ok=True)
-            common = Path(environment["GRANITE_LAB_CACHE"]) / compiled.name
-            common.mkdir(parents=True, exist_ok=True)
-            compiled.symlink_to(common)
-        environment["GRANITE_LAB_CACHE"] = str(cache)
+        environment["GRANITE_LAB_CACHE"] = str(own_cache(cache))
     return subprocess.Popen(
-        [sys.executable, "-W", "ignore", "-c", MAIN, *map(str, args)],
+        [sys.executable, "-W", "ignore", "-c", first + MAIN, *map(str, args)],
         cwd=folder,
         env=environment,
         stdin=subprocess.DEVNULL,

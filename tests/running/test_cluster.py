@@ -23,7 +23,7 @@ from tests.soak import SOAK
 
 pytestmark = pytest.mark.slow
 
-NAMES = ("virtual_v0.2_r1", "virtual_v0.5_r1", "virtual_v0.7_r2")
+NAMES = ("virtual_v0.5_r1", "virtual_v0.7_r1", "virtual_v0.7_r2")
 SEARCH = "--discover" if SOAK else "--no-discover"
 
 

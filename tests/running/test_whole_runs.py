@@ -20,6 +20,7 @@ from granite_lab.running.output import claimed
 from tests.corpus.cli import lab, refused, succeeded
 from tests.effects.example import EXAMPLE
 from tests.running.processes import (
+    AMONG_FEW,
     STUDY,
     TWO,
     Undisturbed,
@@ -146,7 +147,7 @@ def begin_in(
     with pytest.MonkeyPatch.context() as patch:
         for name, value in environment.items():
             patch.setenv(name, value)
-        return begin(folder, "study", *args, cache=cache)
+        return begin(folder, "study", *args, cache=cache, first="" if SOAK else AMONG_FEW)
 
 
 def study(folder: Path, *args: object, cache: Path | None = None, **environment: str) -> None:
@@ -177,7 +178,7 @@ def test_order_processes_language_memory_and_a_killed_search_change_no_byte(fold
     while doing(folder, len(logs), searches=True) != "searching":
         assert killed.poll() is None, killed.communicate()
         time.sleep(0.02)
-    time.sleep(random.Random(7).uniform(0, 2))
+    time.sleep(random.Random(7).uniform(0, 2 if SOAK else 0.5))  # the search among few is short
     killed.kill()
     assert gone(killed.pid), "processes stay behind"
     killed.communicate()
@@ -243,6 +244,7 @@ def test_verify_runs_no_file_that_a_report_names(tmp_path: Path, studied: Undist
     refused(done, 2, "was made without an effect file")
 
 
+@pytest.mark.usefixtures("fits_by_slip")
 def test_verify_takes_the_effects_that_it_is_given(tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(EXAMPLE, encoding="utf-8")
     trials(tmp_path, *TWO[1:])
