@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from granite_lab.discovery.finding import Ceiling, Confusion, EffectFinding, Finding, Gap
+from granite_lab.discovery.finding import Ceiling, Confusion, EffectFinding, Finding, Gap, GroundWave
 from granite_lab.fitting.fit import View
 from granite_lab.shown import jsonable, picked
 
@@ -39,6 +39,7 @@ def finding_as_json(finding: Finding, model: Path | str | None = None) -> dict[s
         "gap": _gap(finding.gap),
         "channels": {g.channel: _gap(g) for g in finding.gaps},
         **picked(finding, "scatter"),
+        "ground_wave": None if finding.ground_wave is None else _wave(finding.ground_wave),
         "where": [_renamed(d, places) for d in finding.where],
         "left": [_renamed(d, places) for d in finding.left],
         "candidates": [_renamed(c, {"gain": "log_bayes_factor"}) for c in finding.candidates],
@@ -60,6 +61,11 @@ def _ceiling(ceiling: Ceiling, names: dict[str, str]) -> dict[str, Any]:
     return picked(ceiling, "value", "left", "parts", "channels") | {
         "where": [_renamed(push, names) for push in ceiling.where]
     }
+
+
+def _wave(wave: GroundWave) -> dict[str, Any]:
+    """Return a wave of the ground; ``order`` is None where it cannot turn with the wheels."""
+    return {"wavelength_m": wave.wavelength} | picked(wave, "channel", "unit", "amplitude", "share", "order")
 
 
 def _view(view: View) -> dict[str, Any]:

@@ -167,6 +167,7 @@ def assemble(
         scales=dict(after.fit.scales.priors),
         discrepancy=after.fit.scales.largest,
         scatter=judgement.scatter,
+        ground_wave=judgement.ground_wave,
         trials_left_out=_trials_left_out(problem, judgement),
         speeds_left_out=_speeds_left_out(problem, judgement),
         dropped=dropped,

@@ -11,11 +11,12 @@ import numpy as np
 from granite_lab.discovery.assemble import Attempts, assemble
 from granite_lab.discovery.candidates import screen
 from granite_lab.discovery.finding import Ceiling, Confusion, Detectable, Finding
+from granite_lab.discovery.ground_waves import ground_wave
 from granite_lab.discovery.orders import lugs
 from granite_lab.discovery.power import detectable
 from granite_lab.discovery.remainder import remainder, savable
 from granite_lab.discovery.search import MOST, Search, search
-from granite_lab.discovery.verdict import Judgement, by_posterior, judge
+from granite_lab.discovery.verdict import Judgement, by_posterior, judge, with_ground_wave
 from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.drive import drives, goes_by_command
@@ -123,6 +124,13 @@ def discover(
             "what the library leaves",
             lambda: remainder(problem, searched, judged, tolerance, lambda text: tell(text, STEPS - 2)),
             nothing,
+        )
+        judgement = parts.of(
+            "waves of the ground",
+            lambda: with_ground_wave(
+                judgement, ground_wave(problem, judgement.model.fit, motions, tolerance)
+            ),
+            judgement,
         )
         tell("checking what these trials could show", STEPS - 1)
         power = parts.of(

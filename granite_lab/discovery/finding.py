@@ -256,6 +256,27 @@ class Residual:
 
 
 @dataclass(frozen=True)
+class GroundWave:
+    """What repeats with the place of the robot at all speeds, in another phase in each trial.
+
+    Attributes:
+        wavelength: of the ground [m].
+        channel: that shows it most.
+        unit: of that channel.
+        amplitude: in that channel, median of the trials.
+        share: its rms as a share of the channel's rms in motion, of the trial that shows it most.
+        order: periods a turn of the wheels, where these trials cannot tell the two apart; else NaN.
+    """
+
+    wavelength: Estimate
+    channel: str
+    unit: str
+    amplitude: float
+    share: float
+    order: float
+
+
+@dataclass(frozen=True)
 class LeftOut:
     """What was predicted of trials that were left out.
 
@@ -303,6 +324,7 @@ class Finding(Shown):
         discrepancy: share of each channel's rms that the model with the effects misses, as learnt.
         scatter: channel to how far repetitions of a command differ slowly and beyond noise, as a share of its
             rms in motion; only where that is more than a tenth.
+        ground_wave: what repeats with the place of the robot; None where nothing does.
         trials_left_out, speeds_left_out: predictions; empty where nothing could be left out.
         dropped: name of a trial that nothing fits, and why it was left out of the analysis.
         notes: what could not be told and why.
@@ -356,6 +378,7 @@ class Finding(Shown):
     origin: Origin = NOWHERE
     a_theta: tuple[View, ...] = ()
     simulates: tuple[float, ...] = ()
+    ground_wave: GroundWave | None = None
 
     @property
     def terms(self) -> tuple[EffectFinding, ...]:

@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from granite_lab.discovery.lines import line_gains
 from granite_lab.inference.constants import WORTH
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import remaining
@@ -49,31 +50,10 @@ def gains(problem: Problem, fit: Fit) -> Array:
             sizes = [np.ones(seen["wheel"].size), *([seen["accel_x"]] if "accel_x" in seen else [])]
             for c, name in enumerate(SHOWN_BY):
                 for w, size in enumerate(sizes if name in place else []):
-                    table[c, w, command] += [
-                        _gain(_waves(n * seen["wheel"], size), left[i][place[name]]) for n in ORDERS
-                    ]
+                    table[c, w, command] += line_gains(
+                        np.outer(ORDERS, seen["wheel"]), left[i][place[name]], size
+                    )
     return np.concatenate([*table, table.sum(axis=0)])
-
-
-def _waves(phase: Array, size: Array) -> Array:
-    """Return the (n, 2) cosine and sine of a phase, of some size."""
-    return np.column_stack([np.cos(phase), np.sin(phase)]) * size[:, None]
-
-
-def _gain(columns: Array, residual: Array) -> float:
-    """Return what columns bring, the residual's own variance taken for that of the noise.
-
-    The noise as learnt does not serve: what turns with the wheels has another phase in each trial, so that it
-    counts as noise, and the line itself weighs least. Slow parts are taken out by differences.
-    """
-    finite = np.isfinite(residual) & np.isfinite(columns).all(axis=1)
-    y, A = np.diff(residual[finite]), np.diff(columns[finite], axis=0)
-    if y.size <= A.shape[1]:
-        return 0.0
-    amplitudes, *_ = np.linalg.lstsq(A, y, rcond=None)
-    before, after = float(y @ y), float(np.sum((y - A @ amplitudes) ** 2))
-    explained = y.size * math.log(before / after) if after > 0 else 0.0
-    return float(explained - A.shape[1] * math.log(y.size)) / 2
 
 
 def lugs(problem: Problem, fit: Fit, filed: float) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from granite_lab.discovery.finding import Verdict
+from granite_lab.discovery.finding import GroundWave, Verdict
 from granite_lab.discovery.heldout import Predicted, closed, gaps, predict
 from granite_lab.discovery.relevance import good, made, matters, needed, shows
 from granite_lab.discovery.resampling import Competition, by_evidence, compete, nothing_missing
@@ -150,6 +150,7 @@ class Judgement:
         scatter: channel to how far repetitions differ, where that is more than `LEAST_SHARE`; see
             `inference.gap.scatter`.
         competition: how often each set wins on other speeds or trials; None where no set competes.
+        ground_wave: what repeats with the place of the robot; None where nothing does.
     """
 
     verdict: Verdict
@@ -164,11 +165,19 @@ class Judgement:
     speeds: Estimate = OPEN
     scatter: Mapping[str, float] = field(default_factory=dict)
     competition: Competition | None = None
+    ground_wave: GroundWave | None = None
 
     @property
     def remainder(self) -> float:
         """Share of the gap that is left on trials left out; NaN without a gap."""
         return 1 - self.closed.value
+
+
+def with_ground_wave(judgement: Judgement, wave: GroundWave | None) -> Judgement:
+    """Return a judgement with the wave that its model leaves: what is named is not all that is missing."""
+    further: dict[Verdict, Verdict] = {"none": "unknown", "named": "partly named"}
+    verdict = judgement.verdict if wave is None else further.get(judgement.verdict, judgement.verdict)
+    return replace(judgement, ground_wave=wave, verdict=verdict)
 
 
 def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:

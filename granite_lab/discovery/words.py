@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from granite_lab.discovery.finding import UNCONVERGED, EffectFinding, Verdict
+from granite_lab.discovery.finding import UNCONVERGED, EffectFinding, GroundWave, Verdict
 from granite_lab.discovery.heldout import speeds
 from granite_lab.discovery.verdict import Judgement
 from granite_lab.inference.constants import FEWEST_SPEEDS, LEAST_SHARE
 from granite_lab.inference.problem import Problem
 from granite_lab.parameters import is_driven
-from granite_lab.rounding import chance, percent, percent_of
+from granite_lab.rounding import chance, percent, percent_of, plus_minus
 
 
 def provisional(problem: Problem) -> tuple[str, ...]:
@@ -41,7 +42,10 @@ def sentence(
     elif effects:
         join = ", and " if any(e.twins for e in effects) else " and "
         text = f"missing from the model: {join.join(_name(e) for e in effects)}."
-        text += " More is missing that no candidate explains." if verdict == "partly named" else ""
+        if verdict == "partly named" and judgement.ground_wave is None:
+            text += " More is missing that no candidate explains."
+    elif judgement.ground_wave and not description:
+        text = "something is missing from the model that changes from trial to trial."
     elif judgement.scatter and not description:
         text = f"something is missing from the model that changes from trial to trial. {differing(judgement)}"
     elif description:
@@ -56,6 +60,8 @@ def sentence(
     if (rest := [e for e in description if e not in likely]) and verdict != "none":
         terms = ", ".join(e.title if e.empirical else e.id for e in rest)
         text += f" A description without a cause: {terms}."
+    if judgement.ground_wave:
+        text += f" {waving(judgement.ground_wave)}"
     if verdict != "none" and (effects or description) and (shrinks := _shrinks(judgement)):
         text += f" {shrinks}"
     return head + (text if head else text[0].upper() + text[1:])
@@ -67,6 +73,17 @@ def differing(judgement: Judgement) -> str:
     return (
         f"Repetitions of a command differ in {channel} by {percent(share)} of its rms in motion, "
         "which noise, sand and gains do not explain."
+    )
+
+
+def waving(wave: GroundWave) -> str:
+    """Say how long the waves of the ground are, and how they show."""
+    length, by = plus_minus(wave.wavelength, "mm", 1e3), "the place of the robot"
+    if math.isfinite(wave.order):
+        by += f", or {wave.order:.2g} times a turn of the wheels,"
+    return (
+        f"The ground has waves of {length}: {wave.channel} repeats with {by} at all speeds, by "
+        f"{percent(wave.share)} of its rms in motion and in another phase in each trial."
     )
 
 

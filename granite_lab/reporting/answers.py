@@ -9,6 +9,7 @@ from pathlib import Path
 
 from granite_lab.columns import FilledTable
 from granite_lab.discovery.finding import UNCONVERGED, Finding
+from granite_lab.discovery.words import waving
 from granite_lab.estimate import mean_over
 from granite_lab.estimation.guard import BY_RADIUS
 from granite_lab.estimation.motion import no_slip_is_known
@@ -367,6 +368,8 @@ def missing_answer(finding: Finding | None, reason: str = "") -> Answer:
     if len(finding.effects) == 1:
         only = "It is an effect, not a description."
     describes = [f"A description of the rest, not its cause: {more}." if more else only]
+    if finding.ground_wave:
+        describes.append(in_plain_words(waving(finding.ground_wave), finding))
     if finding.verdict == "unknown":
         text = f"No effect of the library explains the disagreement. {' '.join(describes)}"
         text = text if more else in_plain_words(finding.sentence, finding)
@@ -374,8 +377,8 @@ def missing_answer(finding: Finding | None, reason: str = "") -> Answer:
     twins = [
         f"These trials cannot tell {plain(e.id)} from {twins_of(e)}." for e in finding.effects if e.twins
     ]
-    whole = finding.verdict == "named"
-    verdict = capital(listed([plain(e.id) for e in finding.effects] + ([] if whole else ["more"])))
+    whole, rest = finding.verdict == "named", "waves of the ground" if finding.ground_wave else "more"
+    verdict = capital(listed([plain(e.id) for e in finding.effects] + ([] if whole else [rest])))
     tone = "fair" if twins or finding.provisional or finding.remainder > MUCH or not whole else "good"
     return Answer("missing", question, verdict, " ".join([f"{capital(sizes)}.", *twins, *describes]), tone)
 

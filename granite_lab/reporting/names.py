@@ -331,7 +331,9 @@ def next_steps(
             "Find what changes from trial to trial, for example uneven ground, wind or a warm motor. Then "
             "repeat the trials without it."
         )
-        if not finding.scatter:
+        if finding.ground_wave:
+            look = Step("Level the ground until its waves are gone, then repeat the trials.")
+        elif not finding.scatter:
             see = "See where the model disagrees, and test a suspected cause as an effect of your own."
             look = Step(see, user_effect)
         return (*steps, look, Step("Plan the next trial.", plan))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from granite_lab.discovery import orders
+from granite_lab.discovery.lines import line_gains
 from granite_lab.discovery.orders import ORDERS, standing_out
 
 SPEEDS = (2.0, 3.0, 5.0, 7.0)
@@ -19,7 +19,7 @@ def gains(wave, seed=0, noise=1.0):
         angle = speed * t
         residual = wave(t, angle, acceleration) + noise * rng.standard_normal(t.size)
         for way, size in enumerate((np.ones(t.size), acceleration)):
-            table[way, c] = [orders._gain(orders._waves(n * angle, size), residual) for n in ORDERS]
+            table[way, c] = line_gains(np.outer(ORDERS, angle), residual, size)
     return table
 
 

@@ -11,7 +11,15 @@ import pytest
 
 from granite_lab.columns import FilledTable
 from granite_lab.discovery.as_json import finding_as_json
-from granite_lab.discovery.finding import Ceiling, EffectFinding, Finding, FittedParameter, Push, Verdict
+from granite_lab.discovery.finding import (
+    Ceiling,
+    EffectFinding,
+    Finding,
+    FittedParameter,
+    GroundWave,
+    Push,
+    Verdict,
+)
 from granite_lab.effects import library
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import activate
@@ -313,6 +321,22 @@ def test_a_description_stands_as_formulas_and_is_no_cause(findings: dict[str, Fi
     for figure in report.figures:
         said = [figure.title, figure.caption, *(text for text, _ in texts(figure.draw()))]
         assert "effects found" not in " ".join(said), figure.name
+
+
+def test_waves_of_the_ground_are_named_in_the_answer_and_in_the_next_steps(
+    findings: dict[str, Finding],
+) -> None:
+    wave = GroundWave(Estimate(0.2472, 0.0012), "pitch_rate", "rad/s", 0.036, 1.06, math.nan)
+    finding = dataclasses.replace(findings["named"], verdict="partly named", ground_wave=wave)
+    answer = missing_answer(finding)
+    assert answer.verdict.endswith("and waves of the ground")
+    assert "waves of 247.2 ± 1.2 mm: pitch rate repeats with the place" in spaced(answer.text)
+    steps = [
+        step.text
+        for step in names.next_steps(dataclasses.replace(finding, verdict="unknown"), None, "reports/x")
+    ]
+    assert any("Level the ground" in step for step in steps)
+    assert finding_as_json(finding)["ground_wave"]["order"] is None
 
 
 @pytest.mark.parametrize(

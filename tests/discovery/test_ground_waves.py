@@ -1,0 +1,80 @@
+"""What repeats with the place of the robot is found; resonances and what turns with the wheels are not."""
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_trapezoid
+
+from granite_lab.discovery.ground_waves import ground_wave
+from granite_lab.estimate import Estimate
+from granite_lab.inference.fit import fit
+from tests.inference.stub import ROBOT, drawn, measure, moving, problem_of
+
+SLIP = (0.03, 0.12, 0.25)
+"""At the three speeds, as Table 3 of the paper has it."""
+
+
+@cache
+def fitted(seed, commands):
+    """Return trials in which the model lacks nothing, their fit, and the source of more chance."""
+    rng, problem = np.random.default_rng(seed), problem_of(commands)
+    measure(problem, drawn(problem, rng, common=0.2, own=0.2), rng)
+    return problem, fit(problem, problem.neutral())
+
+
+def found(shape, slips=SLIP, seed=0, tolerance=0.02, commands=(0, 0, 1, 1, 2, 2)):
+    """Return the wave of trials whose fit leaves `shape` by place, turns and time in the pitch rate, too."""
+    rng, (problem, known) = np.random.default_rng(seed), fitted(seed, commands)
+    motions, residuals = [], [row.copy() for row in known.residuals]
+    for trial, command, residual in zip(problem.trials, commands, residuals, strict=True):
+        o = trial.observation
+        t = np.linspace(o.edges[0], o.edges[-1], 4000)
+        v = o.variant.velocity * moving(t - o.t_start, o.variant)
+        x = cumulative_trapezoid(v, t, initial=0.0)
+        rolled = v / (1 - slips[command])
+        turns = cumulative_trapezoid(rolled, t, initial=0.0) / (2 * np.pi * ROBOT.wheels.radius)
+        motions.append(
+            SimpleNamespace(
+                trial=o.name, t=t, x=x, v_wheel=np.column_stack([rolled] * 4),
+                distance=Estimate(float(x[-1]), 0.001 * float(x[-1])),
+            )
+        )  # fmt: skip
+        at = (o.edges[1:] + o.edges[:-1]) / 2
+        wave = shape(np.interp(at, t, x), np.interp(at, t, turns), at - o.t_start, rng.uniform(0, 2 * np.pi))
+        size = np.interp(at - o.t_start, t - o.t_start, v) / o.variant.velocity
+        residual[trial.channels.index("pitch_rate")] += 0.03 * size * wave
+    return ground_wave(problem, replace(known, residuals=residuals), motions, tolerance)
+
+
+def by_place(length):
+    return lambda x, _turns, _t, phase: np.cos(2 * np.pi * x / length + phase)
+
+
+@pytest.mark.parametrize("length", [0.1, 0.13])
+def test_a_wave_of_the_ground_is_found_with_its_wavelength(length):
+    wave = found(by_place(length))
+    assert wave is not None
+    assert wave.channel == "pitch_rate"
+    assert abs(wave.wavelength.value - length) < 3 * wave.wavelength.std < 0.05 * length
+    assert wave.amplitude == pytest.approx(0.03, rel=0.2)
+
+
+def test_without_slip_a_wave_cannot_be_told_from_what_turns_with_the_wheels():
+    length = 0.11
+    wave = found(by_place(length), slips=(0.0, 0.0, 0.0))
+    assert wave is None or wave.order == pytest.approx(2 * np.pi * ROBOT.wheels.radius / length, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_a_resonance_and_orders_of_the_wheels_are_no_waves(seed):
+    assert found(lambda x, _turns, _t, _p: 0 * x, seed=seed) is None
+    assert found(lambda _x, _turns, t, p: np.cos(2 * np.pi * 4 * t + p), seed=seed) is None
+    assert found(lambda _x, turns, _t, p: np.cos(2 * np.pi * 5 * turns + p), seed=seed) is None
+
+
+def test_one_speed_shows_no_waves_and_small_ones_do_not_matter():
+    assert found(by_place(0.1), commands=(2, 2, 2)) is None
+    assert found(by_place(0.1), tolerance=100.0) is None
