@@ -38,7 +38,7 @@ from benchmarks.peers_page import GROUPS, page
 from granite_lab.discovery import discover
 from granite_lab.discovery.heldout import Equations, by_others, closed, gaps
 from granite_lab.discovery.search import Search
-from granite_lab.discovery.verdict import Judgement, judge
+from granite_lab.discovery.verdict import Judgement, judge, whole_of
 from granite_lab.errors import LabError
 from granite_lab.estimate import Estimate
 from granite_lab.inference.fit import Fit
@@ -69,7 +69,8 @@ def compared(logs: Sequence[Path]) -> Line:
         "seconds": round(time.process_time() - start, 1),
     }  # fmt: skip
     problem, search, judgement, tolerance = seen[-1]
-    if not judgement.gap.sum() > 0:
+    gap = whole_of(judgement.before, judgement.after).gap
+    if judgement.verdict == "none" or not gap.sum() > 0:
         return line | {"status": "no gap"}
     own = {key: told(finding.closed[key]) for key in ("trials", "speeds")}
     line |= {"status": "compared", "closed": {"this": own}, "peer_seconds": {}}
