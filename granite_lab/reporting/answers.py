@@ -407,6 +407,8 @@ def closes_answer(finding: Finding) -> Answer:
         return Answer("closes", question, verdict, _differ(finding, before))
     text = f"Gap {where}: {times(before)} with the paper's model, {times(after)} with what was found. "
     text += scale_of_gap(finding)
+    if finding.ground_wave:
+        text += " The waves of the ground count as noise here."
     remain = sorted((g for g in finding.gaps if g.train[1] > 1.0), key=lambda g: -g.train[1])
     if remain:
         sizes = listed([f"{sensor(g.channel)} ({times(g.train[1])} times)" for g in remain])

@@ -24,7 +24,7 @@ from granite_lab.effects import library
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import activate
 from granite_lab.reporting import names, search_tables
-from granite_lab.reporting.answers import missing_answer
+from granite_lab.reporting.answers import closes_answer, missing_answer
 from granite_lab.reporting.plot_search import candidates_figure, history_figures, intervals_figure, mean_of
 from granite_lab.reporting.report import Report, study_report
 from granite_lab.results import Source, StudyResult
@@ -337,6 +337,7 @@ def test_waves_of_the_ground_are_named_in_the_answer_and_in_the_next_steps(
     ]
     assert any("Level the ground" in step for step in steps)
     assert finding_as_json(finding)["ground_wave"]["order"] is None
+    assert "count as noise" in closes_answer(finding).text
 
 
 @pytest.mark.parametrize(
