@@ -17,6 +17,7 @@ class RollingDrag(Effect):
     """A force on the wheel centres against the motion: sand dragged along, tyre hysteresis."""
 
     id = "rolling_drag"
+    name = "rolling resistance"
     title = "rolling resistance"
     equation = "F_x = (16) − force/4 · (|v| / 0.5 m/s)^exponent sign(v), per wheel"
     source = (
