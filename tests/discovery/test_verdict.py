@@ -491,6 +491,23 @@ def test_an_effect_whose_size_ends_at_a_bound_is_described_and_what_it_closes_co
     assert only.probability < 0.6 * answer.judgement.named[0].probability
 
 
+def test_an_effect_whose_strength_may_be_zero_is_not_named_although_the_fit_without_it_is_worse(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    answer = ask(push=0.3)
+    fit = answer.search.best.fit
+    assert not verdict.vanishes(answer.problem, fit, "push")
+    std = float(np.sqrt(fit.posterior.covariance[-1, -1]))  # of the strength, the last of the numbers
+    for times, may_be_zero in ((1.9, True), (2.1, False)):
+        rest = answer.problem.without_effect(fit.point, "push")
+        point = answer.problem.with_effect(rest, "push", [times * std])
+        assert verdict.vanishes(answer.problem, replace(fit, point=point), "push") is may_be_zero
+    monkeypatch.setattr(verdict, "vanishes", lambda *_: True)
+    found = judge(answer.problem, answer.search, TOLERANCE)
+    assert (found.verdict, found.named) == ("unknown", ())
+    assert [n.id for n in found.described] == ["push"]
+
+
 def test_an_effect_is_named_beside_another_cause() -> None:
     answer = ask(push=0.5, hidden=0.2)
     assert answer.judgement.verdict == "partly named"
