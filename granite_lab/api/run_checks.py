@@ -16,9 +16,8 @@ from granite_lab.errors import EstimateError, InputError, LabError
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.straight import OFF
 from granite_lab.logs.counters import mean_known
-from granite_lab.logs.sensors.doubt import ZERO
 from granite_lab.logs.sensors.standstill import COAST, inside
-from granite_lab.logs.trial import Array, Trial, is_bag
+from granite_lab.logs.trial import Array, Trial
 from granite_lab.options import Options
 from granite_lab.processes import one_thread
 from granite_lab.rounding import percent_of
@@ -110,7 +109,7 @@ def check_run(path: Path, options: Options) -> Checked:
         trial, robot = read(path, options)
     except InputError as error:
         return unread(path, error)
-    checks, grade = [_log(trial, path), *_sensors(trial)], ""
+    checks, grade = [_log(trial), *_sensors(trial)], ""
     unusable = not all(check.good for check in checks)
     try:
         with one_thread():
@@ -125,11 +124,10 @@ def check_run(path: Path, options: Options) -> Checked:
     return Checked(path, trial.info.virtual, tuple(checks), grade, unusable)
 
 
-def _log(trial: Trial, path: Path) -> Check:
+def _log(trial: Trial) -> Check:
     spans = [s.t for s in (trial.imu, trial.wheels, trial.currents) if s is not None and len(s.t) > 1]
     seconds = max(t[-1] for t in spans) - min(t[0] for t in spans) if spans else 0.0
-    # messages of ROS hold zeros where nothing is measured
-    dead = [str(doubt) for doubt in trial.doubts if doubt.dead and not (doubt.what == ZERO and is_bag(path))]
+    dead = [str(doubt) for doubt in trial.doubts if doubt.dead]
     if dead:
         return Check("log", False, "; ".join(dead), "check plug and driver of the sensor")
     doubts = f"; warnings: {len(trial.warnings)}, see granite-lab inspect" if trial.warnings else ""

@@ -149,9 +149,9 @@ class Log:
         self.units.update((channel, unit) for channel in channels if channel in self.columns)
         self.doubt(why, remedy="converted")
 
-    def doubt(self, what: str, where: str = "", remedy: str = "") -> None:
+    def doubt(self, what: str, where: str = "", remedy: str = "", *, dead: bool = False) -> None:
         """Add a warning, of a column or sensor, with what to do about it."""
-        self.doubts.append(Doubt(what, where, remedy))
+        self.doubts.append(Doubt(what, where, remedy, dead=dead))
 
     def refuse(self, channels: str | tuple[str, ...], message: str, hint: str = OUT) -> InputError:
         """Return the error that names the columns of some channels."""

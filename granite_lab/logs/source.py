@@ -43,9 +43,9 @@ class Source:
         """Where the file is."""
         return self.match.table.path
 
-    def doubt(self, what: str, where: str = "", remedy: str = "") -> None:
+    def doubt(self, what: str, where: str = "", remedy: str = "", *, dead: bool = False) -> None:
         """Add a warning about the file, or a place in it, with what to do about it."""
-        self.doubts.append(Doubt(what, where, remedy).of(self.path.name))
+        self.doubts.append(Doubt(what, where, remedy, dead=dead).of(self.path.name))
 
     def refuse(self, message: str, hint: str) -> InputError:
         """Return the error that names the file."""

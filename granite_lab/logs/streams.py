@@ -14,11 +14,11 @@ from granite_lab.logs.counters import Mask, integral, runs
 from granite_lab.logs.layouts import Binding
 from granite_lab.logs.quantities import ENCODERS, SENSORS
 from granite_lab.logs.sensors.clock import one_line, row_stamps, sampled
-from granite_lab.logs.sensors.doubt import ZERO, Doubt
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.encoders import Wheel, convert
 from granite_lab.logs.sensors.stamps import tidy
 from granite_lab.logs.source import Source
-from granite_lab.logs.trial import Array, CurrentStream, Series, WheelStream, part
+from granite_lab.logs.trial import Array, CurrentStream, Series, WheelStream, is_bag, part
 from granite_lab.parameters import Robot
 
 WINDOW = 5  # samples through which a line is laid to get a speed
@@ -164,7 +164,9 @@ def _complete(source: Source, samples: Samples, kind: str) -> Samples | None:
     idle = [k for k, axis in enumerate(values.T) if (axis == 0).all()]
     if len(t) >= _MANY and idle and (kind != "acceleration" or len(idle) == len(channels)):
         columns = ", ".join(f"'{source.bindings(channels[k])[0].name}'" for k in idle)
-        source.doubt(ZERO, f"{name}: {columns}", "taken as not measured")
+        # messages of ROS have places for more than a sensor measures
+        dead = not is_bag(source.path)
+        source.doubt("every sample is 0", f"{name}: {columns}", "taken as not measured", dead=dead)
         if len(idle) == len(channels):
             return None
         values = values.copy()

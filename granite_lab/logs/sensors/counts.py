@@ -29,7 +29,7 @@ CYCLE = 0.05
 """Steps of the search, in cycles of the longest difference."""
 
 FALSE_ALARM = 1e-4
-"""Probability with which differences that are on no grid seem to be on one."""
+"""Probability with which differences that are on no grid seem to be on one; convention."""
 
 
 def other_counts(wheels: WheelStream, counts: float) -> Doubt | None:

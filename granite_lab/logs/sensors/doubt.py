@@ -8,9 +8,6 @@ from typing import Literal
 
 Grade = Literal["good", "fair", "poor"]
 
-ZERO, NOT_CONNECTED = "every sample is 0", "as if not connected"
-"""What a doubt about a dead channel is, and how another one ends."""
-
 
 @dataclass(frozen=True)
 class Doubt:
@@ -24,6 +21,7 @@ class Doubt:
         std: of slip ratios, which covers what is seen [-]; 0 where the std need not grow.
         way: std of the distance after the instant `after` [s], beside its own [m].
         rolled: std of the distance that the wheels rolled, as a share of it, beside its own [-].
+        dead: a channel that should measure holds no measurement.
     """
 
     what: str
@@ -34,15 +32,11 @@ class Doubt:
     way: float = 0.0
     after: float = math.inf
     rolled: float = 0.0
+    dead: bool = False
 
     def __str__(self) -> str:
         seen = f"{self.where}: {self.what}" if self.where else self.what
         return f"{seen}; {self.remedy}" if self.remedy else seen
-
-    @property
-    def dead(self) -> bool:
-        """Whether a channel holds no measurement."""
-        return self.what == ZERO or self.what.endswith(NOT_CONNECTED)
 
     def of(self, where: str) -> Doubt:
         """Return the same, of a place in which its own lies: a file, or a column of it."""

@@ -18,7 +18,6 @@ from granite_lab.errors import InputError
 from granite_lab.logs.counters import Mask, runs
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import ACCELERATION, RATE, SENSORS, STANDARD_GRAVITY, factors, gravity_unit
-from granite_lab.logs.sensors.doubt import NOT_CONNECTED
 from granite_lab.logs.sensors.pitch_rate import contradicted
 from granite_lab.logs.sensors.stamps import spread_of
 from granite_lab.logs.trial import Array, ImuStream
@@ -239,7 +238,8 @@ def _report_rails(imu: ImuStream, log: Log) -> None:
             if np.isnan(column).all():
                 continue
             if np.ptp(column) == 0 and len(column) > 10:
-                log.doubt(f"constant at {column[0]:g} {unit}, {NOT_CONNECTED}", f"{name} {axis}")
+                seen = f"constant at {column[0]:g} {unit}, as if not connected"
+                log.doubt(seen, f"{name} {axis}", dead=True)
             elif (at_rail := (np.abs(column) >= 0.999 * limit) | rail(column)).any():
                 log.doubt(
                     f"saturated at {column[at_rail][0]:.4g} {unit} in {int(at_rail.sum())} samples, first at "

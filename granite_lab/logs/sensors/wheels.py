@@ -12,7 +12,6 @@ import numpy as np
 from granite_lab.logs.counters import joined, quantum, runs
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import CURRENTS, ENCODERS, factors
-from granite_lab.logs.sensors.doubt import NOT_CONNECTED
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, WheelStream
 from granite_lab.parameters import WHEELS, Robot, Variant, load_variants
 
@@ -134,9 +133,8 @@ def _without_dead(wheels: WheelStream, imu: ImuStream | None, log: Log) -> Wheel
         return wheels
     for name, stands in zip(WHEELS, still, strict=True):
         if stands:
-            log.doubt(
-                f"encoder {name} stands still while the others turn, {NOT_CONNECTED}", remedy="left out"
-            )
+            seen = f"encoder {name} stands still while the others turn, as if not connected"
+            log.doubt(seen, remedy="left out", dead=True)
     angle, rate = (None if x is None else np.where(still, np.nan, x) for x in (wheels.angle, wheels.rate))
     assert angle is not None
     return dataclasses.replace(wheels, angle=angle, rate=rate)
@@ -228,7 +226,8 @@ def check_currents(currents: CurrentStream, wheels: WheelStream | None, log: Log
     live = [i for i in range(4) if finite[:, i].sum() > 20 and finite[going, i].any()]
     dead = [i for i in live if not np.ptp(values[finite[:, i], i])]
     for i in dead:
-        log.doubt(f"constant at {np.nanmax(values[:, i]):g} A, {NOT_CONNECTED}", log.column(CURRENTS[i]))
+        seen = f"constant at {np.nanmax(values[:, i]):g} A, as if not connected"
+        log.doubt(seen, log.column(CURRENTS[i]), dead=True)
     if dead or len(live) < 3:
         return currents
     values = np.nan_to_num(values)
