@@ -15,8 +15,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from granite_lab.discovery.finding import GroundWave
-from granite_lab.discovery.lines import line_amplitude, line_gains
-from granite_lab.discovery.orders import SHOWN_BY
+from granite_lab.discovery.lines import SHOWN_BY, line_amplitude, table_of_gains, without_the_loudest
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.inference.constants import WORTH
@@ -52,21 +51,20 @@ def ground_wave(problem: Problem, fit: Fit, motions: Sequence[Motion], tolerance
     place, turns, time = [], [], []
     for trial in problem.trials:
         o = trial.observation
-        motion, at = estimates[o.name], (o.edges[1:] + o.edges[:-1]) / 2
+        motion, at = estimates[o.name], o.t_start + o.t
         rolled = cumulative_trapezoid(motion.v_wheel.mean(axis=1), motion.t, initial=0)
         place.append(np.interp(at, motion.t, motion.x))
         turns.append(np.interp(at, motion.t, rolled) / (2 * np.pi * trial.radius))
         time.append(o.t)
     if min(np.ptp(x) for x in (*place, *turns)) <= 0:
         return None
-    numbers = _numbers(place)
-    table = _gains(problem, left, place, numbers)
-    whole = _without_the_loudest(table)
+    numbers, orders = _numbers(place), _numbers(turns)
+    table = table_of_gains(problem, left, place, numbers)
+    whole = without_the_loudest(table)
     k, best = np.unravel_index(int(np.argmax(whole)), whole.shape)
     worth = WORTH + math.log(whole.size)
-    orders = np.arange(1, math.floor(_numbers(turns)[-1]) + 1)
-    rivals = [(time, _numbers(time)), (turns, orders)]
-    others = [_without_the_loudest(_gains(problem, left, x, n)).max() for x, n in rivals]
+    rivals = [(time, _numbers(time)), (turns, np.arange(1, math.floor(orders[-1]) + 1))]
+    others = [without_the_loudest(table_of_gains(problem, left, x, n)).max() for x, n in rivals]
     if whole[k, best] <= max(0.0, *others) + worth:
         return None
     channel = SHOWN_BY[int(k) if k < len(SHOWN_BY) else int(np.argmax(table[:-1, :, best].sum(axis=1)))]
@@ -77,15 +75,14 @@ def ground_wave(problem: Problem, fit: Fit, motions: Sequence[Motion], tolerance
     found = _sizes(problem, left, place, wavelength.value, channel)
     if not found or max(share for _, share in found) <= tolerance:
         return None
-    by_order = _without_the_loudest(_gains(problem, left, turns, _numbers(turns)))
-    order = float(_numbers(turns)[int(np.argmax(by_order.max(axis=0)))])
+    by_order = without_the_loudest(table_of_gains(problem, left, turns, orders)).max(axis=0)
     return GroundWave(
         wavelength=wavelength,
         channel=channel,
         unit=UNITS[channel],
         amplitude=float(np.median([size for size, _ in found])),
         share=max(share for _, share in found),
-        order=order if by_order.max() + worth >= whole[k, best] else float("nan"),
+        order=float(orders[by_order.argmax()]) if by_order.max() + worth >= whole[k, best] else float("nan"),
     )
 
 
@@ -94,25 +91,6 @@ def _numbers(axis: Sequence[Array]) -> Array:
     extents = [float(np.ptp(x)) for x in axis]
     most = 1 / (2 * max(float(np.max(np.abs(np.diff(x)))) for x in axis))
     return np.arange(PERIODS / min(extents), most, 1 / (STEPS * max(extents)))
-
-
-def _gains(problem: Problem, left: Sequence[Array], axis: Sequence[Array], numbers: Array) -> Array:
-    """Return (w, c, n): gain of lines by channel and in all of them together, command and number."""
-    table = np.zeros((len(SHOWN_BY), len(problem.commands), numbers.size))
-    for command, repetitions in enumerate(problem.commands):
-        for i in repetitions:
-            channels = problem.trials[i].channels
-            for w, name in enumerate(SHOWN_BY):
-                if name in channels:
-                    phases = 2 * np.pi * np.outer(numbers, axis[i])
-                    table[w, command] += line_gains(phases, left[i][channels.index(name)])
-    return np.concatenate([table, table.sum(axis=0, keepdims=True)])
-
-
-def _without_the_loudest(table: Array) -> Array:
-    """Return (w, n): gains of all commands but the one that speaks most for a number."""
-    whole: Array = table.sum(axis=1) - table.max(axis=1)
-    return whole
 
 
 def _wavelength(numbers: Array, gains: Array, best: int) -> Estimate:
@@ -131,10 +109,10 @@ def _sizes(
     """Return per trial amplitude [the channel's unit], and rms as a share of the channel's rms in motion."""
     found = []
     for command, repetitions in enumerate(problem.commands):
-        size, _ = problem.size_of(command, channel) if repetitions else (0.0, None)
         for i in repetitions:
             channels = problem.trials[i].channels
-            if channel in channels and size > 0:
+            size = problem.size_of(command, channel)[0] if channel in channels else 0.0
+            if size > 0:
                 row = left[i][channels.index(channel)]
                 amplitude = line_amplitude(2 * np.pi * place[i] / wavelength, row)
                 found.append((amplitude, amplitude / math.sqrt(2) / size))

@@ -2,9 +2,53 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
+
+SHOWN_BY = ("accel_x", "accel_z", "pitch_rate")
+"""Channels that are not behind the inertia of wheel and motor."""
+
+
+def table_of_gains(
+    problem: Problem,
+    left: Sequence[Array],
+    axis: Sequence[Array | None],
+    numbers: Array,
+    sizes: Sequence[Array | None] | None = None,
+) -> Array:
+    """Return (w, c, k): gain of lines by channel of `SHOWN_BY` and in all of them, command and number.
+
+    Args:
+        problem: the trials.
+        left: per trial its residuals.
+        axis: per trial (n,) that along which a line repeats; a trial with None shows no line.
+        numbers: (k,) periods per unit of it.
+        sizes: per trial (n,) of a line, None as `axis`; constant by default.
+    """
+    table = np.zeros((len(SHOWN_BY), len(problem.commands), numbers.size))
+    for command, repetitions in enumerate(problem.commands):
+        for i in repetitions:
+            x, size = axis[i], None if sizes is None else sizes[i]
+            if x is None or (sizes is not None and size is None):
+                continue
+            phases, channels = 2 * np.pi * np.outer(numbers, x), problem.trials[i].channels
+            for w, name in enumerate(SHOWN_BY):
+                if name in channels:
+                    table[w, command] += line_gains(phases, left[i][channels.index(name)], size)
+    return np.concatenate([table, table.sum(axis=0, keepdims=True)])
+
+
+def without_the_loudest(table: Array) -> Array:
+    """Return (w, k): gains of all commands but the one that speaks most for a number.
+
+    Where there is one command, it is its gain.
+    """
+    whole: Array = table.sum(axis=1) - (table.max(axis=1) if table.shape[1] > 1 else 0.0)
+    return whole
 
 
 def line_gains(phases: Array, residual: Array, size: Array | None = None) -> Array:

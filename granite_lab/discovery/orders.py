@@ -11,10 +11,11 @@ import math
 
 import numpy as np
 
-from granite_lab.discovery.lines import line_gains
+from granite_lab.discovery.lines import table_of_gains, without_the_loudest
 from granite_lab.inference.constants import WORTH
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import remaining
+from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 
@@ -24,9 +25,6 @@ measured wheels have 14 to 30 (`docs/validation.md`)."""
 
 ORDERS = np.arange(1, 2 * LUGS[1] + 1)
 """Orders that are looked at: at twice the most lugs the slowest speed of Table 2 is still resolved."""
-
-SHOWN_BY = ("accel_x", "accel_z", "pitch_rate")
-"""Channels that are not behind the inertia of wheel and motor."""
 
 
 def gains(problem: Problem, fit: Fit) -> Array:
@@ -39,21 +37,16 @@ def gains(problem: Problem, fit: Fit) -> Array:
         fit: of them; `ORDERS` are looked for in what it leaves.
     """
     left = remaining(problem, fit)
-    table = np.zeros((len(SHOWN_BY), 2, len(problem.commands), ORDERS.size))
-    for command, repetitions in enumerate(problem.commands):
-        for i in repetitions:
-            trial = problem.trials[i]
-            if "wheel" not in trial.channels:
-                continue
-            place = {name: k for k, name in enumerate(trial.channels)}
-            seen = {name: trial.measured[k] - left[i][k] for name, k in place.items()}
-            sizes = [np.ones(seen["wheel"].size), *([seen["accel_x"]] if "accel_x" in seen else [])]
-            for c, name in enumerate(SHOWN_BY):
-                for w, size in enumerate(sizes if name in place else []):
-                    table[c, w, command] += line_gains(
-                        np.outer(ORDERS, seen["wheel"]), left[i][place[name]], size
-                    )
-    return np.concatenate([*table, table.sum(axis=0)])
+    turns, pulls = zip(*(_of_trial(t, row) for t, row in zip(problem.trials, left, strict=True)), strict=True)
+    return np.concatenate(
+        [table_of_gains(problem, left, turns, ORDERS.astype(float), size) for size in (None, pulls)]
+    )
+
+
+def _of_trial(trial: TrialModel, left: Array) -> tuple[Array | None, Array | None]:
+    """Return turns of the wheels and acceleration (n,) as a fit has them, None where that was not logged."""
+    seen = {c: trial.measured[k] - left[k] for k, c in enumerate(trial.channels)}
+    return seen["wheel"] / (2 * np.pi) if "wheel" in seen else None, seen.get("accel_x")
 
 
 def lugs(problem: Problem, fit: Fit, filed: float) -> float:
@@ -71,7 +64,7 @@ def standing_out(table: Array, filed: float) -> float:
         table: (w, c, n) gain of each way, command and order.
         filed: number of lugs in the robot's file.
     """
-    whole = table.sum(axis=1) - (table.max(axis=1) if table.shape[1] > 1 else 0.0)
+    whole = without_the_loudest(table)
     possible = np.where(LUGS[0] <= ORDERS, whole, -np.inf)
     way, best = np.unravel_index(int(np.argmax(possible)), whole.shape)
     at_file = max(float(whole[:, round(filed) == ORDERS].max(initial=0.0)), 0.0)
