@@ -248,13 +248,12 @@ def _numbers(problem: Problem, fit: Fit, id_: str) -> tuple[FittedParameter, ...
     """Return the fitted numbers of an effect."""
     common = problem.parameters(fit.point.effects, per_trial=False)
     private = problem.parameters(fit.point.effects, per_trial=True)
-    variance = np.diag(fit.posterior.covariance)
+    variance, common_std = np.diag(fit.posterior.covariance), fit.common_std
     first = np.cumsum([0, *(x.size for x in fit.point.trials)])
     numbers = []
     for k, (e, p) in enumerate(common):
         if e == id_:
-            place = int(first[-1]) + len(SHARED) + k
-            std, value = float(np.sqrt(max(variance[place], 0.0))), float(fit.point.common[k])
+            std, value = float(common_std[k]), float(fit.point.common[k])
             if not p.shape:  # a constant error of the formula cannot be told from the strength
                 rough = float(np.median(list(fit.scales.formulas.values()) or [FORMULA_ERROR[0]]))
                 std = float(np.hypot(std, max(FORMULA_ERROR[0], rough) * (value - p.neutral)))

@@ -26,7 +26,6 @@ from granite_lab.inference.constants import (
 from granite_lab.inference.fit import Fit, under
 from granite_lab.inference.gap import prediction_change, scatter
 from granite_lab.inference.normal import Scales
-from granite_lab.inference.point import SHARED
 from granite_lab.inference.priors import width_of
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FORMULAS
@@ -409,13 +408,11 @@ def at_bounds(problem: Problem, fit: Fit, id_: str) -> tuple[str, ...]:
 
 def vanishes(problem: Problem, fit: Fit, id_: str) -> bool:
     """Tell whether all strengths of an effect may be neutral; not of one that each trial has of its own."""
-    effects, first = fit.point.effects, sum(x.size for x in fit.point.trials) + len(SHARED)
-    if any(e == id_ for e, _ in problem.parameters(effects, per_trial=True)):
+    if any(e == id_ for e, _ in problem.parameters(fit.point.effects, per_trial=True)):
         return False
-    variances = np.maximum(np.diag(fit.posterior.covariance)[first:], 0.0)
-    common = zip(problem.parameters(effects, per_trial=False), fit.point.common, variances, strict=True)
-    off = [(x - p.neutral, var) for (e, p), x, var in common if e == id_ and not p.shape]
-    return all(x**2 <= 4 * var for x, var in off)
+    common = problem.parameters(fit.point.effects, per_trial=False)
+    numbers = zip(common, fit.point.common, fit.common_std, strict=True)
+    return all(abs(x - p.neutral) <= 2 * std for (e, p), x, std in numbers if e == id_ and not p.shape)
 
 
 def _strengths(problem: Problem, fit: Fit, id_: str) -> list[tuple[EffectParameter, float]]:

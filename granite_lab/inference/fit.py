@@ -112,6 +112,12 @@ class Fit:
     converged: bool
 
     @property
+    def common_std(self) -> Array:
+        """(e,) std of the numbers of effects that all trials share, as `Point.common`."""
+        variances = np.diag(self.posterior.covariance)
+        return np.sqrt(np.maximum(variances[variances.size - self.point.common.size :], 0.0))
+
+    @property
     def slopes(self) -> Slopes:
         """The derivatives of the responses near the point."""
         return self.large.value[0]
