@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.inference.bench import Task
-from granite_lab.inference.constants import LINEAR, MEMORY, NOTHING
+from granite_lab.inference.constants import LINEAR, MEMORY, NOTHING, RIVAL
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Normal, Posterior, posterior
 from granite_lab.inference.point import Further, Point, stacked
@@ -305,8 +305,8 @@ def around(problem: Problem, point: Point, id_: str) -> list[Point]:
 def rivals(screened: Screen, id_: str) -> list[str]:
     """Return the candidates that may stand for another one, linear about the fit.
 
-    Beside the same effects they promise at least half of what it does, for full fits have changed the order
-    of candidates by factors of up to two; and of what they promise it leaves less than half.
+    Beside the same effects they promise at least `RIVAL` of what it does, and of what they promise it leaves
+    less than half.
     """
     rest = screened.posterior.rest
     best: dict[str, tuple[float, int, float]] = {}
@@ -319,7 +319,7 @@ def rivals(screened: Screen, id_: str) -> list[str]:
     reference, first, variance = best[id_]
     names = []
     for other, (alone, k, wide) in best.items():
-        if other != id_ and alone >= reference / 2:
+        if other != id_ and alone >= RIVAL * reference:
             both, _ = gain(rest, [first, k], np.array([variance, wide]))
             names += [other] if both - reference < alone / 2 else []
     return names

@@ -106,6 +106,7 @@ def search(
     steps = _Steps(problem, candidates, tolerance, tell, {(): _model((), base)})
     best, taken = steps.revised(*steps.path(steps.models[()]))
     steps.exchange(best, taken)
+    steps.reduce()
     steps.guard()
     steps.finish()
     models = sorted(steps.models.values(), key=lambda m: -m.log_posterior)
@@ -397,6 +398,41 @@ class _Steps:
             if rest and rival and better and not self.stays(rest, rival):
                 self.small.add(key)
 
+    def reduce(self) -> None:
+        """Fit the likeliest set without each of its effects from its own end, and go on from a likelier one.
+
+        A set that was fitted before another effect was known may have missed its optimum: what that effect
+        closes is then too large. It is fitted again where the end of the likeliest set promises more.
+        """
+        self.named = MOST
+        for _ in range(MOST):
+            best = self.likeliest()
+            points = [self.problem.without_effect(best.fit.point, id_) for id_ in best.effects]
+            looks = attempts(self.problem, [(point, best.fit.scales) for point in points], rounds=0)
+            starts = [
+                (look.point, best.fit.scales)
+                for key, look in looks.items()
+                if key not in self.models or self.promises_more(self.models[key], look)
+            ]
+            if starts:
+                sets = ", ".join(_words(set_of(point)) for point, _ in starts)
+                self.tell(f"fitting {sets}", self.named)
+            for key, refit in attempts(self.problem, starts).items():
+                if key not in self.models or refit.evidence > self.models[key].fit.evidence:
+                    self.models[key] = _model(key, refit)
+                    self.looks.pop(key, None)
+            if self.likeliest() is best:
+                return
+            self.path(self.likeliest())
+
+    def promises_more(self, known: Model, look: Fit) -> bool:
+        """Tell whether a set is likelier, linear about another point, than its fit has found."""
+        return under(self.problem, look, look.scales).evidence > known.fit.evidence + WORTH
+
+    def likeliest(self) -> Model:
+        """Return the likeliest set all of whose effects matter."""
+        return max((m for k, m in self.models.items() if k not in self.small), key=lambda m: m.log_posterior)
+
     def guard(self) -> None:
         """Set aside sets that predict what is left out worse than the numbers of the files do.
 
@@ -418,7 +454,7 @@ class _Steps:
         only adds effects which do not matter is left out: it is no evidence against the likeliest.
         """
         ranked = sorted(self.models.values(), key=lambda m: -m.log_posterior)
-        best = next(m for m in ranked if m.effects not in self.small)
+        best = self.likeliest()
         least = best.log_posterior + np.log(UNLIKELY)
         others = [m for m in ranked if m.log_posterior >= least and not set(m.effects) >= set(best.effects)]
         wanted = [m for m in (best, *others[: TRIED - 1]) if not m.fit.converged]

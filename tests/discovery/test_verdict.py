@@ -1,5 +1,6 @@
 """Verdicts on trials whose answer is known by construction; trials left out as by a fit without them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -14,7 +15,7 @@ from granite_lab.discovery.heldout import Equations, closed, predict
 from granite_lab.discovery.leaders import Look, leaders
 from granite_lab.discovery.power import _by_noise_per_trial, _visible
 from granite_lab.discovery.relevance import needed, strained
-from granite_lab.discovery.search import MOST, Search, gains, search
+from granite_lab.discovery.search import MOST, Search, _model, _Steps, gains, search
 from granite_lab.discovery.sets import fit_sets
 from granite_lab.discovery.verdict import OPEN, Judgement, Named, by_posterior, judge
 from granite_lab.discovery.words import provisional, sentence
@@ -491,21 +492,34 @@ def test_an_effect_whose_size_ends_at_a_bound_is_described_and_what_it_closes_co
     assert only.probability < 0.6 * answer.judgement.named[0].probability
 
 
-def test_an_effect_whose_strength_may_be_zero_is_not_named_although_the_fit_without_it_is_worse(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def of_sets(answer: Answer, lost: Mapping[tuple[str, ...], float]) -> _Steps:
+    """Return a search that has fitted some sets, each with an evidence that is too small by what it lost."""
+    models = {}
+    for effects, missed in lost.items():
+        start = answer.problem.neutral()
+        for id_ in effects:
+            start = answer.problem.with_effect(start, id_, (0.1,))
+        fitted = fit(answer.problem, start, least=LEAST_OF_ROUGH)
+        models[effects] = _model(effects, replace(fitted, evidence=fitted.evidence - missed))
+    return _Steps(answer.problem, CANDIDATES, TOLERANCE, lambda *_: None, models)
+
+
+def test_a_set_that_missed_its_optimum_is_fitted_again_from_the_end_of_the_likeliest_one() -> None:
+    answer = ask(push=0.3, pull=0.3)
+    steps = of_sets(answer, {(): 0, ("push",): 100, ("pull",): 0, ("pull", "push"): 0})
+    before = dict(steps.models)
+    steps.reduce()
+    assert steps.likeliest().effects == ("pull", "push")
+    assert steps.models["push",].log_posterior > before["push",].log_posterior + WORTH
+    assert steps.models["pull",] is before["pull",]  # it promised no more
+
+
+def test_an_effect_that_only_a_missed_optimum_speaks_for_is_given_up() -> None:
     answer = ask(push=0.3)
-    fit = answer.search.best.fit
-    assert not verdict.vanishes(answer.problem, fit, "push")
-    std = float(np.sqrt(fit.posterior.covariance[-1, -1]))  # of the strength, the last of the numbers
-    for times, may_be_zero in ((1.9, True), (2.1, False)):
-        rest = answer.problem.without_effect(fit.point, "push")
-        point = answer.problem.with_effect(rest, "push", [times * std])
-        assert verdict.vanishes(answer.problem, replace(fit, point=point), "push") is may_be_zero
-    monkeypatch.setattr(verdict, "vanishes", lambda *_: True)
-    found = judge(answer.problem, answer.search, TOLERANCE)
-    assert (found.verdict, found.named) == ("unknown", ())
-    assert [n.id for n in found.described] == ["push"]
+    steps = of_sets(answer, {(): 0, ("push",): 100, ("pull", "push"): 0})
+    assert steps.likeliest().effects == ("pull", "push")
+    steps.reduce()
+    assert steps.likeliest().effects == ("push",)
 
 
 def test_an_effect_is_named_beside_another_cause() -> None:
