@@ -134,7 +134,7 @@ def probes_of(problem: Problem, id_: str, most: int | None = None) -> list[Probe
     Of a strength that moves its trace none is left out: no small size shows what a larger one does.
     """
     parameters = problem.parameters_of(id_)
-    starts = [(p.prior_low, p.prior_high) if p.two_kinds else (p.neutral,) for p in parameters]
+    starts = [p.kinds or (p.neutral,) for p in parameters]
     return [
         Probe(id_, p, k, size, about)
         for about in itertools.product(*starts)

@@ -54,7 +54,7 @@ class RadialTyreCompliance(Effect):
         EffectParameter("retardation", "s", "τ, damping of the tyre over its stiffness",
                         1e-3, 0.05, 5e-3, 2e-3, 2e-2, shape=True),
         EffectParameter("damped", "", "d, share of c_t that is the soil's, 0: all acts on the axle",
-                        0.0, 1.0, 0.5, 0.0, 1.0, shape=True, two_kinds=True),
+                        0.0, 1.0, 0.5, 0.0, 1.0, shape=True, kinds=(0.0, 1.0)),
     )  # fmt: skip
     states = ("load_f", "load_r")
 

@@ -52,24 +52,27 @@ class ComOffset(Influence):
 
 
 class PayloadMass(Influence):
-    """A box at the centre of mass, with the inertia of its size."""
+    """A box between the axles, with the inertia of its size."""
 
     id = "payload_mass"
     title = "mass that the robot's file does not know of"
-    account = "(20), (21) with more mass; radius of gyration of the load 5 cm"
-    declared = (Size("mass", "kg", "additional mass", 2.0, 6.0, -20, 100),)
+    account = "(20) to (22) of robot and box as one body; radius of gyration of the box 5 cm"
+    declared = (
+        Size("mass", "kg", "additional mass", 2.0, 6.0, -20, 100),
+        Size("place", "m", "forward of the middle between the axles", 0, 0.12, -0.2, 0.2, True, "shape"),
+    )
 
     @classmethod
     def altered(cls, robot: Robot, sizes: Mapping[str, float]) -> Robot:
         """Load the robot."""
         if robot.chassis is None:
             return robot
-        mass, inertia = sizes["mass"], max(sizes["mass"], 0.0) * 0.05**2
-        heavier = replace(
-            robot.chassis,
-            body_mass=robot.chassis.body_mass + mass,
-            pitch_inertia=robot.chassis.pitch_inertia + inertia,
-        )
+        plain, mass, place = robot.chassis, sizes["mass"], sizes["place"]
+        bodies = np.array([[plain.total_mass, plain.com_x], [mass, place]])
+        centre = float(bodies[:, 0] @ bodies[:, 1] / bodies[:, 0].sum())
+        apart = float(bodies[:, 0] @ (bodies[:, 1] - centre) ** 2)
+        inertia = plain.pitch_inertia + apart + max(mass, 0.0) * 0.05**2
+        heavier = replace(plain, body_mass=plain.body_mass + mass, com_x=centre, pitch_inertia=inertia)
         return replace(robot, chassis=heavier)
 
 

@@ -35,8 +35,8 @@ class EffectParameter:
         prior_low, prior_high: the range that the literature leads to expect.
         shape: True where the parameter says how, not how much: once every other parameter is
             neutral the model does not depend on it, and `neutral` is only where a search starts.
-        two_kinds: True for a shape that divides an effect into two: a search looks at both ends of what is
-            expected.
+        kinds: of a shape that divides an effect into kinds: the values at which a search looks; empty where
+            that is the neutral one.
         per_trial: True where the value changes from trial to trial, as a phase of the wheels does.
         moving: True where the trace of another size comes at another time, so that sizes are probed closely.
         linear: True where its trace is proportional to it over the prior's range, so that one size is probed.
@@ -53,7 +53,7 @@ class EffectParameter:
     prior_low: float
     prior_high: float
     shape: bool = False
-    two_kinds: bool = False
+    kinds: tuple[float, ...] = ()
     per_trial: bool = False
     moving: bool = False
     linear: bool = False

@@ -96,11 +96,20 @@ def test_a_slope_costs_the_weight_s_part_along_it(by: Any) -> None:
 
 
 def test_a_payload_sinks_the_robot_and_loads_the_wheels_with_its_weight(by: Any) -> None:
-    plain, r = seen(by), seen(by, "payload_mass", mass=5.0)
+    plain, r = seen(by), seen(by, "payload_mass", mass=5.0, place=0.0)
     for state in (resting, steady):
         more = 2 * (state(r, "normal") - state(plain, "normal")).sum()
         assert more == pytest.approx(5.0 * GRAVITY, rel=1e-3)
         assert (state(r, "sinkage") > state(plain, "sinkage") + 8e-4).all()
+
+
+def test_a_payload_ahead_of_the_middle_loads_the_axles_by_its_levers(by: Any) -> None:
+    """Moments about the middle between the axles; a nose that sinks carries the centre of mass, too."""
+    plain, r = seen(by), seen(by, "payload_mass", mass=5.0, place=0.1)
+    front, rear = 2 * (resting(r, "normal") - resting(plain, "normal"))
+    tilt = WEIGHT * CHASSIS.com_z * (resting(r, "pitch") - resting(plain, "pitch"))
+    assert front + rear == pytest.approx(5.0 * GRAVITY, rel=1e-3)
+    assert (front - rear) * CHASSIS.wheel_base / 2 == pytest.approx(5.0 * GRAVITY * 0.1 + tilt, rel=1e-2)
 
 
 def test_a_centre_of_mass_further_forward_loads_the_front_by_its_lever(by: Any) -> None:
