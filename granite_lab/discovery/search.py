@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -106,9 +106,11 @@ def search(
     steps = _Steps(problem, candidates, tolerance, tell, {(): _model((), base)})
     best, taken = steps.revised(*steps.path(steps.models[()]))
     steps.exchange(best, taken)
-    steps.reduce()
-    steps.guard()
-    steps.finish()
+    for _ in range(MOST):
+        steps.guard()
+        steps.finish()
+        if not steps.reduced():
+            break
     models = sorted(steps.models.values(), key=lambda m: -m.log_posterior)
     return Search(tuple(models), steps.looks, frozenset(steps.small))
 
@@ -199,7 +201,7 @@ class _Steps:
 
     def refitted(self, model: Model, starts: Sequence[Point], scales: Scales) -> Model:
         """Fit a set again from other starts; return the likelier fit."""
-        self.tell(f"fitting {_words(model.effects)}", self.named)
+        self.fitting([model.effects])
         refit = attempts(self.problem, [(start, scales) for start in starts]).get(model.effects)
         other = model if refit is None else _model(model.effects, refit)
         if other.log_posterior <= model.log_posterior + WORTH:
@@ -320,11 +322,14 @@ class _Steps:
     def fitted(self, starts: Sequence[tuple[Point, Fit]], rounds: int = ROUNDS) -> None:
         """Fit the sets of some points that are not fitted yet, each with the scales of a fit nearby."""
         new = [(start, near.scales) for start, near in starts if set_of(start) not in self.models]
-        if new:
-            sets = dict.fromkeys(_words(set_of(start)) for start, _ in new)
-            self.tell(f"fitting {', '.join(sets)}", self.named)
+        self.fitting(set_of(start) for start, _ in new)
         fits = fit_sets(self.problem, new, {k: m.fit for k, m in self.models.items()}, rounds)
         self.models.update({k: _model(k, f) for k, f in fits.items()})
+
+    def fitting(self, sets: Iterable[tuple[str, ...]]) -> None:
+        """Tell which sets are fitted next."""
+        if words := dict.fromkeys(map(_words, sets)):
+            self.tell(f"fitting {', '.join(words)}", self.named)
 
     def best_of(self, model: Model, tried: Sequence[Promise]) -> Model:
         """Return the likeliest set with one of the tried whose new effect stays; the set itself if none."""
@@ -398,32 +403,30 @@ class _Steps:
             if rest and rival and better and not self.stays(rest, rival):
                 self.small.add(key)
 
-    def reduce(self) -> None:
-        """Fit the likeliest set without each of its effects from its own end, and go on from a likelier one.
+    def reduced(self) -> bool:
+        """Fit the likeliest set without each of its effects from its own end; tell whether one is likelier.
 
         A set that was fitted before another effect was known may have missed its optimum: what that effect
-        closes is then too large. It is fitted again where the end of the likeliest set promises more.
+        closes is then too large. It is fitted again where the end of the likeliest set promises more. One
+        that is likelier is extended again.
         """
-        self.named = MOST
-        for _ in range(MOST):
-            best = self.likeliest()
-            points = [self.problem.without_effect(best.fit.point, id_) for id_ in best.effects]
-            looks = attempts(self.problem, [(point, best.fit.scales) for point in points], rounds=0)
-            starts = [
-                (look.point, best.fit.scales)
-                for key, look in looks.items()
-                if key not in self.models or self.promises_more(self.models[key], look)
-            ]
-            if starts:
-                sets = ", ".join(_words(set_of(point)) for point, _ in starts)
-                self.tell(f"fitting {sets}", self.named)
-            for key, refit in attempts(self.problem, starts).items():
-                if key not in self.models or refit.evidence > self.models[key].fit.evidence:
-                    self.models[key] = _model(key, refit)
-                    self.looks.pop(key, None)
-            if self.likeliest() is best:
-                return
-            self.path(self.likeliest())
+        self.named, best = MOST, self.likeliest()
+        points = [self.problem.without_effect(best.fit.point, id_) for id_ in best.effects]
+        looks = attempts(self.problem, [(point, best.fit.scales) for point in points], rounds=0)
+        starts = [
+            (look.point, best.fit.scales)
+            for key, look in looks.items()
+            if key not in self.models or self.promises_more(self.models[key], look)
+        ]
+        self.fitting(set_of(point) for point, _ in starts)
+        for key, refit in attempts(self.problem, starts).items():
+            if key not in self.models or refit.evidence > self.models[key].fit.evidence:
+                self.models[key] = _model(key, refit)
+                self.looks.pop(key, None)
+        if self.likeliest() is best:
+            return False
+        self.path(self.likeliest())
+        return True
 
     def promises_more(self, known: Model, look: Fit) -> bool:
         """Tell whether a set is likelier, linear about another point, than its fit has found."""
@@ -458,7 +461,7 @@ class _Steps:
         least = best.log_posterior + np.log(UNLIKELY)
         others = [m for m in ranked if m.log_posterior >= least and not set(m.effects) >= set(best.effects)]
         wanted = [m for m in (best, *others[: TRIED - 1]) if not m.fit.converged]
-        self.tell(f"fitting {', '.join(_words(m.effects) for m in wanted)}", self.named)
+        self.fitting(m.effects for m in wanted)
         starts = [(m.fit.point, m.fit.scales) for m in wanted]
         fits = attempts(self.problem, starts, LEAST, FINE)
         for m in wanted:

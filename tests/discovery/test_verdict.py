@@ -508,7 +508,7 @@ def test_a_set_that_missed_its_optimum_is_fitted_again_from_the_end_of_the_likel
     answer = ask(push=0.3, pull=0.3)
     steps = of_sets(answer, {(): 0, ("push",): 100, ("pull",): 0, ("pull", "push"): 0})
     before = dict(steps.models)
-    steps.reduce()
+    assert not steps.reduced()
     assert steps.likeliest().effects == ("pull", "push")
     assert steps.models["push",].log_posterior > before["push",].log_posterior + WORTH
     assert steps.models["pull",] is before["pull",]  # it promised no more
@@ -518,7 +518,7 @@ def test_an_effect_that_only_a_missed_optimum_speaks_for_is_given_up() -> None:
     answer = ask(push=0.3)
     steps = of_sets(answer, {(): 0, ("push",): 100, ("pull", "push"): 0})
     assert steps.likeliest().effects == ("pull", "push")
-    steps.reduce()
+    assert steps.reduced()
     assert steps.likeliest().effects == ("push",)
 
 
