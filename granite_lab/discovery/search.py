@@ -12,7 +12,7 @@ from granite_lab.discovery.carrying import carried, filed, worse
 from granite_lab.discovery.heldout import Predicted, predict, predicts_better
 from granite_lab.discovery.leaders import Look, Promise, leaders, origins, screened
 from granite_lab.discovery.relevance import good, made, needed, shows, strained, unexplained
-from granite_lab.discovery.sets import attempts, fit_sets, set_of
+from granite_lab.discovery.sets import attempts, fit_sets, set_of, where_alone
 from granite_lab.inference.constants import DRAWS, EFFECT_ODDS, FEW, LEFT, RIVAL, TOLERANCE, TRIED, WORTH
 from granite_lab.inference.fit import LEAST, ROUNDS, Fit, under
 from granite_lab.inference.gap import prediction_change
@@ -390,7 +390,7 @@ class _Steps:
             before, after = step.before, step.after
             (id_,) = set(after.effects) - set(before.effects)
             without = self.problem.without_effect(best.fit.point, id_)
-            points.append(_where_alone(self.problem, without, self.models))
+            points.append(where_alone(self.problem, without, {k: m.fit for k, m in self.models.items()}))
             least = before.log_posterior + RIVAL * (after.log_posterior - before.log_posterior)
             for score in (s for s in step.tried if s.candidate not in best.effects):
                 alternative = self.models.get(tuple(sorted((*before.effects, score.candidate))))
@@ -472,18 +472,6 @@ class _Steps:
 
 def _with(problem: Problem, point: Point, score: Score) -> Point:
     return problem.with_effect(point, score.candidate, score.values, score.trial_values)
-
-
-def _where_alone(problem: Problem, point: Point, models: Mapping[tuple[str, ...], Model]) -> Point:
-    """Return a point with the sand, offsets and gains of the best fit of a part of its effects.
-
-    There these numbers already compensate for the effects that the point lacks.
-    """
-    parts = [m.fit for k, m in models.items() if set(k) < set(point.effects)]
-    part = max(parts, key=lambda f: f.evidence).point
-    pairs = zip(problem.trials, point.trials, part.trials, strict=True)
-    trials = tuple(np.concatenate([theirs[: t.size], x[t.size :]]) for t, x, theirs in pairs)
-    return replace(point, shared=part.shared, trials=trials)
 
 
 def _model(effects: tuple[str, ...], result: Fit) -> Model:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference.fit import LEAST_OF_ROUGH, ROUNDS, Fit, fit
@@ -69,3 +72,20 @@ def attempts(
 def set_of(point: Point) -> tuple[str, ...]:
     """Return the effects of a point, sorted."""
     return tuple(sorted(point.effects))
+
+
+def where_alone(problem: Problem, point: Point, fits: Mapping[tuple[str, ...], Fit]) -> Point:
+    """Return a point with the sand, offsets and gains of the best fit of a part of its effects.
+
+    There these numbers already compensate for the effects that the point lacks.
+
+    Args:
+        problem: the trials.
+        point: with the effects.
+        fits: sets to their fits.
+    """
+    parts = [f for k, f in fits.items() if set(k) < set(point.effects)]
+    part = max(parts, key=lambda f: f.evidence).point
+    pairs = zip(problem.trials, point.trials, part.trials, strict=True)
+    trials = tuple(np.concatenate([theirs[: t.size], x[t.size :]]) for t, x, theirs in pairs)
+    return replace(point, shared=part.shared, trials=trials)
