@@ -50,8 +50,6 @@ class Named:
         closes, speeds: share of the gap on trials and on speeds left out.
         strained: its numbers that ended at a bound, or two standard deviations outside what is expected.
         at_bound: a strength ended at a bound: its likeliest size is none that it can have.
-        vanishing: its strengths are within two standard deviations of their neutral value. A fit without it
-            that is worse has missed its optimum.
         changes: channel to how far it moves the prediction, as a share of the channel's rms in motion.
         made: channel to which share it makes of what the set changes there.
         needed: channel to what the rest of the set leaves there without it, beyond errors of its formulas; a
@@ -65,7 +63,6 @@ class Named:
     speeds: Estimate = OPEN
     strained: tuple[str, ...] = ()
     at_bound: bool = False
-    vanishing: bool = False
     changes: Mapping[str, float] = field(default_factory=dict)
     made: Mapping[str, float] = field(default_factory=dict)
     needed: Mapping[str, float] = field(default_factory=dict)
@@ -204,8 +201,7 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     * Effects of the likeliest set are named that trials left out show, and that close at least `RELEVANT` of
       the gap or show in a channel, see `Named.matters`, by more than the tolerance. Alone, or with at most
       two others that cannot be told from them, they must have a probability of `CREDIBLE`.
-      One whose strengths may be zero is not named; nor is one with a strength at a bound, and what it closes
-      counts as left. Where the likeliest set
+      One with a strength at a bound is not named, and what it closes counts as left. Where the likeliest set
       leaves more than noise and the tolerance in a channel, each must close more than the set leaves: what is
       missing could otherwise be all that speaks for it. Where more is missing, see `Named.is_sure_beside`.
     * ``named`` where these are all that matters, and together leave less than `LEFT` of the gap, as an rms;
@@ -242,7 +238,7 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     enough = remainder < LEFT**2 or (explained and not beyond)
     least = 0.0 if explained else remainder
     stand_out = [n for n in relevant if not differ or n.stands_out(differ, tolerance)]
-    usual = [n for n in stand_out if n.is_sure() and not (n.at_bound or n.vanishing)]
+    usual = [n for n in stand_out if n.is_sure() and not n.at_bound]
     named = [n for n in usual if (enough and n.closes.value > least) or n.is_sure_beside(remainder, scales)]
     every = enough and len(named) == len(relevant)
     verdict: Verdict = "unknown" if not named else "named" if every else "partly named"
@@ -382,8 +378,7 @@ def _named(
     every = prediction_change(problem, alone.fit, best.fit)
     return Named(
         id_, tuple(twins), min(probability, 1.0), closes, speeds, strained_numbers(problem, best.fit, id_),
-        bool(at_bounds(problem, best.fit, id_)), vanishes(problem, best.fit, id_), changes,
-        made(changes, every, tolerance),
+        bool(at_bounds(problem, best.fit, id_)), changes, made(changes, every, tolerance),
         needed(problem, without.fit, best.fit.scales, id_, changes, tolerance),
     )  # fmt: skip
 
@@ -404,15 +399,6 @@ def strained_numbers(problem: Problem, fit: Fit, id_: str) -> tuple[str, ...]:
 def at_bounds(problem: Problem, fit: Fit, id_: str) -> tuple[str, ...]:
     """Name the strengths of an effect that ended at a bound other than their neutral value."""
     return tuple(p.name for p, value in _strengths(problem, fit, id_) if _is_bound(p, value))
-
-
-def vanishes(problem: Problem, fit: Fit, id_: str) -> bool:
-    """Tell whether all strengths of an effect may be neutral; not of one that each trial has of its own."""
-    if any(e == id_ for e, _ in problem.parameters(fit.point.effects, per_trial=True)):
-        return False
-    common = problem.parameters(fit.point.effects, per_trial=False)
-    numbers = zip(common, fit.point.common, fit.common_std, strict=True)
-    return all(abs(x - p.neutral) <= 2 * std for (e, p), x, std in numbers if e == id_ and not p.shape)
 
 
 def _strengths(problem: Problem, fit: Fit, id_: str) -> list[tuple[EffectParameter, float]]:
