@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.estimate import Estimate, Part
-from granite_lab.estimation.closure import CONTRADICTS
+from granite_lab.estimation.closure import CONTRADICTS, FOLLOWS
 from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.health import sentence
 from granite_lab.estimation.motion import TELLING, Motion, slips_of
@@ -25,9 +25,6 @@ change the rolling radius by some per cent (Wong, Theory of Ground Vehicles, sec
 
 BY_RADIUS = "wheel radius"
 """Part of the std of a slip ratio."""
-
-FOLLOWS = 0.25
-"""Time within which a body follows its wheels on sand [s]."""
 
 FEWEST, OUTLIERS = 10, 0.05
 """At least so many means over `FOLLOWS` are judged; chance makes fewer than this share of them contradict."""

@@ -95,7 +95,8 @@ def stand(sensors: Sensors, by_hand: Sequence[Interval] = ()) -> Problem:
     if rolling is None and not rests:
         raise EstimateError(
             f"{sensors.name}: neither wheels nor a standstill: nothing anchors the velocity",
-            "let the robot stand for 0.5 s at start or end, or name a standstill by hand (--rest start:end)",
+            "let the robot stand for 0.5 s at start or end, or name a standstill by hand (--rest start:end); "
+            "granite-lab inspect lists columns of wheels that are not used",
         )
     sensors = replace(
         sensors, stream=level.stream, imu=level.imu, robot=level.robot,

@@ -152,6 +152,13 @@ def test_a_sidecar_says_only_what_is_understood(tmp_path: Path, text: str, messa
     assert hint in refusal.value.hint
 
 
+@pytest.mark.parametrize("key", ["rests", "body_rests"])
+def test_a_standstill_named_outside_of_the_log_is_refused(tmp_path: Path, key: str) -> None:
+    make.written(tmp_path, f"{key} = [[0, 1.2], [1760000008, 1760000009]]\n", "trial.toml")
+    with pytest.raises(InputError, match=r"from 1\.76e\+09 s .* lies outside of the log"):
+        make.read(tmp_path, make.text())
+
+
 def test_what_a_laboratory_knows_is_read_and_written(tmp_path: Path) -> None:
     text = "rests = [[0, 1.2], [8, 9]]\nbody_rests = [[3, 4.0]]\ndistance_measured_m = 2.03\nturned = true\n"
     make.written(

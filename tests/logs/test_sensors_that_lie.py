@@ -97,6 +97,14 @@ def test_a_wrong_unit_is_corrected_and_said(name: str, speed: float, tmp_path: P
     assert any(re.search(said, line) for line in wrong.warnings), wrong.warnings
 
 
+@pytest.mark.parametrize("speed", [0.2, 0.3, 0.5, 0.7])
+def test_an_angle_taken_for_a_rate_is_refused(speed: float, tmp_path: Path) -> None:
+    path = SAMPLE.with_name(f"virtual_v{speed}_r1.csv")
+    text = path.read_text(encoding="utf-8").replace("l_rad", "l_degps").replace("r_rad", "r_degps")
+    with pytest.raises(InputError, match="follows the way by the IMU and not its speed"):
+        make.read(tmp_path, text)
+
+
 def without_gravity(table: pd.DataFrame) -> None:
     table[FORCE[2]] -= 9.81
 
@@ -134,6 +142,13 @@ def ticks(table: pd.DataFrame) -> None:
     table[ANGLES] = np.rint(16 * table[ANGLES])
 
 
+def velocity(table: pd.DataFrame) -> None:
+    """The wheels' velocity [m/s] in the place of their angle."""
+    rows = table[ANGLES[0]].notna()
+    for name in ANGLES:
+        table.loc[rows, name] = 0.0965 * np.gradient(table.loc[rows, name], table.loc[rows, "t_s"])
+
+
 def empty(table: pd.DataFrame) -> None:
     table[FORCE + RATE] = np.nan
 
@@ -152,6 +167,7 @@ REFUSED = {
     "pitch rate of the wrong sign": (times(-1, RATE[1]), RATE[1], "its sign or that of"),
     "forward axis of the wrong sign": (times(-1, FORCE[0]), FORCE[0], "is wrong"),
     "ticks taken for rad": (ticks, ANGLES[0], "motors|whole numbers"),
+    "velocity taken for an angle": (velocity, ANGLES[0], "follows the speed by the IMU and not its way"),
     "every cell of the IMU empty": (empty, FORCE[0], "every cell is empty"),
 }  # fmt: skip
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granite_lab.logs.counters import joined, quantum, runs
+from granite_lab.logs.counters import integral, joined, quantum, runs
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import CURRENTS, ENCODERS, factors
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, WheelStream
@@ -19,6 +19,9 @@ _TOO_FAST = 30.0  # no ground robot whose motors are not known drives faster [m/
 # A free wheel turns this many times as fast as the others, which agree to this share, for so long [s]; one
 # whose encoder slips on its shaft seems to turn so many times as slowly.
 _FREE, _ALIKE, _FREE_FOR = 1.3, 0.05, 0.3
+_LIKE, _UNLIKE = 0.8, 0.5  # two signals share most of their variance (64 %), or little of it (25 %)
+_GAINED = 0.08  # less speed says nothing [m/s]
+_BRIEF = 20.0  # an IMU's speed is that of the body for so long [s]
 _OPPOSED = -0.5  # a current that correlates with the other motors' by less has the opposite sign
 
 
@@ -82,6 +85,8 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
         return wheels
     wheels = _without_dead(wheels, imu, log)
     t, speed = mean_speed(wheels, log.robot)
+    if imu is not None:
+        _refuse_other_kind(wheels, imu, log)
     ratio = _ratio(t, speed, imu) if imu is not None else math.nan
     if not (math.isnan(ratio) or 0.3 < ratio < 8):
         declared, gain = log.unit(*ENCODERS), f"gain {ratio:.3g} times the speed that the IMU gains"
@@ -98,6 +103,39 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
             return dataclasses.replace(wheels, angle=wheels.angle * factor, rate=rate, resolution=resolution)
         log.doubt(f"the wheels {gain}", remedy="check wheel radius, counts per revolution and units")
     return wheels
+
+
+def _refuse_other_kind(wheels: WheelStream, imu: ImuStream, log: Log) -> None:
+    """Refuse a rate that is read as an angle, or an angle as a rate: what the IMU gains tells them apart.
+
+    From one standstill to the next the speed by the IMU is compared with what is logged and with how that
+    changes. Of the IMU only the direction is used along which the acceleration changes most.
+    """
+    t, force, is_angle = imu.t, imu.specific_force, wheels.rate is None
+    logged = wheels.angle if wheels.rate is None else wheels.rate
+    known = [column for column in logged.T if np.count_nonzero(np.isfinite(column)) > 1]
+    if np.isnan(force).any() or not known or len(t) < 100:
+        return
+    value = np.mean([joined(t, wheels.t, column) for column in known], axis=0)
+    moves = [np.flatnonzero(np.abs(value - value[edge]) > 0.01 * np.ptp(value)) for edge in (0, -1)]
+    if not all(x.size for x in moves) or not 1.0 < t[moves[1][-1]] - t[moves[0][0]] < _BRIEF:
+        return
+    inside = slice(int(moves[0][0]), int(moves[1][-1]) + 1)
+    slow = np.column_stack([_smooth(x, t[inside]) for x in (*force[inside].T, value[inside])])
+    gained = slow[:, :3] - slow[:, :3].mean(axis=0)
+    speed = integral(t[inside], gained @ np.linalg.svd(gained, full_matrices=False)[2][0])
+    if np.ptp(speed) < _GAINED:
+        return
+    signals = (slow[:, 3], np.gradient(slow[:, 3], t[inside]))
+    like = [abs(float(np.corrcoef(speed, x)[0, 1])) for x in signals]
+    if like[not is_angle] > _LIKE and like[is_angle] < _UNLIKE:
+        seen, other = ("speed", "way") if is_angle else ("way", "speed")
+        unit = 'a rate (unit = "rad/s", "rpm" or "m/s"' if is_angle else 'an angle (unit = "rad"'
+        raise log.refuse(
+            next(channel for channel in ENCODERS if channel in log.columns),
+            f", declared in {log.unit(*ENCODERS)}, follows the {seen} by the IMU and not its {other}",
+            f"it is {unit} in a column map), and so are those of the other wheels",
+        )
 
 
 def _ratio(t: Array, speed: Array, imu: ImuStream) -> float:
@@ -118,7 +156,7 @@ def _ratio(t: Array, speed: Array, imu: ImuStream) -> float:
     size = float(np.linalg.norm(np.trapezoid(force[ramp] - rest, imu.t[ramp], axis=0)))
     # What a tilt by one degree or the bias could feign must stay far below.
     feigned = 0.17 * (end - begin)
-    return plateau / size if size > max(0.08, 0.5 * feigned) else math.nan
+    return plateau / size if size > max(_GAINED, 0.5 * feigned) else math.nan
 
 
 def _without_dead(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelStream:
