@@ -39,7 +39,7 @@ class Consistency:
 
     Attributes:
         t: (U,) stamps of the updates [s].
-        kind: (U,) which update: "zero_velocity", "zero_rate", "wheel_rest" and so on.
+        kind: (U,) which update: "zero_velocity", "zero_rate", "wheel" and so on.
         innovation, innovation_std: (U,) innovation and its predicted std, in the update's unit.
         nis: mean normalised innovation squared per update kind (1 is ideal); for the zero-velocity
             updates of those that end a motion, since the ones after only repeat them.
