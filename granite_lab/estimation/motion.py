@@ -142,7 +142,7 @@ class Totals:
 
     Attributes:
         steady: start and end of the steady part [s].
-        slip_ratio: λ_R by (2) over the steady part, or over the whole drive where none is steady.
+        slip_ratio: λ_R by (2) over the steady part, or over the longest straight one where none is steady.
         slip_parts: what its std is made of; empty where it has none.
         distance: total distance travelled [m].
         distance_wheels: distance without slip, as the wheels measured it [m].

@@ -19,6 +19,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import integral, joined
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.standstill import Interval, inside
 from granite_lab.logs.trial import Array, Series, Trial
 
@@ -27,6 +28,12 @@ TOLD = 3.0
 
 PAUSE = 2.0
 """A reference that pauses for longer than this in motion [s] leaves the velocity to drift."""
+
+LOST = Doubt(
+    "the reference is not used: the robot is slower than three std of the speeds that its places tell",
+    remedy="state the std of the places (ref_x_std_m), which may be smaller over seconds, or log a velocity",
+)
+"""Speeds by places in a plane tell no direction where they hide in their noise."""
 
 STEP, FARTHEST = 0.05, 2.0
 """Of the lags at which reference and wheels are compared, and the largest of them [s]."""

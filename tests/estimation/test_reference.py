@@ -113,6 +113,15 @@ def test_a_reference_by_another_clock_is_named(what: str, late: float) -> None:
     assert abs(motion.slip_ratio.value - true_slip(motion)) < 2 * motion.slip_ratio.std
 
 
+def test_places_too_rough_to_tell_a_speed_are_said_to_be_of_no_use() -> None:
+    places = replace(noisy(), reference_v=replace(noisy().reference_v, places=5))
+    places = replace(places, reference_x=replace(noisy().reference_x, places=5))
+    assert any(
+        "the reference is not used" in w for w in run(places, use_reference=True, ref_x_std=0.8).warnings
+    )
+    assert not any("not used" in w for w in run(places, use_reference=True, ref_x_std=STD["x"]).warnings)
+
+
 def test_a_distance_by_tape_in_another_unit_is_refused() -> None:
     with pytest.raises(EstimateError, match="m that the wheels roll"):
         run(noisy(), distance_measured=205.0)
