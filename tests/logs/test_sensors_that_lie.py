@@ -12,6 +12,7 @@ import granite_lab as gl
 from granite_lab.errors import InputError
 from granite_lab.logs import read_trial
 from granite_lab.logs.trial import Trial
+from granite_lab.parameters import CATALOGUE
 from tests.logs import make
 
 SAMPLE = Path(__file__).parents[2] / "data" / "samples" / "virtual_v0.5_r1.csv"
@@ -140,6 +141,27 @@ def test_what_does_not_matter_much_is_reported(name: str, tmp_path: Path) -> Non
 def ticks(table: pd.DataFrame) -> None:
     """Sixteen times the wheels' angle in whole numbers: 8 m/s."""
     table[ANGLES] = np.rint(16 * table[ANGLES])
+
+
+def test_where_turns_and_metres_fit_alike_the_estimate_is_never_good(tmp_path: Path) -> None:
+    """A wheel of 0.165 m rolls 1.04 m a turn: metres read as rad are those of turns, 4 % off."""
+    robot = tmp_path / "robot.toml"
+    source = (CATALOGUE / "robots" / "granite.toml").read_text(encoding="utf-8")
+    robot.write_text(source.replace("radius_m = 0.0965", "radius_m = 0.165"), encoding="utf-8")
+    path = make.changed(tmp_path, SAMPLE, times(0.0965, *ANGLES))
+    (only,) = gl.ingest(path, robot=robot)
+    assert "they are in rev or in m" in " ".join(only.motion.warnings)
+    assert only.motion.health.grade == "poor"
+
+
+def test_wheels_in_a_unit_that_nobody_can_guess_are_never_good(tmp_path: Path) -> None:
+    """The angle of the motors, 27 times that of the wheels, of a robot whose motors are not known."""
+    robot = tmp_path / "robot.toml"
+    source = (CATALOGUE / "robots" / "granite.toml").read_text(encoding="utf-8")
+    robot.write_text(re.sub(r"(?s)\[drive\].*?(?=\n\[)", "", source), encoding="utf-8")
+    (only,) = gl.ingest(make.changed(tmp_path, SAMPLE, times(27.0, *ANGLES)), robot=robot)
+    assert "times the speed that the IMU gains" in only.motion.health.verdict
+    assert only.motion.health.grade == "poor"
 
 
 def velocity(table: pd.DataFrame) -> None:

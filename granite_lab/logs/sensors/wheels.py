@@ -12,6 +12,7 @@ import numpy as np
 from granite_lab.logs.counters import integral, joined, quantum, runs
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import CURRENTS, ENCODERS, factors
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, WheelStream
 from granite_lab.parameters import WHEELS, Robot, Variant, load_variants
 
@@ -90,19 +91,33 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
     ratio = _ratio(t, speed, imu) if imu is not None else math.nan
     if not (math.isnan(ratio) or 0.3 < ratio < 8):
         declared, gain = log.unit(*ENCODERS), f"gain {ratio:.3g} times the speed that the IMU gains"
-        sizes = next(
-            (kind for quantity in ("angle", "angular rate") if declared in (kind := factors(quantity))), {}
-        )
-        changes = {unit: size / sizes[declared] for unit, size in sizes.items() if unit != declared}
-        fits = [(unit, change) for unit, change in changes.items() if 0.7 < ratio * change < 3]
+        fits, others = _fitting(declared, ratio, log.robot.wheels.radius)
         if len(fits) == 1:
-            unit, factor = fits[0]
-            log.convert(ENCODERS, unit, f"the encoders, declared in {declared}, {gain}: they are in {unit}")
+            ((unit, factor),) = fits.items()
+            units = " or in ".join([unit, *others])
+            seen = f"the encoders, declared in {declared}, {gain}: they are in {units}"
+            log.convert(ENCODERS, unit, seen, unsure=bool(others))
             rate = None if wheels.rate is None else wheels.rate * factor
             resolution = tuple(step * factor for step in wheels.resolution)
             return dataclasses.replace(wheels, angle=wheels.angle * factor, rate=rate, resolution=resolution)
-        log.doubt(f"the wheels {gain}", remedy="check wheel radius, counts per revolution and units")
+        remedy = "check wheel radius, gear, counts per revolution and units"
+        log.doubts.append(Doubt(f"the wheels {gain}", remedy=remedy, grade="poor"))
     return wheels
+
+
+def _fitting(declared: str, ratio: float, radius: float) -> list[dict[str, float]]:
+    """Return units in which the wheels gain about the speed of the IMU, with their size in the declared one.
+
+    The first ones are of the turning of a wheel, as the declared one; the others of the way of its rim, whose
+    radius is given [m]: which of both it is no log tells. In the declared one the wheels gain `ratio` times
+    the speed of the IMU.
+    """
+    sizes, rim = factors("angle"), factors("length")
+    if declared not in sizes:
+        sizes, rim = factors("angular rate"), factors("speed")
+    kinds = sizes, {unit: size / radius for unit, size in rim.items()}
+    changes = [{u: x / sizes.get(declared, math.nan) for u, x in k.items() if u != declared} for k in kinds]
+    return [{u: x for u, x in of.items() if 0.7 < ratio * x < 3} for of in changes]
 
 
 def _refuse_other_kind(wheels: WheelStream, imu: ImuStream, log: Log) -> None:
