@@ -20,6 +20,8 @@ from granite_lab.estimation.outcome import FEWEST_OF_IMU, motion_of, motion_with
 from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.rest import named_rests
 from granite_lab.estimation.smoother import Solution
+from granite_lab.estimation.wheels import Rolling
+from granite_lab.logs.counters import integral
 from granite_lab.logs.sensors import mounting
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.imu import mounted
@@ -30,6 +32,10 @@ from granite_lab.parameters import Robot, Soil, load_soil
 
 TAPE = 0.005
 """Std of a distance by tape, if none is stated [m]: a mark in sand is read to half a centimetre."""
+
+OTHER_UNIT = 2.0
+"""A way by tape of so many times that of the wheels is in another unit: a foot has 0.3 m, and driven wheels
+roll more than half of the way."""
 
 
 def correct(trial: Trial, robot: Robot, *, soil: Soil | None = None) -> tuple[Trial, Motion]:
@@ -66,7 +72,7 @@ def correct(trial: Trial, robot: Robot, *, soil: Soil | None = None) -> tuple[Tr
     solved = solve(trial, robot, rests=rests, soil=soil, apart=apart)
     clean, motion = finish(trial, robot, solved)
     gaps = common_gaps(motion, solved.problem.faults.gaps, solved.problem.wheels)
-    limits = [doubt for doubt in solved.problem.doubts if doubt.grade != "good"]
+    limits = [doubt for doubt in (*trial.doubts, *solved.problem.doubts) if doubt.grade != "good"]
     motion = with_radius(guard(motion, soil, (*limits, *solved.limits, *gaps)), robot)
     offset = replace(motion.clock_offset, value=motion.clock_offset.value + moved)
     return clean, replace(motion, clock_offset=offset, clock_applied=motion.clock_applied + moved)
@@ -102,7 +108,7 @@ def solve(
         problem = replace(problem, doubts=(*problem.doubts, *doubt_rate(problem)))
     problem = stages.slip_and_noise(problem, clock, soil)
     problem = replace(problem, doubts=(*problem.doubts, *doubt_closure(problem, clock.near)))
-    solution = stages.smoothed(problem, clock, soil, _tape(trial))
+    solution = stages.smoothed(problem, clock, soil, _tape(trial, problem.rolling))
     return Solved(problem, solution, stages.lacking(problem, clock.expected))
 
 
@@ -114,11 +120,23 @@ def finish(trial: Trial, robot: Robot, solved: Solved) -> tuple[Trial, Motion]:
     return clean_trial(trial, robot, motion, problem.wheels, problem.rolling, problem, solution), motion
 
 
-def _tape(trial: Trial) -> Estimate | None:
-    """Return the total distance by tape that a trial states [m]."""
+def _tape(trial: Trial, rolling: Rolling | None) -> Estimate | None:
+    """Return the total distance by tape that a trial states [m].
+
+    Raises:
+        EstimateError: it is that of another unit, by what the wheels roll.
+    """
     info = trial.info
     if info.distance_measured is None:
         return None
+    if rolling is not None and np.isfinite(rolling.speed).any():
+        way = float(integral(rolling.t, np.abs(np.nan_to_num(rolling.speed)))[-1])
+        if info.distance_measured > OTHER_UNIT * way:
+            raise EstimateError(
+                f"{trial.name}: the distance by tape, {info.distance_measured:g} m, is "
+                f"{info.distance_measured / max(way, 1e-3):.3g} times the {way:.2f} m that the wheels roll",
+                "state it in metres (distance_measured_m), or check wheel radius and counts of a turn",
+            )
     return Estimate(info.distance_measured, info.distance_measured_std or TAPE)
 
 

@@ -1,8 +1,9 @@
-"""Whether the IMU alone comes to rest when the robot does: a witness of what only motion adds to it.
+"""The IMU alone as a witness: whether it comes to rest when the robot does, and goes as far as a reference.
 
 From one standstill to the next the integral of the specific force returns to zero within its noise. What is
 left beyond that is a bias that changed in motion, or a vibration that sampling folded to slow frequencies.
-The filter spreads it over the motion as the noise allows. When it came, no log tells.
+The filter spreads it over the motion as the noise allows. When it came, no log tells. Nor does a log tell
+whether the IMU or a reference is wrong where they go unlike ways.
 """
 
 from __future__ import annotations
@@ -13,9 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.error_model import PD, V, std_of
+from granite_lab.estimation.error_model import PD, P, V, X, std_of
 from granite_lab.estimation.problem import Problem
-from granite_lab.estimation.smoother import settle, smooth
+from granite_lab.estimation.reference import lag_of
+from granite_lab.estimation.smoother import Solution, settle, smooth
+from granite_lab.logs.counters import integral
 from granite_lab.logs.sensors.doubt import Doubt
 
 SPACING = 0.05
@@ -24,8 +27,20 @@ SPACING = 0.05
 CONTRADICTS = 3.0
 """A number more than this many std outside of what is possible contradicts its std."""
 
+FOLLOWS = 0.25
+"""Time within which a body follows its wheels on sand [s]."""
 
-def left_at_rest(problem: Problem, offset: float) -> list[Estimate]:
+
+def alone(problem: Problem, offset: float) -> Solution:
+    """Return the motion by the IMU and standstills alone; the wheels' stamps are moved by `offset` [s]."""
+    # biases that changed at an unknown instant are what is looked for
+    known = tuple(restart for restart in problem.faults.restarts if restart.gap)
+    faults = replace(problem.faults, restarts=known)
+    without = replace(problem, rolling=None, reference=(), coasts=False, faults=faults, spacing=SPACING)
+    return smooth(settle(without, Estimate(offset), robust=False))
+
+
+def left_at_rest(problem: Problem, by_imu: Solution, offset: float) -> list[Estimate]:
     """Return the velocities that the IMU alone leaves where the body's is known, and what noise allows [m/s].
 
     It is known at standstills, and where a log begins or ends with slow wheels: they allow for anything
@@ -33,25 +48,20 @@ def left_at_rest(problem: Problem, offset: float) -> list[Estimate]:
     """
     rolling = problem.rolling
     assert rolling is not None
-    # biases that changed at an unknown instant are what is looked for
-    known = tuple(restart for restart in problem.faults.restarts if restart.gap)
-    faults = replace(problem.faults, restarts=known)
-    without = replace(problem, rolling=None, coasts=False, faults=faults, spacing=SPACING)
-    alone = smooth(settle(without, Estimate(offset), robust=False))
-    came, t = alone.smoothed.innovations, alone.nominal.t
+    came, t = by_imu.smoothed.innovations, by_imu.nominal.t
     stops = came.fresh("zero_velocity")
     left = [Estimate(-x, math.sqrt(s)) for x, s in zip(came.value[stops], came.variance[stops], strict=True)]
-    v_std = std_of(alone.smoothed.P, {V: 1.0, PD: -1.0})
+    v_std = std_of(by_imu.smoothed.P, {V: 1.0, PD: -1.0})
     for node, moves in ((0, problem.rests[0][0] > t[0]), (-1, problem.rests[-1][1] < t[-1])):
         if moves:
             wheels = float(rolling.speed_at(t[node], offset))
-            body = float(alone.nominal.v[node] + alone.smoothed.x[node, V] - alone.smoothed.x[node, PD])
+            body = float(by_imu.nominal.v[node] + by_imu.smoothed.x[node, V] - by_imu.smoothed.x[node, PD])
             left.append(Estimate(body - wheels, math.hypot(v_std[node], wheels)))
     return [x for x in left if np.isfinite(x.value)]
 
 
 def doubt_closure(problem: Problem, offset: float) -> list[Doubt]:
-    """Return the doubt about an IMU that does not come to rest with the robot.
+    """Return the doubts about an IMU that does not come to rest with the robot, and about a reference.
 
     An error that comes at an unknown instant leaves any velocity between none and all of what is left, each
     as likely.
@@ -59,9 +69,11 @@ def doubt_closure(problem: Problem, offset: float) -> list[Doubt]:
     rolling = problem.rolling
     if rolling is None or problem.far or not problem.rests or not np.isfinite(rolling.speed).any():
         return []
-    beyond = [x for x in left_at_rest(problem, offset) if abs(x.value) > CONTRADICTS * x.std]
+    by_imu = alone(problem, offset)
+    doubts = _doubt_reference(problem, by_imu, offset)
+    beyond = [x for x in left_at_rest(problem, by_imu, offset) if abs(x.value) > CONTRADICTS * x.std]
     if not beyond:
-        return []
+        return doubts
     worst = max(beyond, key=lambda x: abs(x.value))
     seen = (
         f"the IMU comes to rest at {1e3 * worst.value:.0f} ± {1e3 * worst.std:.0f} mm/s: its bias changed in "
@@ -70,4 +82,48 @@ def doubt_closure(problem: Problem, offset: float) -> list[Doubt]:
     pace = float(np.nanmax(np.abs(rolling.speed)))
     std = abs(worst.value) / (math.sqrt(12.0) * pace)
     remedy = "stand still for 2 s at both ends; mount the IMU stiffly, with its low-pass on"
-    return [Doubt(seen, remedy=remedy, grade="fair", std=std)]
+    return [*doubts, Doubt(seen, remedy=remedy, grade="fair", std=std)]
+
+
+def _doubt_reference(problem: Problem, by_imu: Solution, offset: float) -> list[Doubt]:
+    """Return the doubts about a reference that goes another way than the IMU, or at another time.
+
+    Between the first and the last standstill the IMU tells the way, too. Where both differ beyond their
+    std, either may be right: the error is all of the difference, or none.
+    """
+    rolling, doubts = problem.rolling, list[Doubt]()
+    assert rolling is not None
+    begin, end = problem.rests[0][1], problem.rests[-1][0]
+    own = _way(by_imu, begin, end) if end > begin else None
+    rolled = integral(rolling.t, np.abs(np.nan_to_num(rolling.speed)))[-1]
+    for readings in problem.reference:
+        late = lag_of(readings, rolling, offset)
+        if abs(late) > FOLLOWS:
+            order = "after" if late > 0 else "before"
+            seen = f"the reference tells of the motion {abs(late):.1f} s {order} the wheels"
+            doubts.append(Doubt(seen, remedy="correct its stamps", grade="fair"))
+        way = readings.way(begin, end)
+        if own is None or way is None:
+            continue
+        miss = abs(way.value - own.value)
+        if miss > CONTRADICTS * math.hypot(way.std, own.std):
+            seen = (
+                f"between the standstills the reference goes {way.value:.2f} m, the IMU alone "
+                f"{own.value:.2f} ± {own.std:.2f} m"
+            )
+            std = math.hypot(miss / math.sqrt(2.0), own.std) / float(rolled)
+            remedy = "check scale, clock and std of the reference"
+            doubts.append(Doubt(seen, remedy=remedy, grade="fair", std=std))
+    return doubts
+
+
+def _way(solution: Solution, begin: float, end: float) -> Estimate:
+    """Return the way from one instant to another [s] of a motion, with its std [m]."""
+    nodes, drift = solution.nodes, solution.smoothed
+    i, j = (int(np.argmin(np.abs(nodes.t - edge))) for edge in (begin, end))
+    travelled = solution.nominal.x[nodes.index] + drift.x[:, X] - drift.x[:, P]
+    cross = drift.cross(i, j)
+    gradient = np.zeros(drift.x.shape[1])
+    gradient[[X, P]] = 1.0, -1.0
+    variance = gradient @ (drift.P[i] + drift.P[j] - cross - cross.T) @ gradient
+    return Estimate(float(travelled[j] - travelled[i]), math.sqrt(max(float(variance), 0.0)))

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.estimate import Estimate, Part
-from granite_lab.estimation.closure import CONTRADICTS
+from granite_lab.estimation.closure import CONTRADICTS, FOLLOWS
 from granite_lab.estimation.error_model import SlipModel
-from granite_lab.estimation.health import sentence
+from granite_lab.estimation.health import scattering, sentence
 from granite_lab.estimation.motion import TELLING, Motion, slips_of
 from granite_lab.logs.counters import Mask, integral, mean_known, runs
 from granite_lab.logs.sensors.doubt import Doubt, Grade
@@ -25,9 +25,6 @@ change the rolling radius by some per cent (Wong, Theory of Ground Vehicles, sec
 
 BY_RADIUS = "wheel radius"
 """Part of the std of a slip ratio."""
-
-FOLLOWS = 0.25
-"""Time within which a body follows its wheels on sand [s]."""
 
 FEWEST, OUTLIERS = 10, 0.05
 """At least so many means over `FOLLOWS` are judged; chance makes fewer than this share of them contradict."""
@@ -95,8 +92,7 @@ def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
         yield Doubt("the time offset of IMU and encoders does not show", grade="fair")
     for kind, nis in motion.health.nis.items():
         if nis > UNFIT**2:
-            far = f"innovations ({kind}) are {math.sqrt(nis):.1f} times as large as predicted"
-            yield Doubt(far, grade="poor")
+            yield Doubt(scattering(kind, nis), grade="poor")
     if odd := _odd_wheel(motion):
         yield odd
     stated = soil.slip_std < 1.0

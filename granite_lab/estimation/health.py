@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -29,7 +30,7 @@ WHAT = {
     "zero_velocity": "the velocity that integration leaves at standstill",
     "specific_force": "the accelerometer at standstill",
     "zero_rate": "the gyro at standstill",
-    "wheel": "the wheels against the IMU",
+    "wheel": "the speed of the wheels against the IMU",
     "distance": "the measured distance",
     "reference_v": "the velocity of the external reference",
     "reference_x": "the place of the external reference",
@@ -104,6 +105,12 @@ def ljung_box(ratio: Array, lags: int = 10) -> float:
     return float(gammaincc(0.5 * lags, 0.5 * statistic))
 
 
+def scattering(kind: str, nis: float) -> str:
+    """Say that measurements of a kind miss their predictions by more than the noise explains."""
+    size = f"scatters {math.sqrt(nis):.1f} times more than the noise explains"
+    return f"{WHAT[kind]} {size}, and the std is widened by as much"
+
+
 def judge_health(
     kinds: dict[str, Statistics], rests: tuple[Interval, ...], faults: Faults, *,
     ends: tuple[float, float], pace: float, middle: float, shaken: float,
@@ -119,15 +126,12 @@ def judge_health(
     complaints = []
     for kind, statistics in kinds.items():
         if statistics.nis > max(3.0, usual(statistics.count)):
-            complaints.append(
-                f"{WHAT[kind]} scatters {np.sqrt(statistics.nis):.1f} times more than the noise explains, "
-                "and the std is widened by as much"
-            )
+            complaints.append(scattering(kind, statistics.nis))
         elif statistics.wild > 0.02:
             complaints.append(f"{WHAT[kind]} has {100 * statistics.wild:.0f} % outliers")
         elif kind == "wheel" and statistics.slow > WANDERS:
             complaints.append(
-                f"{WHAT[kind]} wander in a way that the slip model does not know, and the std is widened"
+                f"{WHAT[kind]} wanders in a way that the slip model does not know, and the std is widened"
             )
     if shaken > SHAKEN:
         complaints.append(f"motion makes the pitch gyro {shaken:.0f} times as noisy as it is at rest")

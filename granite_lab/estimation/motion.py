@@ -39,7 +39,7 @@ class Consistency:
 
     Attributes:
         t: (U,) stamps of the updates [s].
-        kind: (U,) which update: "zero_velocity", "zero_rate", "wheel_rest" and so on.
+        kind: (U,) which update: "zero_velocity", "zero_rate", "wheel" and so on.
         innovation, innovation_std: (U,) innovation and its predicted std, in the update's unit.
         nis: mean normalised innovation squared per update kind (1 is ideal); for the zero-velocity
             updates of those that end a motion, since the ones after only repeat them.
@@ -142,7 +142,7 @@ class Totals:
 
     Attributes:
         steady: start and end of the steady part [s].
-        slip_ratio: λ_R by (2) over the steady part, or over the whole drive where none is steady.
+        slip_ratio: λ_R by (2) over the steady part, or over the longest straight one where none is steady.
         slip_parts: what its std is made of; empty where it has none.
         distance: total distance travelled [m].
         distance_wheels: distance without slip, as the wheels measured it [m].

@@ -22,7 +22,7 @@ from granite_lab.estimation.rest import find_rests
 from granite_lab.estimation.smoother import Smoothed, Solution
 from granite_lab.estimation.straight import straightness_of
 from granite_lab.estimation.wheels import Rolling
-from granite_lab.logs.counters import Mask, runs
+from granite_lab.logs.counters import Mask, integral, runs
 from granite_lab.logs.sensors.stamps import spread_of
 from granite_lab.logs.sensors.standstill import MOVING, Interval, bridged, inside
 from granite_lab.logs.trial import Array, Series, Trial, TrialInfo
@@ -69,7 +69,8 @@ def motion_of(trial: Trial, problem: Problem, solution: Solution, health: Health
     variant, source, doubt = _command(trial, start, offset, replace(course, steady=totals.steady))
     more = [*way.said, *([doubt] if doubt else [])]
     if not np.isfinite(course.steady[0]):
-        more.append("the wheels hardly turn: the robot's slip ratio is not defined")
+        why = "no straight stretch is long enough" if way.off.any() else "the wheels hardly turn"
+        more.append(f"{why}: the robot's slip ratio is not defined")
     elif not course.constant:
         a, b = course.steady
         more.append(f"never steady: the robot's slip ratio is that of the drive from {a:.2f} s to {b:.2f} s")
@@ -254,7 +255,7 @@ def robot_slip(smoothed: Smoothed, x: Array, d: Array, i: int, j: int) -> Estima
 class Phases:
     """What the wheels did; λ_R is for the second half of their constant part, when slip has settled.
 
-    Where nothing is constant, it is for all of the drive.
+    Where nothing is constant, it is for the longest straight part of the drive, which may be all of it.
     """
 
     name: tuple[PhaseName, ...]  # (N,) of each stamp
@@ -304,7 +305,7 @@ def find_phases(t: Array, speed: Array, rests: Sequence[Interval], off: Mask | N
     i, j = longest
     constant = j - i >= 3 and t[j - 1] - t[i] >= SETTLED
     if not constant:
-        steady, plateau = _whole(t, pace, speed, rest), float(pace.max())
+        steady, plateau = _whole(t, pace, speed, rest, off), float(pace.max())
     else:
         steady = (float(0.5 * (t[i] + t[j - 1])), float(t[j - 1]))
         plateau = float(np.median(speed[(t >= steady[0]) & (t <= steady[1])]))
@@ -312,14 +313,17 @@ def find_phases(t: Array, speed: Array, rests: Sequence[Interval], off: Mask | N
     return Phases(tuple(PHASES[i] for i in name), steady, plateau, onset, acceleration, distance, constant)
 
 
-def _whole(t: Array, pace: Array, speed: Array, rest: np.ndarray) -> Interval:
-    """Return from when to when the wheels move at all [s]; NaN where they hardly turn."""
+def _whole(t: Array, pace: Array, speed: Array, rest: Mask, off: Mask | None) -> Interval:
+    """Return the longest drive off which the robot never is [s]; NaN where the wheels hardly turn in it."""
     moving = np.flatnonzero(~rest & (pace > MOVING))
     if moving.size < 2:
         return NAN, NAN
     a, b = max(int(moving[0]) - 1, 0), min(int(moving[-1]) + 1, t.size - 1)
-    way = float(np.trapezoid(speed[a : b + 1], t[a : b + 1]))
-    return (float(t[a]), float(t[b])) if way > LEAST_WAY else (NAN, NAN)
+    way = integral(t, speed)
+    straight = np.ones(b + 1 - a, dtype=bool) if off is None else ~off[a : b + 1]
+    pieces = [(a + i, a + j - 1) for i, j in runs(straight)]
+    first, last = max(pieces, key=lambda piece: way[piece[1]] - way[piece[0]], default=(a, a))
+    return (float(t[first]), float(t[last])) if way[last] - way[first] > LEAST_WAY else (NAN, NAN)
 
 
 def first_crossing(t: Array, pace: Array, rest: np.ndarray, begin: int, plateau: float) -> Estimate:

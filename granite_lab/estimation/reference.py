@@ -16,7 +16,10 @@ from typing import Literal
 import numpy as np
 
 from granite_lab.errors import EstimateError
+from granite_lab.estimate import Estimate
 from granite_lab.estimation.wheels import Rolling
+from granite_lab.logs.counters import integral, joined
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.standstill import Interval, inside
 from granite_lab.logs.trial import Array, Series, Trial
 
@@ -25,6 +28,18 @@ TOLD = 3.0
 
 PAUSE = 2.0
 """A reference that pauses for longer than this in motion [s] leaves the velocity to drift."""
+
+LOST = Doubt(
+    "the reference is not used: the robot is slower than three std of the speeds that its places tell",
+    remedy="state the std of the places (ref_x_std_m), which may be smaller over seconds, or log a velocity",
+)
+"""Speeds by places in a plane tell no direction where they hide in their noise."""
+
+STEP, FARTHEST = 0.05, 2.0
+"""Of the lags at which reference and wheels are compared, and the largest of them [s]."""
+
+SHOWN = 9.0
+"""By so much twice the log-likelihood grows for a lag that is three std from none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +56,50 @@ class Readings:
     t: Array
     value: Array
     std: Array
+
+    def way(self, begin: float, end: float) -> Estimate | None:
+        """Return the way from one instant to another [s], with its std [m].
+
+        None where the reference misses a part of it.
+        """
+        t = np.concatenate(([begin], self.t[(self.t > begin) & (self.t < end)], [end]))
+        if self.t.size < 2 or np.diff(t).max() > PAUSE:
+            return None
+        x, std = np.interp(t, self.t, self.value), float(np.median(self.std))
+        if self.kind == "reference_x":
+            return Estimate(float(x[-1] - x[0]), math.sqrt(2.0) * std)
+        return Estimate(float(np.trapezoid(x, t)), std * (end - begin) / math.sqrt(t.size))
+
+    def moved(self) -> Array:
+        """(U,) way since the first reading [m]."""
+        return self.value - self.value[0] if self.kind == "reference_x" else integral(self.t, self.value)
+
+
+def lag_of(readings: Readings, rolling: Rolling, offset: float) -> float:
+    """Return by how much a reference tells of the motion after the wheels do [s]; 0 where none shows.
+
+    Speeds over steps are compared at all lags, the wheels' times a factor: the slip does not count. The
+    wheels' clock lies behind by `offset` [s].
+    """
+    if readings.t.size < 2:
+        return 0.0
+    stamps = rolling.t + offset
+    grid = np.arange(max(readings.t[0], stamps[0]), min(readings.t[-1], stamps[-1]), STEP)
+    if grid.size < 2.0 * FARTHEST / STEP:
+        return 0.0
+    speed = np.diff(np.interp(grid, readings.t, readings.moved()))
+    lags = np.arange(-FARTHEST, FARTHEST + STEP / 2, STEP)
+    left = np.array([_left(speed, np.diff(joined(grid - lag, stamps, rolling.mean))) for lag in lags])
+    best, none = int(np.argmin(left)), int(np.argmin(np.abs(lags)))
+    if left[best] <= 0.0 or speed.size * math.log(left[none] / left[best]) < SHOWN:
+        return 0.0
+    return float(lags[best])
+
+
+def _left(x: Array, like: Array) -> float:
+    """Return the sum of the squares that a multiple of `like` (G,) leaves of x (G,)."""
+    size = float(like @ like)
+    return float(np.sum((x - (like @ x / size if size else 0.0) * like) ** 2))
 
 
 def readings_of(trial: Trial, rolling: Rolling | None, offset: float) -> tuple[Readings, ...]:

@@ -15,7 +15,7 @@ from granite_lab.estimation.error_model import ANY_SLIP, FAR_FROM_REST, LOST_PIT
 from granite_lab.estimation.guard import UNMATCHED
 from granite_lab.estimation.noise import identify, with_motion_noise
 from granite_lab.estimation.problem import Problem, Sensors
-from granite_lab.estimation.reference import readings_of
+from granite_lab.estimation.reference import LOST, readings_of
 from granite_lab.estimation.rest import coasts, find_rests, refuse_moved, turning_of
 from granite_lab.estimation.slip import identify_scatter, with_jumps
 from granite_lab.estimation.smoother import Solution, settle, smooth, with_gyro_scale, with_steady_slip
@@ -95,7 +95,8 @@ def stand(sensors: Sensors, by_hand: Sequence[Interval] = ()) -> Problem:
     if rolling is None and not rests:
         raise EstimateError(
             f"{sensors.name}: neither wheels nor a standstill: nothing anchors the velocity",
-            "let the robot stand for 0.5 s at start or end, or name a standstill by hand (--rest start:end)",
+            "let the robot stand for 0.5 s at start or end, or name a standstill by hand (--rest start:end); "
+            "granite-lab inspect lists columns of wheels that are not used",
         )
     sensors = replace(
         sensors, stream=level.stream, imu=level.imu, robot=level.robot,
@@ -129,7 +130,9 @@ def refer(problem: Problem, trial: Trial, offset: Estimate) -> Problem:
     Raises:
         EstimateError: there is none, or nobody states its std.
     """
-    problem = replace(problem, reference=readings_of(trial, problem.rolling, offset.value))
+    reference = readings_of(trial, problem.rolling, offset.value)
+    doubts = tuple(LOST for readings in reference if not readings.t.size)
+    problem = replace(problem, reference=reference, doubts=(*problem.doubts, *doubts))
     return replace(problem, far=problem.far and not problem.anchored)
 
 

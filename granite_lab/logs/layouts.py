@@ -144,10 +144,13 @@ class Log:
         """Return the unit that the first logged of some channels was said to have."""
         return next((self.columns[channel].unit.name for channel in channels if channel in self.columns), "")
 
-    def convert(self, channels: Sequence[str], unit: str, why: str) -> None:
-        """Keep the unit that the columns of some channels turned out to have, and warn of it."""
+    def convert(self, channels: Sequence[str], unit: str, why: str, *, unsure: bool = False) -> None:
+        """Keep the unit that the columns of some channels turned out to have, and warn of it.
+
+        Where it is `unsure`, another one fits as well, and no estimate is more than poor.
+        """
         self.units.update((channel, unit) for channel in channels if channel in self.columns)
-        self.doubt(why, remedy="converted")
+        self.doubts.append(Doubt(why, remedy="converted", grade="poor" if unsure else "good"))
 
     def doubt(self, what: str, where: str = "", remedy: str = "", *, dead: bool = False) -> None:
         """Add a warning, of a column or sensor, with what to do about it."""

@@ -148,7 +148,8 @@ def by_name(name: str, place: int = 0) -> ColumnReport:
     if unit is not None and unit.quantity in CHANNELS[to[0]]:
         sure = min(confidence + 0.1, 0.98)
         return ColumnReport(name, place, to, unit.name, sure, "name and unit in it", assumed=False)
-    usual = "deg" if to[0] in _GLOBE else next(iter(factors(CHANNELS[to[0]][0])))
+    turns = to[0] in ENCODERS and bool(WORDS["rates"] & set(parts))
+    usual = "deg" if to[0] in _GLOBE else next(iter(factors("angular rate" if turns else CHANNELS[to[0]][0])))
     return ColumnReport(name, place, to, usual, confidence * (0.6 if unit else 0.9), "name; unit assumed")
 
 

@@ -166,6 +166,8 @@ def assemble(
     )
     trial = _checked(trial, clean, log) if whole else trial
     doubts += _across(trial)
+    if whole and window is None:
+        _refuse_rests_outside(trial, log)
     trial = _longest_stretch(trial, the_robot, doubts) if whole else trial
     return dataclasses.replace(trial, doubts=tuple(dict.fromkeys(doubts)))
 
@@ -286,6 +288,19 @@ def _across(trial: Trial) -> list[Doubt]:
         if shared < 0.5 * min(np.ptp(t), np.ptp(base)):
             doubts.append(Doubt(f"{first} and {name} have only {shared:.2f} s in common"))
     return doubts
+
+
+def _refuse_rests_outside(trial: Trial, log: Log) -> None:
+    """Refuse standstills named by hand in which nothing was logged: their stamps are not the log's."""
+    logged = [stream.t for stream in (trial.imu, trial.wheels) if stream is not None]
+    first, last = (float(end) for end in (min(t[0] for t in logged), max(t[-1] for t in logged)))
+    for begin, end in (*trial.info.rests, *trial.info.body_rests):
+        if end <= first or begin >= last:
+            raise InputError(
+                f"{log.where}: the standstill named from {begin:g} s to {end:g} s lies outside of the log, "
+                f"{first:.2f} s to {last:.2f} s",
+                "standstills are in the log's time, as granite-lab inspect lists them",
+            )
 
 
 def _longest_stretch(trial: Trial, robot: Robot, doubts: list[Doubt]) -> Trial:

@@ -19,7 +19,7 @@ def gains(wave, seed=0, noise=1.0):
         angle = speed * t
         residual = wave(t, angle, acceleration) + noise * rng.standard_normal(t.size)
         for way, size in enumerate((np.ones(t.size), acceleration)):
-            table[way, c] = line_gains(np.outer(ORDERS, angle), residual, size)
+            table[way, c] = line_gains(ORDERS.astype(float), angle / (2 * np.pi), residual[None], size)[0]
     return table
 
 
@@ -35,3 +35,21 @@ def test_noise_a_resonance_and_what_is_not_round_leave_the_number_of_the_file(se
     assert standing_out(gains(lambda t, _a, _p: 0.5 * np.cos(2 * np.pi * 12 * t), seed), 24.0) == 24
     assert standing_out(gains(lambda _t, a, _p: 0.5 * np.cos(a), seed), 24.0) == 24
     assert standing_out(gains(lambda _t, a, _p: 0.5 * np.cos(24 * a), seed), 24.0) == 24
+
+
+@pytest.mark.parametrize("constant", [True, False])
+def test_a_gain_is_that_of_least_squares_of_a_cosine_and_a_sine(constant):
+    rng = np.random.default_rng(4)
+    x, numbers = np.cumsum(rng.uniform(0.01, 0.03, 300)), np.arange(0.3, 12.0, 0.07)
+    size = np.ones(300) if constant else rng.standard_normal(300)
+    left = rng.standard_normal((3, 300)) + 0.4 * size * np.cos(2 * np.pi * 5.1 * x)
+    left[1, 40:55] = np.nan
+    found = line_gains(numbers, x, left, None if constant else size)
+    for residual, gain in zip(left, found, strict=True):
+        at = np.isfinite(residual)
+        y, n = np.diff(residual[at]), np.count_nonzero(at) - 1
+        for k, number in enumerate(numbers):
+            phase = 2 * np.pi * number * x[at]
+            waves = np.diff(size[at] * np.stack([np.cos(phase), np.sin(phase)])).T
+            rest = y - waves @ np.linalg.lstsq(waves, y)[0]
+            assert gain[k] == pytest.approx(n / 2 * np.log((y @ y) / (rest @ rest)) - np.log(n), abs=1e-6)

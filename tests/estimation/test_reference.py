@@ -1,5 +1,6 @@
 """What a laboratory knows about a trial, and an external reference that enters as a measurement."""
 
+import re
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -88,6 +89,42 @@ def test_a_reference_that_contradicts_the_sensors_is_told() -> None:
     motion = run(wrong, use_reference=True, ref_v_std=0.005)
     assert not motion.health.good
     assert "reference" in motion.health.verdict
+
+
+@pytest.mark.parametrize("what", ["velocity", "place"])
+def test_of_a_reference_that_goes_farther_than_the_imu_either_may_be_right(what: str) -> None:
+    v, x = (replace(s, value=1.1 * s.value) for s in (noisy().reference_v, noisy().reference_x))
+    motion = run(replace(noisy(), reference_v=v, reference_x=x), use_reference=True, **KNOWN[what])
+    assert motion.health.grade != "good"
+    assert "the reference goes" in motion.health.verdict
+    assert "bias changed" not in motion.health.verdict
+    assert abs(motion.slip_ratio.value - true_slip(motion)) < 3 * motion.slip_ratio.std
+
+
+@pytest.mark.parametrize("late", [-0.5, 0.5])
+@pytest.mark.parametrize("what", ["velocity", "place"])
+def test_a_reference_by_another_clock_is_named(what: str, late: float) -> None:
+    v, x = (replace(s, t=s.t + late) for s in (noisy().reference_v, noisy().reference_x))
+    motion = run(replace(noisy(), reference_v=v, reference_x=x), use_reference=True, **KNOWN[what])
+    assert motion.health.grade != "good"
+    told = re.search(r"(0\.[4-6]) s (after|before) the wheels", motion.health.verdict)
+    assert told
+    assert (told[2] == "after") == (late > 0)
+    assert abs(motion.slip_ratio.value - true_slip(motion)) < 2 * motion.slip_ratio.std
+
+
+def test_places_too_rough_to_tell_a_speed_are_said_to_be_of_no_use() -> None:
+    places = replace(noisy(), reference_v=replace(noisy().reference_v, places=5))
+    places = replace(places, reference_x=replace(noisy().reference_x, places=5))
+    assert any(
+        "the reference is not used" in w for w in run(places, use_reference=True, ref_x_std=0.8).warnings
+    )
+    assert not any("not used" in w for w in run(places, use_reference=True, ref_x_std=STD["x"]).warnings)
+
+
+def test_a_distance_by_tape_in_another_unit_is_refused() -> None:
+    with pytest.raises(EstimateError, match="m that the wheels roll"):
+        run(noisy(), distance_measured=205.0)
 
 
 def test_speed_by_places_in_a_plane_takes_its_direction_from_the_wheels() -> None:

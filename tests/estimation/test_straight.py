@@ -8,6 +8,7 @@ import pytest
 
 from granite_lab.chain import sloped, soil_doubt
 from granite_lab.estimation import Motion
+from granite_lab.estimation.outcome import find_phases
 from granite_lab.estimation.straight import straightness_of
 from granite_lab.logs.sensors.pitch_rate import contradicted
 from granite_lab.logs.trial import Trial
@@ -61,6 +62,15 @@ def test_the_way_back_is_no_part_of_a_drive_ahead() -> None:
     assert "drives back at" in course.said[0]
     whole = straightness_of(T, yaw(0, 1, 0.0), -speed(), RESTS, load_robot())
     assert not whole.off.any()
+
+
+def test_a_drive_that_is_never_steady_has_a_slip_ratio_by_its_straight_part_only() -> None:
+    pace = np.where((T > 2) & (T < 28), 0.5 + 0.3 * np.sin(2 * T), 0.0)
+    parts = [(T > 4) & (T < 20), T > 1, np.zeros(T.size, dtype=bool)]
+    steady = [find_phases(T, pace, ((0.0, 2.0), (28.0, 30.0)), off).steady for off in parts]
+    assert steady[0] == pytest.approx((20.0, 28.0), abs=0.05)
+    assert np.isnan(steady[1]).all()
+    assert steady[2] == pytest.approx((2.0, 28.0), abs=0.05)
 
 
 @cache

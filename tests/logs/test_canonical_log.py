@@ -152,14 +152,21 @@ def test_a_sidecar_says_only_what_is_understood(tmp_path: Path, text: str, messa
     assert hint in refusal.value.hint
 
 
+@pytest.mark.parametrize("key", ["rests", "body_rests"])
+def test_a_standstill_named_outside_of_the_log_is_refused(tmp_path: Path, key: str) -> None:
+    make.written(tmp_path, f"{key} = [[0, 1.2], [1760000008, 1760000009]]\n", "trial.toml")
+    with pytest.raises(InputError, match=r"from 1\.76e\+09 s .* lies outside of the log"):
+        make.read(tmp_path, make.text())
+
+
 def test_what_a_laboratory_knows_is_read_and_written(tmp_path: Path) -> None:
-    text = "rests = [[0, 1.2], [8, 9]]\nbody_rests = [[3, 4.0]]\ndistance_measured_m = 2.03\nturned = true\n"
+    text = "rests = [[0, 1.2], [5, 6]]\nbody_rests = [[3, 4.0]]\ndistance_measured_m = 2.03\nturned = true\n"
     make.written(
         tmp_path, text + "use_reference = true\nref_x_std_m = 0.002\nclock_offset_s = 0\n", "trial.toml"
     )
     trial = make.read(tmp_path, make.text())
     info = trial.info
-    assert info.rests == ((0.0, 1.2), (8.0, 9.0))
+    assert info.rests == ((0.0, 1.2), (5.0, 6.0))
     assert (info.body_rests, info.distance_measured, info.use_reference) == (((3.0, 4.0),), 2.03, True)
     assert (info.ref_x_std, info.ref_v_std, info.clock_offset) == (0.002, None, 0.0)
     write_canonical(tmp_path / "again.csv", trial)

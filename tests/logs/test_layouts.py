@@ -293,6 +293,8 @@ def test_without_telling_names_clock_and_gravity_are_found_by_value(tmp_path: Pa
         ("encoderRight", ("enc_fr", "enc_rr"), "rad"),
         ("enc3_rad", ("enc_rl",), "rad"),
         ("front_left_wheel_speed_rpm", ("enc_fl",), "rpm"),
+        ("/joint_states/front_left_wheel_joint/velocity", ("enc_fl",), "rad/s"),
+        ("left_wheel_vel", ("enc_fl", "enc_rl"), "rad/s"),
         ("motor_current_rr_mA", ("cur_rr",), "mA"),
         ("v_cmd_mps", ("v_cmd",), "m/s"),
         ("mocap_v_mps", ("ref_v",), "m/s"),

@@ -12,6 +12,7 @@ import granite_lab as gl
 from granite_lab.errors import InputError
 from granite_lab.logs import read_trial
 from granite_lab.logs.trial import Trial
+from granite_lab.parameters import CATALOGUE
 from tests.logs import make
 
 SAMPLE = Path(__file__).parents[2] / "data" / "samples" / "virtual_v0.5_r1.csv"
@@ -97,6 +98,14 @@ def test_a_wrong_unit_is_corrected_and_said(name: str, speed: float, tmp_path: P
     assert any(re.search(said, line) for line in wrong.warnings), wrong.warnings
 
 
+@pytest.mark.parametrize("speed", [0.2, 0.3, 0.5, 0.7])
+def test_an_angle_taken_for_a_rate_is_refused(speed: float, tmp_path: Path) -> None:
+    path = SAMPLE.with_name(f"virtual_v{speed}_r1.csv")
+    text = path.read_text(encoding="utf-8").replace("l_rad", "l_degps").replace("r_rad", "r_degps")
+    with pytest.raises(InputError, match="follows the way by the IMU and not its speed"):
+        make.read(tmp_path, text)
+
+
 def without_gravity(table: pd.DataFrame) -> None:
     table[FORCE[2]] -= 9.81
 
@@ -134,6 +143,34 @@ def ticks(table: pd.DataFrame) -> None:
     table[ANGLES] = np.rint(16 * table[ANGLES])
 
 
+def test_where_turns_and_metres_fit_alike_the_estimate_is_never_good(tmp_path: Path) -> None:
+    """A wheel of 0.165 m rolls 1.04 m a turn: metres read as rad are those of turns, 4 % off."""
+    robot = tmp_path / "robot.toml"
+    source = (CATALOGUE / "robots" / "granite.toml").read_text(encoding="utf-8")
+    robot.write_text(source.replace("radius_m = 0.0965", "radius_m = 0.165"), encoding="utf-8")
+    path = make.changed(tmp_path, SAMPLE, times(0.0965, *ANGLES))
+    (only,) = gl.ingest(path, robot=robot)
+    assert "they are in rev or in m" in " ".join(only.motion.warnings)
+    assert only.motion.health.grade == "poor"
+
+
+def test_wheels_in_a_unit_that_nobody_can_guess_are_never_good(tmp_path: Path) -> None:
+    """The angle of the motors, 27 times that of the wheels, of a robot whose motors are not known."""
+    robot = tmp_path / "robot.toml"
+    source = (CATALOGUE / "robots" / "granite.toml").read_text(encoding="utf-8")
+    robot.write_text(re.sub(r"(?s)\[drive\].*?(?=\n\[)", "", source), encoding="utf-8")
+    (only,) = gl.ingest(make.changed(tmp_path, SAMPLE, times(27.0, *ANGLES)), robot=robot)
+    assert "times the speed that the IMU gains" in only.motion.health.verdict
+    assert only.motion.health.grade == "poor"
+
+
+def velocity(table: pd.DataFrame) -> None:
+    """The wheels' velocity [m/s] in the place of their angle."""
+    rows = table[ANGLES[0]].notna()
+    for name in ANGLES:
+        table.loc[rows, name] = 0.0965 * np.gradient(table.loc[rows, name], table.loc[rows, "t_s"])
+
+
 def empty(table: pd.DataFrame) -> None:
     table[FORCE + RATE] = np.nan
 
@@ -152,6 +189,7 @@ REFUSED = {
     "pitch rate of the wrong sign": (times(-1, RATE[1]), RATE[1], "its sign or that of"),
     "forward axis of the wrong sign": (times(-1, FORCE[0]), FORCE[0], "is wrong"),
     "ticks taken for rad": (ticks, ANGLES[0], "motors|whole numbers"),
+    "velocity taken for an angle": (velocity, ANGLES[0], "follows the speed by the IMU and not its way"),
     "every cell of the IMU empty": (empty, FORCE[0], "every cell is empty"),
 }  # fmt: skip
 

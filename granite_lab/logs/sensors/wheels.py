@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granite_lab.logs.counters import joined, quantum, runs
+from granite_lab.logs.counters import integral, joined, quantum, runs
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import CURRENTS, ENCODERS, factors
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, WheelStream
 from granite_lab.parameters import WHEELS, Robot, Variant, load_variants
 
@@ -19,6 +20,9 @@ _TOO_FAST = 30.0  # no ground robot whose motors are not known drives faster [m/
 # A free wheel turns this many times as fast as the others, which agree to this share, for so long [s]; one
 # whose encoder slips on its shaft seems to turn so many times as slowly.
 _FREE, _ALIKE, _FREE_FOR = 1.3, 0.05, 0.3
+_LIKE, _UNLIKE = 0.8, 0.5  # two signals share most of their variance (64 %), or little of it (25 %)
+_GAINED = 0.08  # less speed says nothing [m/s]
+_BRIEF = 20.0  # an IMU's speed is that of the body for so long [s]
 _OPPOSED = -0.5  # a current that correlates with the other motors' by less has the opposite sign
 
 
@@ -82,22 +86,71 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
         return wheels
     wheels = _without_dead(wheels, imu, log)
     t, speed = mean_speed(wheels, log.robot)
+    if imu is not None:
+        _refuse_other_kind(wheels, imu, log)
     ratio = _ratio(t, speed, imu) if imu is not None else math.nan
     if not (math.isnan(ratio) or 0.3 < ratio < 8):
         declared, gain = log.unit(*ENCODERS), f"gain {ratio:.3g} times the speed that the IMU gains"
-        sizes = next(
-            (kind for quantity in ("angle", "angular rate") if declared in (kind := factors(quantity))), {}
-        )
-        changes = {unit: size / sizes[declared] for unit, size in sizes.items() if unit != declared}
-        fits = [(unit, change) for unit, change in changes.items() if 0.7 < ratio * change < 3]
+        fits, others = _fitting(declared, ratio, log.robot.wheels.radius)
         if len(fits) == 1:
-            unit, factor = fits[0]
-            log.convert(ENCODERS, unit, f"the encoders, declared in {declared}, {gain}: they are in {unit}")
+            ((unit, factor),) = fits.items()
+            units = " or in ".join([unit, *others])
+            seen = f"the encoders, declared in {declared}, {gain}: they are in {units}"
+            log.convert(ENCODERS, unit, seen, unsure=bool(others))
             rate = None if wheels.rate is None else wheels.rate * factor
             resolution = tuple(step * factor for step in wheels.resolution)
             return dataclasses.replace(wheels, angle=wheels.angle * factor, rate=rate, resolution=resolution)
-        log.doubt(f"the wheels {gain}", remedy="check wheel radius, counts per revolution and units")
+        remedy = "check wheel radius, gear, counts per revolution and units"
+        log.doubts.append(Doubt(f"the wheels {gain}", remedy=remedy, grade="poor"))
     return wheels
+
+
+def _fitting(declared: str, ratio: float, radius: float) -> list[dict[str, float]]:
+    """Return units in which the wheels gain about the speed of the IMU, with their size in the declared one.
+
+    The first ones are of the turning of a wheel, as the declared one; the others of the way of its rim, whose
+    radius is given [m]: which of both it is no log tells. In the declared one the wheels gain `ratio` times
+    the speed of the IMU.
+    """
+    sizes, rim = factors("angle"), factors("length")
+    if declared not in sizes:
+        sizes, rim = factors("angular rate"), factors("speed")
+    kinds = sizes, {unit: size / radius for unit, size in rim.items()}
+    changes = [{u: x / sizes.get(declared, math.nan) for u, x in k.items() if u != declared} for k in kinds]
+    return [{u: x for u, x in of.items() if 0.7 < ratio * x < 3} for of in changes]
+
+
+def _refuse_other_kind(wheels: WheelStream, imu: ImuStream, log: Log) -> None:
+    """Refuse a rate that is read as an angle, or an angle as a rate: what the IMU gains tells them apart.
+
+    From one standstill to the next the speed by the IMU is compared with what is logged and with how that
+    changes. Of the IMU only the direction is used along which the acceleration changes most.
+    """
+    t, force, is_angle = imu.t, imu.specific_force, wheels.rate is None
+    logged = wheels.angle if wheels.rate is None else wheels.rate
+    known = [column for column in logged.T if np.count_nonzero(np.isfinite(column)) > 1]
+    if np.isnan(force).any() or not known or len(t) < 100:
+        return
+    value = np.mean([joined(t, wheels.t, column) for column in known], axis=0)
+    moves = [np.flatnonzero(np.abs(value - value[edge]) > 0.01 * np.ptp(value)) for edge in (0, -1)]
+    if not all(x.size for x in moves) or not 1.0 < t[moves[1][-1]] - t[moves[0][0]] < _BRIEF:
+        return
+    inside = slice(int(moves[0][0]), int(moves[1][-1]) + 1)
+    slow = np.column_stack([_smooth(x, t[inside]) for x in (*force[inside].T, value[inside])])
+    gained = slow[:, :3] - slow[:, :3].mean(axis=0)
+    speed = integral(t[inside], gained @ np.linalg.svd(gained, full_matrices=False)[2][0])
+    if np.ptp(speed) < _GAINED:
+        return
+    signals = (slow[:, 3], np.gradient(slow[:, 3], t[inside]))
+    like = [abs(float(np.corrcoef(speed, x)[0, 1])) for x in signals]
+    if like[not is_angle] > _LIKE and like[is_angle] < _UNLIKE:
+        seen, other = ("speed", "way") if is_angle else ("way", "speed")
+        unit = 'a rate (unit = "rad/s", "rpm" or "m/s"' if is_angle else 'an angle (unit = "rad"'
+        raise log.refuse(
+            next(channel for channel in ENCODERS if channel in log.columns),
+            f", declared in {log.unit(*ENCODERS)}, follows the {seen} by the IMU and not its {other}",
+            f"it is {unit} in a column map), and so are those of the other wheels",
+        )
 
 
 def _ratio(t: Array, speed: Array, imu: ImuStream) -> float:
@@ -118,7 +171,7 @@ def _ratio(t: Array, speed: Array, imu: ImuStream) -> float:
     size = float(np.linalg.norm(np.trapezoid(force[ramp] - rest, imu.t[ramp], axis=0)))
     # What a tilt by one degree or the bias could feign must stay far below.
     feigned = 0.17 * (end - begin)
-    return plateau / size if size > max(0.08, 0.5 * feigned) else math.nan
+    return plateau / size if size > max(_GAINED, 0.5 * feigned) else math.nan
 
 
 def _without_dead(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelStream:
