@@ -66,7 +66,7 @@ def correct(trial: Trial, robot: Robot, *, soil: Soil | None = None) -> tuple[Tr
     solved = solve(trial, robot, rests=rests, soil=soil, apart=apart)
     clean, motion = finish(trial, robot, solved)
     gaps = common_gaps(motion, solved.problem.faults.gaps, solved.problem.wheels)
-    limits = [doubt for doubt in solved.problem.doubts if doubt.grade != "good"]
+    limits = [doubt for doubt in (*trial.doubts, *solved.problem.doubts) if doubt.grade != "good"]
     motion = with_radius(guard(motion, soil, (*limits, *solved.limits, *gaps)), robot)
     offset = replace(motion.clock_offset, value=motion.clock_offset.value + moved)
     return clean, replace(motion, clock_offset=offset, clock_applied=motion.clock_applied + moved)

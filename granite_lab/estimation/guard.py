@@ -40,6 +40,9 @@ Geotechnical J. 36, 1999)."""
 UNFIT = 4.0
 """Innovations this many times as large as predicted (rms) show a noise model that does not fit the log."""
 
+HALF = 0.5
+"""Slip ratio that wheels seem to have at least whose angles are two or more times too large."""
+
 UNMATCHED = Doubt(
     "the ramps of the wheels are not found in the IMU: their clocks may be apart by any time", grade="poor"
 )
@@ -110,6 +113,8 @@ def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
         yield surge
     if swing := _swinging(motion, steady):
         yield swing
+    if not stated and (geared := _geared(motion, steady, usual)):
+        yield geared
     for slip, where in slips_of(motion):
         beyond = max(low - slip.value, slip.value - 1.0)
         if beyond > CONTRADICTS * math.hypot(slip.std, RADIUS):
@@ -172,6 +177,35 @@ def _swinging(motion: Motion, steady: Mask) -> Doubt | None:
     why = "uneven ground, or vibration that is folded to slow frequencies"
     remedy = "mount the IMU stiffly, with its low-pass on, and log it faster"
     return Doubt(f"{seen}: {why}", remedy=remedy, grade="fair", std=swing)
+
+
+def _geared(motion: Motion, steady: Mask, usual: float) -> Doubt | None:
+    """Return the doubt about wheels that seem to slip by half at least, whenever they turn steadily.
+
+    Angles that are too large by a whole number, by a gear or by the edges of a count, look like that. Wheels
+    that slip so much by themselves grip now and then, or turn while the body stands; those that never do are
+    as likely to be the one as the other.
+    """
+    slip = motion.slip_ratio
+    if not slip.value + CONTRADICTS * slip.std > HALF or _spins_at_rest(motion):
+        return None
+    wheels, body, std = (
+        _means(motion, x, steady) for x in (mean_known(motion.v_wheel), motion.v, motion.v_std)
+    )
+    grips = np.sign(wheels) * body - CONTRADICTS * std > (1.0 - HALF) * np.maximum(np.abs(wheels), MOVING)
+    factor = round((1.0 - usual) / max(1.0 - slip.value, 1e-3))
+    if factor < 2 or np.count_nonzero(grips) > OUTLIERS * grips.size:
+        return None
+    seen = f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % as long as the wheels turn steadily"
+    why = f"or gear ratio, counts of a turn or unit are wrong by a factor, such as {factor}"
+    remedy = "roll ten turns on a hard floor; if the wheels do slip so much, state it in the soil's file"
+    return Doubt(f"{seen}, {why}", remedy=remedy, grade="poor", rolled=math.sqrt(0.5) * (factor - 1))
+
+
+def _spins_at_rest(motion: Motion) -> bool:
+    """Whether wheels turn while the body stands."""
+    rest = np.array([phase == "rest" for phase in motion.phase])
+    return bool((np.abs(np.nan_to_num(mean_known(motion.v_wheel)))[rest] > MOVING).any())
 
 
 def _odd_wheel(motion: Motion) -> Doubt | None:

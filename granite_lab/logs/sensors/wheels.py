@@ -12,6 +12,7 @@ import numpy as np
 from granite_lab.logs.counters import joined, quantum, runs
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import CURRENTS, ENCODERS, factors
+from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, WheelStream
 from granite_lab.parameters import WHEELS, Robot, Variant, load_variants
 
@@ -19,6 +20,9 @@ _TOO_FAST = 30.0  # no ground robot whose motors are not known drives faster [m/
 # A free wheel turns this many times as fast as the others, which agree to this share, for so long [s]; one
 # whose encoder slips on its shaft seems to turn so many times as slowly.
 _FREE, _ALIKE, _FREE_FOR = 1.3, 0.05, 0.3
+# Wheels gain up to this many times the speed of the body on driving off: they slip by 15 % on sand, and by as
+# much for each m/s^2. More is not explained by a unit.
+_SLIPS = 1.5
 _OPPOSED = -0.5  # a current that correlates with the other motors' by less has the opposite sign
 
 
@@ -93,6 +97,13 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
         if len(fits) == 1:
             unit, factor = fits[0]
             log.convert(ENCODERS, unit, f"the encoders, declared in {declared}, {gain}: they are in {unit}")
+            if (left := ratio * factor) > _SLIPS:
+                more = f"in {unit} the wheels still gain {left:.2g} times the speed that the IMU gains"
+                why = "the gear ratio or the counts of a turn may be wrong instead"
+                remedy = "state the unit in a column map"
+                log.doubts.append(
+                    Doubt(f"{more}: {why}", remedy=remedy, grade="poor", rolled=math.sqrt(0.5) * (left - 1.0))
+                )
             rate = None if wheels.rate is None else wheels.rate * factor
             resolution = tuple(step * factor for step in wheels.resolution)
             return dataclasses.replace(wheels, angle=wheels.angle * factor, rate=rate, resolution=resolution)
