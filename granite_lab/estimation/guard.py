@@ -90,6 +90,41 @@ def common_gaps(motion: Motion, gaps: Sequence[Interval], wheels: WheelStream | 
             )  # fmt: skip
 
 
+def silent_rates(motion: Motion, wheels: WheelStream | None) -> Iterator[Doubt]:
+    """Yield the time of the steady part in which no wheel's rate was logged.
+
+    A counter goes on meanwhile; the way that a wheel rolled without one is assumed, and so is the slip.
+    """
+    if wheels is None or wheels.rate is None:
+        return
+    steady = (motion.t >= motion.steady[0]) & (motion.t <= motion.steady[1])
+    silent = ~np.isfinite(motion.v_wheel[steady]).any(axis=1)
+    share = float(np.mean(silent)) if steady.any() else 0.0
+    if share > OUTLIERS:
+        lasts = share * (motion.steady[1] - motion.steady[0])
+        yield Doubt(
+            f"no rate of a wheel for {lasts:.2g} s of the steady part: the slip ratio is assumed there",
+            grade="fair", std=share * SlipModel.steady,
+        )  # fmt: skip
+
+
+def unclosed(motion: Motion, open_ends: Sequence[str]) -> Iterator[Doubt]:
+    """Yield the change of slip in a motion that begins or ends without a standstill.
+
+    A bias that changes in motion looks like that, and no standstill tells them apart: each is as likely.
+    """
+    steady = np.array([phase == "steady" for phase in motion.phase])
+    wheels, body = (_means(motion, x, steady) for x in (mean_known(motion.v_wheel), motion.v))
+    rolls = np.abs(wheels) > MOVING
+    if not open_ends or np.count_nonzero(rolls) < FEWEST:
+        return
+    first, *_, last = np.array_split(1.0 - body[rolls] / wheels[rolls], 3)
+    changes = math.sqrt(0.5) * abs(float(np.mean(last) - np.mean(first)))
+    if changes > motion.slip_ratio.std:
+        seen = f"the slip ratio changes by {100 * math.sqrt(2.0) * changes:.0f} points, or a bias does"
+        yield Doubt(f"{seen}: no standstill at the {' and '.join(open_ends)} tells which", std=changes)
+
+
 def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
     """Yield what contradicts an estimate of body velocity; `clocks`: their offset is judged, too."""
     if not np.isfinite(motion.v).any():
@@ -196,7 +231,9 @@ def _geared(motion: Motion, steady: Mask, usual: float) -> Doubt | None:
     factor = round((1.0 - usual) / max(1.0 - slip.value, 1e-3))
     if factor < 2 or np.count_nonzero(grips) > OUTLIERS * grips.size:
         return None
-    seen = f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % as long as the wheels turn steadily"
+    seen = (
+        f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % as long as the wheels turn steadily"
+    )
     why = f"or gear ratio, counts of a turn or unit are wrong by a factor, such as {factor}"
     remedy = "roll ten turns on a hard floor; if the wheels do slip so much, state it in the soil's file"
     return Doubt(f"{seen}, {why}", remedy=remedy, grade="poor", rolled=math.sqrt(0.5) * (factor - 1))

@@ -24,6 +24,11 @@ LOOSE = 1.0e-4
 compliance of a robot that rings at 16 Hz."""
 
 
+OPEN = 1.0
+"""A log that moves for longer than this before its first standstill or after its last one has no standstill
+there [s]."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sensors:
     """The sensors of a trial put right, each on its own clock.
@@ -101,6 +106,15 @@ class Problem(Sensors, Standing):
     def anchored(self) -> bool:
         """Whether a reference tells the velocity all along."""
         return anchors(self.reference, self.imu.t, self.rests)
+
+    @property
+    def open_ends(self) -> tuple[str, ...]:
+        """Return "start" and "end" of the log where it moves, and nothing else tells the velocity."""
+        t, rests = self.imu.t, self.rests
+        if not rests or self.anchored:
+            return ()
+        opens = rests[0][0] > t[0] + OPEN, rests[-1][1] < t[-1] - OPEN and not self.coasts
+        return tuple(side for side, is_open in zip(("start", "end"), opens, strict=True) if is_open)
 
     def cut(self, begin: float, end: float, offset: float) -> Problem:
         """Return a part of it, from `begin` to `end` on the IMU's clock [s]."""
