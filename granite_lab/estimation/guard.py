@@ -232,7 +232,7 @@ def _geared(motion: Motion, steady: Mask, usual: float) -> Doubt | None:
     if factor < 2 or np.count_nonzero(grips) > OUTLIERS * grips.size:
         return None
     seen = (
-        f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % as long as the wheels turn steadily"
+        f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % whenever the wheels turn steadily"
     )
     why = f"or gear ratio, counts of a turn or unit are wrong by a factor, such as {factor}"
     remedy = "roll ten turns on a hard floor; if the wheels do slip so much, state it in the soil's file"

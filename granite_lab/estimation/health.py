@@ -122,7 +122,8 @@ def judge_health(
     the std had to be widened or grows for want of samples or of a standstill, and "good" otherwise.
 
     `ends` are the std of the velocity at start and end, infinite where the log moves there, `middle` is its
-    median in motion [m/s], `pace` the largest wheel speed [m/s], `shaken` the white noise of the pitch gyro in motion over that at rest.
+    median in motion [m/s], `pace` the largest wheel speed [m/s], `shaken` the white noise of the pitch gyro
+    in motion over that at rest.
     """
     complaints = []
     for kind, statistics in kinds.items():

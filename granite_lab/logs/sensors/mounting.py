@@ -103,9 +103,9 @@ def by_gravity(stream: ImuStream, imu: BodyImu, still: np.ndarray, robot: Robot)
     specific force is a scale error, known within the bias of the vertical axis. That bias is as large as the
     grade says or the horizontal axes show; where a tilt hides theirs, it may be the whole difference. The
     scale error is common to all axes, as by a wrong g or range, or that of the vertical axis alone, whose
-    sensitivity was trimmed by itself; each is as likely. A larger tilt is one of the mounting, as on level ground; the std of the scale covers a slope
-    of the ground, along which distances are longer by 1 / cos(tilt). A tilt that changes distances by less
-    than `LOCAL` stays.
+    sensitivity was trimmed by itself; each is as likely. A larger tilt is one of the mounting, as on level
+    ground; the std of the scale covers a slope of the ground, along which distances are longer by
+    1 / cos(tilt). A tilt that changes distances by less than `LOCAL` stays.
 
     `stream` is in the sensor's axes, `imu` in the robot's; `still` (N,) is True at standstill.
     """

@@ -1,0 +1,117 @@
+"""What nothing in a log closes or limits: biases that drift, limits that are touched, wheels that fall silent."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from granite_lab.estimation.clock_rate import doubt_rate
+from granite_lab.estimation.noise import white
+from granite_lab.estimation.stages import roll, stand
+from granite_lab.logs.sensors.imu import rail
+from granite_lab.parameters import load_robot
+from tests.truth import TruthTrial, faults, generate
+from tests.truth.motion import estimate
+from tests.truth.trials import Logger, observe, random_body
+
+ROBOT = load_robot("granite", "industrial")
+SEEDS = (31, 32, 33)
+
+
+@pytest.mark.parametrize(("corner", "rate"), [(5.0, 50), (5.0, 20), (20.0, 100), (100.0, 1000)])
+def test_noise_behind_a_low_pass_is_as_loud_at_low_frequencies_as_before_it(corner: float, rate: int) -> None:
+    """White noise of density 1, in a second-order low-pass of the sensor, over standstills of 2 s and 1.5 s."""
+    rng, fine = np.random.default_rng(4), 1000
+    a, step = np.exp(-2.0 * np.pi * corner / fine), fine // rate
+    t = np.arange(0.0, 8.0, 1.0 / rate)
+    found = []
+    for _ in range(30):
+        noise = rng.normal(size=9 * fine) * np.sqrt(fine)
+        for _ in range(2):
+            noise = lfilter([1.0 - a], [1.0, -a], noise)
+        values = noise[fine::step][: t.size]
+        found.append(white(t, values, [(0.0, 2.0), (6.5, 8.0)], 1.0))
+    assert 0.8 < np.sqrt(np.mean(np.square(found))) < 2.0
+    assert np.quantile(found, 0.1) > 0.5
+
+
+def shaken(limit: float, step: float, seed: int = 5) -> np.ndarray:
+    """(2000,) vibration of 1 in steps, at 30 Hz with noise, for the second half of the time, within a limit."""
+    rng, t = np.random.default_rng(seed), np.arange(2000) / 200.0
+    on = (t > 5.0) * (1.0 + 0.3 * np.sin(7.0 * t))
+    signal = on * np.sin(2.0 * np.pi * 30.3 * t) + 0.05 * rng.normal(size=t.size)
+    return np.clip(np.round(signal / step) * step, -limit, limit)
+
+
+@pytest.mark.parametrize("step", [1e-6, 1e-3])
+def test_a_limit_that_vibration_touches_for_a_sample_at_a_time_is_a_rail(step: float) -> None:
+    signal = shaken(0.9, step)
+    assert np.array_equal(rail(signal), np.abs(signal) == 0.9)
+
+
+@pytest.mark.parametrize("step", [1e-6, 1e-3, 0.01, 0.1])
+def test_the_largest_reading_of_a_signal_with_room_to_swing_is_no_rail(step: float) -> None:
+    assert not any(rail(shaken(9.0, step, seed)).any() for seed in range(20))
+
+
+def drifting(truth: TruthTrial, force: float, turn: float) -> TruthTrial:
+    """The trial of an IMU that warms up: its biases drift by so much, with a time constant of 8 s."""
+    imu = truth.trial.imu
+    assert imu is not None
+    warm = (1.0 - np.exp(-(imu.t - imu.t[0]) / 8.0))[:, None]
+    stream = replace(
+        imu, specific_force=imu.specific_force + force * warm, angular_rate=imu.angular_rate + turn * warm
+    )
+    return replace(truth, trial=replace(truth.trial, imu=stream))
+
+
+@pytest.mark.parametrize("size", [0.02, 0.04])
+def test_biases_that_drift_from_one_standstill_to_the_next_are_in_the_std(size: float) -> None:
+    z = []
+    for seed in SEEDS:
+        truth = drifting(generate(seed, velocity=0.3), size, size / 30.0)
+        motion = estimate(truth.trial, ROBOT)
+        z.append((motion.slip_ratio.value - truth.slip_ratio_between(*motion.steady)) / motion.slip_ratio.std)
+        assert motion.health.grade != "good"
+    assert np.abs(z).max() < 2.5
+
+
+@pytest.mark.parametrize("side", ["start", "end"])
+def test_a_bias_that_changes_where_no_standstill_shows_it_is_never_good(side: str) -> None:
+    for seed in SEEDS:
+        truth = generate(seed, velocity=0.3)
+        assert truth.trial.imu is not None
+        middle = 0.5 * (truth.start + truth.stop)
+        after = (truth.trial.imu.t > middle)[:, None]
+        imu = replace(truth.trial.imu, specific_force=truth.trial.imu.specific_force + 0.05 * after)
+        cut = {"start": truth.start + 1.0} if side == "start" else {"stop": truth.stop - 1.0}
+        motion = estimate(faults.cut(replace(truth.trial, imu=imu), **cut), ROBOT)
+        assert motion.health.grade != "good"
+        assert f"no standstill at the {side}" in motion.health.verdict
+        error = motion.slip_ratio.value - truth.slip_ratio_between(*motion.steady)
+        assert abs(error) < 2.5 * motion.slip_ratio.std
+
+
+def test_slip_while_the_rates_of_all_wheels_are_silent_is_assumed_and_said() -> None:
+    truth = generate(31, velocity=0.3)
+    wheels = truth.trial.wheels
+    assert wheels is not None
+    rate = np.gradient(wheels.angle, wheels.t, axis=0)
+    whole = replace(truth.trial, wheels=replace(wheels, rate=rate))
+    silent = (wheels.t > truth.start + 2.0) & (wheels.t < truth.stop - 1.0)
+    lost = replace(truth.trial, wheels=replace(wheels, rate=np.where(silent[:, None], np.nan, rate)))
+    assert "no rate of a wheel" not in estimate(whole, ROBOT).health.verdict
+    motion = estimate(lost, ROBOT)
+    assert motion.health.grade == "fair"
+    assert "no rate of a wheel" in motion.health.verdict
+    assert motion.slip_ratio.std > 0.05
+
+
+def test_slow_ramps_of_clocks_that_run_alike_do_not_seem_to_run_apart() -> None:
+    """Ramps of two seconds look alike over half a second; those of Table 2 last less than one."""
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        body = random_body(rng, velocity=0.6, acceleration=0.27, robot=ROBOT)
+        truth = observe(rng, body, ROBOT, name="slow", info=generate(31).trial.info, logger=Logger())
+        assert doubt_rate(stand(roll(truth.trial, ROBOT))) == []
