@@ -1,4 +1,4 @@
-"""What nothing in a log closes or limits: biases that drift, limits that are touched, wheels that fall silent."""
+"""What nothing in a log closes: biases that drift, limits that are touched, wheels that fall silent."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ SEEDS = (31, 32, 33)
 
 @pytest.mark.parametrize(("corner", "rate"), [(5.0, 50), (5.0, 20), (20.0, 100), (100.0, 1000)])
 def test_noise_behind_a_low_pass_is_as_loud_at_low_frequencies_as_before_it(corner: float, rate: int) -> None:
-    """White noise of density 1, in a second-order low-pass of the sensor, over standstills of 2 s and 1.5 s."""
+    """White noise of density 1, behind a second-order low-pass, over standstills of 2 s and 1.5 s."""
     rng, fine = np.random.default_rng(4), 1000
     a, step = np.exp(-2.0 * np.pi * corner / fine), fine // rate
     t = np.arange(0.0, 8.0, 1.0 / rate)
@@ -37,7 +37,7 @@ def test_noise_behind_a_low_pass_is_as_loud_at_low_frequencies_as_before_it(corn
 
 
 def shaken(limit: float, step: float, seed: int = 5) -> np.ndarray:
-    """(2000,) vibration of 1 in steps, at 30 Hz with noise, for the second half of the time, within a limit."""
+    """(2000,) vibration of 1 at 30 Hz with noise, for the second half of the time, in steps, within a limit."""
     rng, t = np.random.default_rng(seed), np.arange(2000) / 200.0
     on = (t > 5.0) * (1.0 + 0.3 * np.sin(7.0 * t))
     signal = on * np.sin(2.0 * np.pi * 30.3 * t) + 0.05 * rng.normal(size=t.size)
