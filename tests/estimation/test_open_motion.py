@@ -37,7 +37,7 @@ def test_noise_behind_a_low_pass_is_as_loud_at_low_frequencies_as_before_it(corn
 
 
 def shaken(limit: float, step: float, seed: int = 5) -> np.ndarray:
-    """(2000,) vibration of 1 at 30 Hz with noise, for the second half of the time, in steps, within a limit."""
+    """(2000,) vibration of 1 at 30 Hz with noise in the second half of the time, in steps, within a limit."""
     rng, t = np.random.default_rng(seed), np.arange(2000) / 200.0
     on = (t > 5.0) * (1.0 + 0.3 * np.sin(7.0 * t))
     signal = on * np.sin(2.0 * np.pi * 30.3 * t) + 0.05 * rng.normal(size=t.size)
