@@ -113,7 +113,8 @@ def white(t: Array, values: Array, rests: Sequence[Interval], prior: float) -> f
         variance = max(last, 2.0 * last - before)
     elif coloured:  # too short for averages: density without end of noise whose correlation decays evenly
         r = alike / power
-        variance *= min((1.0 + r) / (1.0 - r) ** 2, LONGEST)
+        fine *= min((1.0 + r) / (1.0 - r) ** 2, LONGEST)
+        variance = (PRIOR_SAMPLES * prior**2 + fine) / (PRIOR_SAMPLES + n_fine)
     return float(np.sqrt(variance))
 
 
