@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from granite_lab.estimation.error_model import Noise, SlipModel
 from granite_lab.estimation.reference import Readings, anchors
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.faults import Faults
 from granite_lab.logs.sensors.mounting import BodyImu
-from granite_lab.logs.sensors.standstill import Interval
+from granite_lab.logs.sensors.standstill import MOVING, Interval
 from granite_lab.logs.trial import Array, ImuStream, WheelStream, part
 from granite_lab.parameters import ImuGrade, Robot
 
@@ -113,8 +115,16 @@ class Problem(Sensors, Standing):
         t, rests = self.imu.t, self.rests
         if not rests or self.anchored:
             return ()
-        opens = rests[0][0] > t[0] + OPEN, rests[-1][1] < t[-1] - OPEN and not self.coasts
+        before, after = (t[0], rests[0][0]), (rests[-1][1], t[-1])
+        opens = self._moves(*before), self._moves(*after) and not self.coasts
         return tuple(side for side, is_open in zip(("start", "end"), opens, strict=True) if is_open)
+
+    def _moves(self, begin: float, end: float) -> bool:
+        """Whether the robot moves between two instants [s]: wheels that stand tell that it does not."""
+        if self.rolling is None:
+            return end - begin > OPEN
+        at = (self.rolling.t >= begin) & (self.rolling.t <= end)
+        return end - begin > OPEN and bool((np.abs(np.nan_to_num(self.rolling.speed[at])) > MOVING).any())
 
     def cut(self, begin: float, end: float, offset: float) -> Problem:
         """Return a part of it, from `begin` to `end` on the IMU's clock [s]."""
