@@ -414,6 +414,8 @@ def slow_excess(ratio: Array) -> float:
     if ratio.size < 8 or squares == 0.0:
         return 0.0
     r = min(float(np.sum(ratio[1:] * ratio[:-1])) / squares, 0.999)
+    if abs(r) < 3.0 / np.sqrt(ratio.size):  # of white noise by chance
+        r = 0.0
     return squares / ratio.size * (1.0 + r) / (1.0 - r)
 
 
