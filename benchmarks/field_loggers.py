@@ -304,6 +304,10 @@ def counts_off(share: float, log: Log, rng: Rng) -> Log:
     return replace(log, angle=log.angle * (1.0 + share * rng.choice([-1, 1])))
 
 
+def geared(factor: float, log: Log, _: Rng) -> Log:
+    return replace(log, angle=log.angle * factor)
+
+
 def folded(lowest: float, highest: float, size: float, log: Log, rng: Rng) -> Log:
     """A tone of the motors near the sampling rate folds to a slow one [Hz] of an amplitude [m/s²]."""
     tone = np.sin(2.0 * np.pi * rng.uniform(lowest, highest) * log.t + rng.uniform(0.0, 2.0 * np.pi))
@@ -471,6 +475,8 @@ KINDS: dict[str, Kind] = {
     **{f"rest {a:g} s and {b:g} s": partial(ends, a, b) for a, b in RESTS},
     "drift 0.05": partial(temperature, 0.05), "drift 0.2": partial(temperature, 0.2),
     "counts a turn 3 % off": partial(counts_off, 0.03),
+    **{f"angles x{f:g}": partial(geared, f) for f in (0.25, 2.0, 4.0)},
+    **{f"biases step by {s:g}, no end": both(partial(steps, s), partial(ends, 3, -1)) for s in (0.02, 0.1)},
     **{f"tone at {a:g} to {b:g} Hz": partial(folded, a, b, 1.0) for a, b in ((0.3, 1.5), (5.0, 12.0))},
     "IMU at 20 Hz, tone": both(partial(imu_at, 20, False), partial(folded, 0.3, 1.5, 1.0)),
     **{f"biases step by {s:g}": partial(steps, s) for s in (0.02, 0.1)},

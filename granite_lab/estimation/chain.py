@@ -13,7 +13,7 @@ from granite_lab.estimation import stages
 from granite_lab.estimation.clean import clean_trial
 from granite_lab.estimation.clock_rate import doubt_rate
 from granite_lab.estimation.closure import doubt_closure
-from granite_lab.estimation.guard import common_gaps, guard, with_radius
+from granite_lab.estimation.guard import common_gaps, guard, silent_rates, unclosed, with_radius
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.outcome import FEWEST_OF_IMU, motion_of, motion_without_imu
@@ -71,9 +71,13 @@ def correct(trial: Trial, robot: Robot, *, soil: Soil | None = None) -> tuple[Tr
     apart = moved != 0.0 and trial.info.clock_offset is None
     solved = solve(trial, robot, rests=rests, soil=soil, apart=apart)
     clean, motion = finish(trial, robot, solved)
-    gaps = common_gaps(motion, solved.problem.faults.gaps, solved.problem.wheels)
-    limits = [doubt for doubt in (*trial.doubts, *solved.problem.doubts) if doubt.grade != "good"]
-    motion = with_radius(guard(motion, soil, (*limits, *solved.limits, *gaps)), robot)
+    problem = solved.problem
+    unsure = (
+        *common_gaps(motion, problem.faults.gaps, problem.wheels), *silent_rates(motion, problem.wheels),
+        *unclosed(motion, problem.open_ends),
+    )  # fmt: skip
+    limits = [doubt for doubt in (*trial.doubts, *problem.doubts) if doubt.grade != "good"]
+    motion = with_radius(guard(motion, soil, (*limits, *solved.limits, *unsure)), robot)
     offset = replace(motion.clock_offset, value=motion.clock_offset.value + moved)
     return clean, replace(motion, clock_offset=offset, clock_applied=motion.clock_applied + moved)
 
@@ -115,7 +119,7 @@ def solve(
 def finish(trial: Trial, robot: Robot, solved: Solved) -> tuple[Trial, Motion]:
     """Return the corrected trial and its motion, as `correct` does, from what the smoother found."""
     problem, solution = solved.problem, solved.solution
-    health = assess(solution, problem.imu.t, problem.rests, problem.faults, problem.noise)
+    health = assess(solution, problem)
     motion = motion_of(trial, problem, solution, health)
     return clean_trial(trial, robot, motion, problem.wheels, problem.rolling, problem, solution), motion
 

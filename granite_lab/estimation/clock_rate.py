@@ -73,8 +73,12 @@ class Lag(NamedTuple):
     shape: float
 
 
-def lag_at(problem: Problem, ramp: Ramp, most: float) -> Lag | None:
-    """Return the clock offset by one ramp, within `most` [s] of none; None if it does not show."""
+def lag_at(problem: Problem, ramp: Ramp, most: float, also: float | None = None) -> Lag | None:
+    """Return the clock offset by one ramp, within `most` [s] of none; None if it does not show.
+
+    A slow ramp looks alike over half a second: the likelihood judges the offset by its shape and one that may
+    hold `also` [s], and all between.
+    """
     rolling = problem.rolling
     assert rolling is not None
     grid = np.arange(ramp.begin - most - 1.0, ramp.end + most + 1.0, STEP)
@@ -86,9 +90,10 @@ def lag_at(problem: Problem, ramp: Ramp, most: float) -> Lag | None:
     if clearness == 0.0:
         return None
     centre = (best - reach) * STEP
-    window: Interval = (ramp.begin + centre - 2.0 * STILL, ramp.end + centre + 2.0 * STILL)
+    lowest, highest = sorted((centre, centre if also is None else also))
+    window: Interval = (ramp.begin + lowest - 2.0 * STILL, ramp.end + highest + 2.0 * STILL)
     cut = replace(problem.cut(*window, centre), spins=False, spacing=WIDE)
-    offsets = centre + np.arange(-REACH, REACH + 0.5 * APART, APART)
+    offsets = np.arange(lowest - REACH, highest + REACH + 0.5 * APART, APART)
     mean, std = posterior([(cut, nominal_of(cut, centre))], Estimate(0.0, np.inf), offsets)
     return Lag(Estimate(mean, float(np.hypot(std, LEFT_OVER))), centre)
 
@@ -104,7 +109,8 @@ def clock_rate(problem: Problem) -> Estimate:
     if rolling is None or ramps is None or np.isin(rolling.t, problem.imu.t).mean() > 0.5:
         return Estimate(0.0)
     length = ramps[1].middle - ramps[0].middle
-    first, last = lag_at(problem, ramps[0], LARGEST), lag_at(problem, ramps[1], LARGEST + FASTEST * length)
+    first = lag_at(problem, ramps[0], LARGEST)
+    last = first and lag_at(problem, ramps[1], LARGEST + FASTEST * length, first.likely.value)
     if first is None or last is None:
         return Estimate(0.0)
     likely, shape = last.likely.value - first.likely.value, last.shape - first.shape

@@ -37,6 +37,9 @@ Geotechnical J. 36, 1999)."""
 UNFIT = 4.0
 """Innovations this many times as large as predicted (rms) show a noise model that does not fit the log."""
 
+HALF = 0.5
+"""Slip ratio that wheels seem to have at least whose angles are two or more times too large."""
+
 UNMATCHED = Doubt(
     "the ramps of the wheels are not found in the IMU: their clocks may be apart by any time", grade="poor"
 )
@@ -84,6 +87,41 @@ def common_gaps(motion: Motion, gaps: Sequence[Interval], wheels: WheelStream | 
             )  # fmt: skip
 
 
+def silent_rates(motion: Motion, wheels: WheelStream | None) -> Iterator[Doubt]:
+    """Yield the time of the steady part in which no wheel's rate was logged.
+
+    A counter goes on meanwhile; the way that a wheel rolled without one is assumed, and so is the slip.
+    """
+    if wheels is None or wheels.rate is None:
+        return
+    steady = (motion.t >= motion.steady[0]) & (motion.t <= motion.steady[1])
+    silent = ~np.isfinite(motion.v_wheel[steady]).any(axis=1)
+    share = float(np.mean(silent)) if steady.any() else 0.0
+    if share > OUTLIERS:
+        lasts = share * (motion.steady[1] - motion.steady[0])
+        yield Doubt(
+            f"no rate of a wheel for {lasts:.2g} s of the steady part: the slip ratio is assumed there",
+            grade="fair", std=share * SlipModel.steady,
+        )  # fmt: skip
+
+
+def unclosed(motion: Motion, open_ends: Sequence[str]) -> Iterator[Doubt]:
+    """Yield the change of slip in a motion that begins or ends without a standstill.
+
+    A bias that changes in motion looks like that, and no standstill tells them apart: each is as likely.
+    """
+    steady = np.array([phase == "steady" for phase in motion.phase])
+    wheels, body = (_means(motion, x, steady) for x in (mean_known(motion.v_wheel), motion.v))
+    rolls = np.abs(wheels) > MOVING
+    if not open_ends or np.count_nonzero(rolls) < FEWEST:
+        return
+    first, *_, last = np.array_split(1.0 - body[rolls] / wheels[rolls], 3)
+    changes = math.sqrt(0.5) * abs(float(np.mean(last) - np.mean(first)))
+    if changes > motion.slip_ratio.std:
+        seen = f"the slip ratio changes by {100 * math.sqrt(2.0) * changes:.0f} points, or a bias does"
+        yield Doubt(f"{seen}: no standstill at the {' and '.join(open_ends)} tells which", std=changes)
+
+
 def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
     """Yield what contradicts an estimate of body velocity; `clocks`: their offset is judged, too."""
     if not np.isfinite(motion.v).any():
@@ -106,6 +144,8 @@ def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
         yield surge
     if swing := _swinging(motion, steady):
         yield swing
+    if not stated and (geared := _geared(motion, steady, usual)):
+        yield geared
     for slip, where in slips_of(motion):
         beyond = max(low - slip.value, slip.value - 1.0)
         if beyond > CONTRADICTS * math.hypot(slip.std, RADIUS):
@@ -168,6 +208,37 @@ def _swinging(motion: Motion, steady: Mask) -> Doubt | None:
     why = "uneven ground, or vibration that is folded to slow frequencies"
     remedy = "mount the IMU stiffly, with its low-pass on, and log it faster"
     return Doubt(f"{seen}: {why}", remedy=remedy, grade="fair", std=swing)
+
+
+def _geared(motion: Motion, steady: Mask, usual: float) -> Doubt | None:
+    """Return the doubt about wheels that seem to slip by half at least, whenever they turn steadily.
+
+    Angles that are too large by a whole number, by a gear or by the edges of a count, look like that. Wheels
+    that slip so much by themselves grip now and then, or turn while the body stands; those that never do are
+    as likely to be the one as the other.
+    """
+    slip = motion.slip_ratio
+    if not slip.value + CONTRADICTS * slip.std > HALF or _spins_at_rest(motion):
+        return None
+    wheels, body, std = (
+        _means(motion, x, steady) for x in (mean_known(motion.v_wheel), motion.v, motion.v_std)
+    )
+    grips = np.sign(wheels) * body - CONTRADICTS * std > (1.0 - HALF) * np.maximum(np.abs(wheels), MOVING)
+    factor = round((1.0 - usual) / max(1.0 - slip.value, 1e-3))
+    if factor < 2 or np.count_nonzero(grips) > OUTLIERS * grips.size:
+        return None
+    seen = (
+        f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % whenever the wheels turn steadily"
+    )
+    why = f"or gear ratio, counts of a turn or unit are wrong by a factor, such as {factor}"
+    remedy = "roll ten turns on a hard floor; if the wheels do slip so much, state it in the soil's file"
+    return Doubt(f"{seen}, {why}", remedy=remedy, grade="poor", rolled=math.sqrt(0.5) * (factor - 1))
+
+
+def _spins_at_rest(motion: Motion) -> bool:
+    """Whether wheels turn while the body stands."""
+    rest = np.array([phase == "rest" for phase in motion.phase])
+    return bool((np.abs(np.nan_to_num(mean_known(motion.v_wheel)))[rest] > MOVING).any())
 
 
 def _odd_wheel(motion: Motion) -> Doubt | None:

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaincc
 
-from granite_lab.estimation.error_model import BA, BG, Noise, V
+from granite_lab.estimation.error_model import BA, BG, V
 from granite_lab.estimation.motion import Health
-from granite_lab.estimation.smoother import WANDERS, Solution, slow_excess, usual
+from granite_lab.estimation.problem import Problem
+from granite_lab.estimation.smoother import WANDERING, WANDERS, Solution, slow_excess, usual
 from granite_lab.logs.sensors.doubt import Grade
 from granite_lab.logs.sensors.faults import Faults
 from granite_lab.logs.sensors.standstill import Interval
@@ -22,6 +23,9 @@ ANCHORED, SLOW = 0.02, 0.004
 
 VAGUE = 0.1
 """A velocity whose std is beyond this share of the pace tells little of slip."""
+
+SIDES = (("start", 0), ("end", -1))
+"""Ends of a log, and the places of their nodes."""
 
 SHAKEN = 3.0
 """A pitch gyro this many times as noisy in motion as at rest is not the sensor of its grade any more."""
@@ -49,8 +53,9 @@ class Statistics:
     slow: float  # `slow_excess` of them
 
 
-def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Faults, noise: Noise) -> Health:
-    """Build the health record of the smoother's last pass; biases at the IMU's stamps t (N,) [s]."""
+def assess(solution: Solution, problem: Problem) -> Health:
+    """Build the health record of the smoother's last pass; biases at the IMU's stamps (N,)."""
+    t, rests, faults, noise = problem.imu.t, problem.rests, problem.faults, problem.noise
     nodes, smoothed, nominal = solution.nodes, solution.smoothed, solution.nominal
     came = smoothed.innovations
     sigma = np.sqrt(came.variance)
@@ -69,8 +74,10 @@ def assess(solution: Solution, t: Array, rests: tuple[Interval, ...], faults: Fa
     def at_stamps(values: Array) -> Array:
         return np.interp(t, nodes.t, values)
 
+    # where a log moves at an end, nothing shows whether the biases are what they were
+    ends = (math.inf if side in problem.open_ends else float(std[k, V]) for side, k in SIDES)
     grade, reasons, remark = judge_health(
-        kinds, rests, faults, ends=(float(std[0, V]), float(std[-1, V])),
+        kinds, rests, faults, ends=tuple(ends),
         pace=float(np.max(np.abs(nodes.w))),
         middle=float(np.median(std[nodes.moving, V])) if nodes.moving.any() else 0.0,
         shaken=noise.gyro_motion / noise.gyro if noise.gyro > 0 else 0.0,
@@ -113,15 +120,16 @@ def scattering(kind: str, nis: float) -> str:
 
 def judge_health(
     kinds: dict[str, Statistics], rests: tuple[Interval, ...], faults: Faults, *,
-    ends: tuple[float, float], pace: float, middle: float, shaken: float,
+    ends: tuple[float, ...], pace: float, middle: float, shaken: float,
 ) -> tuple[Grade, tuple[str, ...], str]:  # fmt: skip
     """Return a grade, the reasons for it, and a remark on a good one.
 
     It is "poor" where nothing anchors the velocity or its std is more than a tenth of the pace, "fair" where
     the std had to be widened or grows for want of samples or of a standstill, and "good" otherwise.
 
-    `ends` and `middle` are the std of the velocity at start and end and its median in motion [m/s], `pace`
-    the largest wheel speed [m/s], `shaken` the white noise of the pitch gyro in motion over that at rest.
+    `ends` are the std of the velocity at start and end, infinite where the log moves there, `middle` is its
+    median in motion [m/s], `pace` the largest wheel speed [m/s], `shaken` the white noise of the pitch gyro
+    in motion over that at rest.
     """
     complaints = []
     for kind, statistics in kinds.items():
@@ -129,9 +137,10 @@ def judge_health(
             complaints.append(scattering(kind, statistics.nis))
         elif statistics.wild > 0.02:
             complaints.append(f"{WHAT[kind]} has {100 * statistics.wild:.0f} % outliers")
-        elif kind == "wheel" and statistics.slow > WANDERS:
+        elif kind in WANDERING and statistics.slow > WANDERS:
+            known = "the slip model" if kind == "wheel" else "the IMU's grade"
             complaints.append(
-                f"{WHAT[kind]} wanders in a way that the slip model does not know, and the std is widened"
+                f"slow changes of {WHAT[kind]} are larger than {known} explains, and the std is widened"
             )
     if shaken > SHAKEN:
         complaints.append(f"motion makes the pitch gyro {shaken:.0f} times as noisy as it is at rest")
@@ -143,7 +152,7 @@ def judge_health(
     if faults.restarts:
         complaints.append("the IMU's biases changed while the robot moved")
     limit = max(ANCHORED * pace, SLOW)
-    loose = [side for side, std in zip(("start", "end"), ends, strict=True) if std > limit]
+    loose = [side for (side, _), std in zip(SIDES, ends, strict=True) if std > limit]
     referred = bool(kinds.keys() & {"reference_v", "reference_x"})
     anchored = _anchor(rests, loose, referred=referred)
     nothing_anchors = not rests and not referred

@@ -42,6 +42,13 @@ AVERAGED = (1, 8, 16, 32, 64, 128)
 LEAST_FREEDOM = 8
 """... as long as so many degrees of freedom are left."""
 
+LONGEST = 20.0
+"""Noise at rest that is too short to be averaged is louder at low frequencies by this factor at most: that of
+a low-pass at a tenth of the sampling rate, below which no maker's goes at the rates of short logs."""
+
+CORRELATES = 3.0
+"""Noise at rest is coloured where it differs from white noise by more than this many std."""
+
 UNSEEN_PITCH = float(np.radians(2.0))
 """Random walk of the pitch over uneven ground, where no gyro sees it [rad/sqrt(m)]."""
 
@@ -78,15 +85,19 @@ def white(t: Array, values: Array, rests: Sequence[Interval], prior: float) -> f
 
     The Allan variance at one sample is precise, that over many samples is blind to noise beyond the filter's
     interest; they agree for white noise. Where that over eight samples differs by more than its own
-    scatter (coloured noise, a sensor's low-pass), the last two are extended to a time without end: what a
-    low-pass hides falls with the reciprocal of the time.
+    scatter, or successive samples correlate beyond theirs (coloured noise, a sensor's low-pass), the last two
+    are extended to a time without end: what a low-pass hides falls with the reciprocal of the time.
     """
     sums = np.zeros((len(AVERAGED), 2))  # of squares, and of degrees of freedom: of these, overlap leaves 2/3
+    alike, power, pairs = 0.0, 0.0, 0
     for rest in rests:
         at = inside(t, [rest]) & np.isfinite(values)
         if at.sum() < 16:
             continue
         part, dt = values[at], float(np.median(np.diff(t[at])))
+        about = part - part.mean()
+        alike, power = alike + float(about[1:] @ about[:-1]), power + float(about @ about)
+        pairs += part.size - 1
         for i, m in enumerate(AVERAGED):
             step = np.diff(part[: part.size // m * m].reshape(-1, m).mean(axis=1))
             sums[i] += (step @ step) * m * dt / 3.0, step.size * 2.0 / 3.0
@@ -96,9 +107,14 @@ def white(t: Array, values: Array, rests: Sequence[Interval], prior: float) -> f
     variance = (PRIOR_SAMPLES * prior**2 + fine) / (PRIOR_SAMPLES + n_fine)
     long = [(max(total / n, 1e-30), n) for total, n in longer if n >= LEAST_FREEDOM]
     # the first of them has the most degrees of freedom: others would often differ by chance
-    if long and abs(np.log(long[0][0] / variance)) > 3.0 * np.sqrt(2.0 / long[0][1]):
+    coloured = alike > CORRELATES * power / np.sqrt(max(pairs, 1))
+    if long and (coloured or abs(np.log(long[0][0] / variance)) > CORRELATES * np.sqrt(2.0 / long[0][1])):
         before, last = ([variance] + [v for v, _ in long])[-2:]
         variance = max(last, 2.0 * last - before)
+    elif coloured:  # too short for averages: density without end of noise whose correlation decays evenly
+        r = alike / power
+        fine *= min((1.0 + r) / (1.0 - r) ** 2, LONGEST)
+        variance = (PRIOR_SAMPLES * prior**2 + fine) / (PRIOR_SAMPLES + n_fine)
     return float(np.sqrt(variance))
 
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from granite_lab.estimation.error_model import Noise, SlipModel
 from granite_lab.estimation.reference import Readings, anchors
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.faults import Faults
 from granite_lab.logs.sensors.mounting import BodyImu
-from granite_lab.logs.sensors.standstill import Interval
+from granite_lab.logs.sensors.standstill import MOVING, Interval
 from granite_lab.logs.trial import Array, ImuStream, WheelStream, part
 from granite_lab.parameters import ImuGrade, Robot
 
@@ -22,6 +24,11 @@ square of a natural frequency: a robot that rings at 2 Hz on its tyres, gears an
 LOOSE = 1.0e-4
 """The displacement follows thrust roughly only. It also walks by as much, and at least by this [s^2]: the
 compliance of a robot that rings at 16 Hz."""
+
+
+OPEN = 1.0
+"""A log that moves for longer than this before its first standstill or after its last one has no standstill
+there [s]."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -101,6 +108,23 @@ class Problem(Sensors, Standing):
     def anchored(self) -> bool:
         """Whether a reference tells the velocity all along."""
         return anchors(self.reference, self.imu.t, self.rests)
+
+    @property
+    def open_ends(self) -> tuple[str, ...]:
+        """Return "start" and "end" of the log where it moves, and nothing else tells the velocity."""
+        t, rests = self.imu.t, self.rests
+        if not rests or self.anchored:
+            return ()
+        before, after = (t[0], rests[0][0]), (rests[-1][1], t[-1])
+        opens = self._moves(*before), self._moves(*after) and not self.coasts
+        return tuple(side for side, is_open in zip(("start", "end"), opens, strict=True) if is_open)
+
+    def _moves(self, begin: float, end: float) -> bool:
+        """Whether the robot moves between two instants [s]: wheels that stand tell that it does not."""
+        if self.rolling is None:
+            return end - begin > OPEN
+        at = (self.rolling.t >= begin) & (self.rolling.t <= end)
+        return end - begin > OPEN and bool((np.abs(np.nan_to_num(self.rolling.speed[at])) > MOVING).any())
 
     def cut(self, begin: float, end: float, offset: float) -> Problem:
         """Return a part of it, from `begin` to `end` on the IMU's clock [s]."""

@@ -33,7 +33,7 @@ PASSES = 4
 """Passes at most."""
 
 WANDERS = 3.0
-"""Slow innovations of the wheels whose mean square is this many times the predicted one are no chance."""
+"""Slow innovations whose mean square is this many times the predicted one are no chance."""
 
 STEADY_SLIP, GYRO_SCALE = "steady slip that no standstill shows", "scale error of the gyro"
 """Sources of errors that the filter leaves out."""
@@ -41,6 +41,11 @@ STEADY_SLIP, GYRO_SCALE = "steady slip that no standstill shows", "scale error o
 NOISY = ("wheel", "specific_force", "zero_rate", "reference_v", "reference_x")
 """Measurements whose noise grows where they miss their prediction. A standstill or a tape is exact: there the
 prediction is to blame."""
+
+
+WANDERING = ("wheel", "specific_force", "zero_rate")
+"""Measurements whose slow innovations count, too: of wheels that wander against the IMU, of biases that drift
+faster than their grade says. Errors of a reference are slow by nature."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -393,12 +398,9 @@ def mismatch(came: Innovations) -> dict[str, float]:
 
 
 def widening(came: Innovations) -> float:
-    """Factor on all variances, by the kind of measurement that misses its prediction most.
-
-    Wheels that wander against the IMU count by their slow innovations.
-    """
-    wheel = came.fresh("wheel")
-    wander = slow_excess((came.value / np.sqrt(came.variance))[wheel])
+    """Factor on all variances, by the kind of measurement that misses its prediction most."""
+    ratio = came.value / np.sqrt(came.variance)
+    wander = max(slow_excess(ratio[came.fresh(kind)]) for kind in WANDERING)
     return max([*mismatch(came).values(), wander if wander > WANDERS else 1.0])
 
 
@@ -412,6 +414,8 @@ def slow_excess(ratio: Array) -> float:
     if ratio.size < 8 or squares == 0.0:
         return 0.0
     r = min(float(np.sum(ratio[1:] * ratio[:-1])) / squares, 0.999)
+    if abs(r) < 3.0 / np.sqrt(ratio.size):  # of white noise by chance
+        r = 0.0
     return squares / ratio.size * (1.0 + r) / (1.0 - r)
 
 

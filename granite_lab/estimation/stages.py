@@ -260,7 +260,7 @@ def _refuse_gaps(problem: Problem, offset: float) -> None:
 
 def _limits(problem: Problem, offset: Estimate) -> list[Doubt]:
     """Return what limits the estimate."""
-    imu, still, rolling = problem.imu, problem.rests, problem.rolling
+    imu, rolling = problem.imu, problem.rolling
     lines = [] if rolling is not None else [
         "no encoders: no wheel velocity and no slip; standstill is judged by the IMU alone"
     ]  # fmt: skip
@@ -270,11 +270,7 @@ def _limits(problem: Problem, offset: Estimate) -> list[Doubt]:
         )
     if not imu.has_pitch_rate:
         lines.append("no pitch rate was logged: pitch is taken as constant with 1 deg of doubt in motion")
-    ends = []
-    if still and still[0][0] > imu.t[0] + 1.0 and not problem.anchored:
-        ends.append("no standstill at the start: uncertainty grows towards it")
-    if still and still[-1][1] < imu.t[-1] - 1.0 and not problem.anchored:
-        ends.append("no standstill at the end: uncertainty grows towards it")
+    ends = [f"no standstill at the {side}: uncertainty grows towards it" for side in problem.open_ends]
     if rolling is not None and not np.isfinite(offset.std):
         ends.append("clock offset between IMU and encoders unobservable: taken as zero")
     doubts = () if rolling is None else rolling.doubts

@@ -114,7 +114,8 @@ def test_an_accelerometer_off_scale_is_scaled_by_gravity_and_never_good(name: st
     imu = replace(trial.imu, specific_force=scale * trial.imu.specific_force)
     clean, motion = correct(replace(trial, imu=imu), ROBOT)
     assert abs(motion.slip_ratio.value - slip) < 2 * motion.slip_ratio.std
-    assert motion.slip_ratio.std < 0.02
+    # the scale may be that of the vertical axis alone
+    assert motion.slip_ratio.std < abs(scale - 1.0)
     assert motion.health.grade == "fair"
     assert clean.imu is not None
     still = np.nanmean(clean.imu.specific_force[:100], axis=0)

@@ -78,6 +78,33 @@ def test_a_body_that_swings_on_steady_wheels_is_never_good(amplitude: float) -> 
     assert seen.slip_ratio.std > 0.4 * missed
 
 
+def slipping(share: float, steady: float) -> Motion:
+    """The sample with a slip of 60 % in the first `share` of the steady part, and of `steady` in the rest."""
+    motion = good()
+    on = np.array([phase == "steady" for phase in motion.phase])
+    begin, end = motion.t[on][0], motion.t[on][-1]
+    wheels = motion.v_wheel.mean(axis=1)
+    slip = np.where(motion.t < begin + share * (end - begin), 0.6, steady)
+    mean = 0.6 * share + steady * (1.0 - share)
+    return replace(motion, v=np.where(on, wheels * (1.0 - slip), motion.v), slip_ratio=Estimate(mean, 0.003))
+
+
+def test_wheels_that_lose_half_their_way_all_the_time_may_be_of_another_gear() -> None:
+    seen = guard(slipping(1.0, 0.6), SAND)
+    assert seen.health.grade == "poor"
+    assert "gear ratio" in seen.health.verdict
+    assert abs(seen.slip_ratio.value - 0.2) < 2.0 * seen.slip_ratio.std
+
+
+def test_wheels_that_grip_now_and_then_are_of_the_right_gear() -> None:
+    assert "gear ratio" not in guard(slipping(0.8, 0.15), SAND).health.verdict
+
+
+def test_a_soil_on_which_wheels_slip_so_much_may_be_stated() -> None:
+    mud = replace(SAND, slip=0.6, slip_std=0.1)
+    assert "gear ratio" not in guard(slipping(1.0, 0.6), mud).health.verdict
+
+
 def test_driving_down_a_slope_explains_wheels_that_brake() -> None:
     down = replace(good(), slip_ratio=Estimate(-0.2, 0.01), pitch=good().pitch + 0.2)
     assert guard(down, SAND).health.grade == "good"

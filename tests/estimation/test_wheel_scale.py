@@ -45,6 +45,19 @@ def test_angles_that_were_divided_by_another_number_of_counts_are_fair_and_withi
     assert abs(seen.slip_ratio.value - SLIP) < 2.0 * seen.slip_ratio.std
 
 
+@pytest.mark.parametrize("scale", [2.0, 3.0, 0.25])
+def test_a_gear_ratio_that_is_wrong_by_a_whole_number_is_poor_and_within_its_std(
+    scale: float, tmp_path: Path
+) -> None:
+    """Twice the angle looks like a slip of 55 %, a quarter like angles in turns."""
+    path = make.changed(tmp_path, SAMPLE, lambda table: make.converted(table, "enc_", scale))
+    seen = correct(read_trial(path), ROBOT)[1]
+    assert seen.health.grade == "poor"
+    assert "gear ratio" in seen.health.verdict
+    assert abs(seen.slip_ratio.value - SLIP) < 2.0 * seen.slip_ratio.std
+    assert abs(seen.distance.value - motion()[1].distance.value) < seen.distance.std
+
+
 def counted(per_turn: float, digits: int = 6) -> Callable[[np.ndarray], np.ndarray]:
     """Angles [rad] in whole counts, written with so many decimals."""
     return lambda angle: np.round(np.floor(angle / TURN * per_turn) / per_turn * TURN, digits)

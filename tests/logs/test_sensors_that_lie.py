@@ -96,6 +96,7 @@ def test_a_wrong_unit_is_corrected_and_said(name: str, speed: float, tmp_path: P
     wrong = read_trial(make.changed(tmp_path, sample, lambda table: make.converted(table, *how)))
     make.same(right, wrong, rtol=1e-3, atol=1e-3)
     assert any(re.search(said, line) for line in wrong.warnings), wrong.warnings
+    assert all(doubt.grade == "good" for doubt in wrong.doubts)
 
 
 @pytest.mark.parametrize("speed", [0.2, 0.3, 0.5, 0.7])

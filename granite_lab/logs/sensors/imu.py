@@ -30,6 +30,7 @@ _TURNED = 2.0
 _FASTEST = 60.0  # no ground robot's gyroscope reads more [rad/s]
 _OFF_AXIS = 45.0  # gravity at rest farther than this [deg] from the robot's z axis stands on another axis
 _FILLED = 0.1  # three axes that read the same in so many samples hold no readings
+_TOUCHES = 5  # a rail is touched so often, and judged by so many values beside it
 _HANGS = 0.5  # all axes of a sensor that repeat themselves for longer [s] hang
 _SPIKE = (1.0, 0.3)  # a single reading nearer than this to its neighbours is no spike [m/s^2], [rad/s]
 
@@ -258,7 +259,9 @@ def rail(axis: Array) -> Mask:
     """Mark the samples (N,) at an axis's largest or smallest reading, where that is a rail.
 
     A rail is met by three samples in a row, more than the axis repeats itself elsewhere (a logger
-    that holds the last value does so everywhere), and away from the usual reading.
+    that holds the last value does so everywhere), and away from the usual reading. Vibration may touch it for
+    a sample at a time: then the axis reads it far oftener than the values next to it, which in a signal with
+    room to swing are the more frequent ones.
     """
     mark = np.zeros(axis.size, dtype=bool)
     finite = axis[np.isfinite(axis)]
@@ -267,10 +270,14 @@ def rail(axis: Array) -> Mask:
     if finite.size < 8 or moved.size == 0:
         return mark
     usual = finite.size / (moved.size + 1.0)
-    for extreme in (float(finite.max()), float(finite.min())):
+    values, counts = np.unique(finite, return_counts=True)
+    for extreme, often in ((float(values[-1]), counts[::-1]), (float(values[0]), counts)):
         at_limit = axis == extreme
-        stays = max(runs(at_limit), key=lambda run: run[1] - run[0])
-        if stays[1] - stays[0] >= 3.0 * max(usual, 1.0) and _cut_off(axis, *stays, float(moved.min())):
+        at = runs(at_limit)
+        stays = max(at, key=lambda run: run[1] - run[0])
+        long = stays[1] - stays[0] >= 3.0 * max(usual, 1.0) and _cut_off(axis, *stays, float(moved.min()))
+        again = len(at) >= _TOUCHES and often[0] > 3 * often[1 : 1 + _TOUCHES].max(initial=1)
+        if long or again:
             centre = float(np.median(finite))
             scatter = spread_of(finite, centre)
             if abs(extreme - centre) > max(3.0 * float(moved.min()), 1.5 * scatter):

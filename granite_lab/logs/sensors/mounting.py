@@ -100,11 +100,12 @@ def by_gravity(stream: ImuStream, imu: BodyImu, still: np.ndarray, robot: Robot)
     """Put right what gravity at standstill shows of the IMU's mounting and scale beyond its grade.
 
     An error within the grade stays: it is a bias, which the filter estimates. A larger magnitude of the
-    specific force is a scale error common to all axes, known within the bias of the vertical one. That bias
-    is as large as the grade says or the horizontal axes show; where a tilt hides theirs, it may be the whole
-    difference. A larger tilt is one of the mounting, as on level ground; the std of the scale covers a slope
-    of the ground, along which distances are longer by 1 / cos(tilt). A tilt that changes distances by less
-    than `LOCAL` stays.
+    specific force is a scale error, known within the bias of the vertical axis. That bias is as large as the
+    grade says or the horizontal axes show; where a tilt hides theirs, it may be the whole difference. The
+    scale error is common to all axes, as by a wrong g or range, or that of the vertical axis alone, whose
+    sensitivity was trimmed by itself; each is as likely. A larger tilt is one of the mounting, as on level
+    ground; the std of the scale covers a slope of the ground, along which distances are longer by
+    1 / cos(tilt). A tilt that changes distances by less than `LOCAL` stays.
 
     `stream` is in the sensor's axes, `imu` in the robot's; `still` (N,) is True at standstill.
     """
@@ -124,7 +125,8 @@ def by_gravity(stream: ImuStream, imu: BodyImu, still: np.ndarray, robot: Robot)
         # prior std of the scale: the excess itself; measured by gravity within the bias (Gaussian posterior)
         share = excess**2 / (excess**2 + vertical**2 + LOCAL**2)
         left = abs(excess) * float(np.sqrt(1.0 - share))
-        scale = Estimate(share * excess, float(np.hypot(left, grade.accel_scale)))
+        alone = np.sqrt(0.5) * share * excess
+        scale = Estimate(share * excess, float(np.linalg.norm([left, alone, grade.accel_scale])))
         stream = replace(stream, specific_force=stream.specific_force / (1.0 + scale.value))
         seen = f"the specific force at standstill is {size:.2f} m/s^2, not {GRAVITY:g}"
         taken = f"taken for a scale error of {100.0 * scale.value:.1f} ± {100.0 * scale.std:.1f} %"

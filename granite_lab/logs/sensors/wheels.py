@@ -23,6 +23,9 @@ _FREE, _ALIKE, _FREE_FOR = 1.3, 0.05, 0.3
 _LIKE, _UNLIKE = 0.8, 0.5  # two signals share most of their variance (64 %), or little of it (25 %)
 _GAINED = 0.08  # less speed says nothing [m/s]
 _BRIEF = 20.0  # an IMU's speed is that of the body for so long [s]
+# Wheels gain up to this many times the speed of the body on driving off: they slip by 15 % on sand, and by as
+# much for each m/s^2. More is not explained by a unit.
+_SLIPS = 1.5
 _OPPOSED = -0.5  # a current that correlates with the other motors' by less has the opposite sign
 
 
@@ -97,6 +100,13 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
             units = " or in ".join([unit, *others])
             seen = f"the encoders, declared in {declared}, {gain}: they are in {units}"
             log.convert(ENCODERS, unit, seen, unsure=bool(others))
+            if (left := ratio * factor) > _SLIPS:
+                more = f"in {unit} the wheels still gain {left:.2g} times the speed that the IMU gains"
+                why = "the gear ratio or the counts of a turn may be wrong instead"
+                remedy = "state the unit in a column map"
+                log.doubts.append(
+                    Doubt(f"{more}: {why}", remedy=remedy, grade="poor", rolled=math.sqrt(0.5) * (left - 1.0))
+                )
             rate = None if wheels.rate is None else wheels.rate * factor
             resolution = tuple(step * factor for step in wheels.resolution)
             return dataclasses.replace(wheels, angle=wheels.angle * factor, rate=rate, resolution=resolution)
