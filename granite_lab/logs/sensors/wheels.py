@@ -22,10 +22,11 @@ _TOO_FAST = 30.0  # no ground robot whose motors are not known drives faster [m/
 _FREE, _ALIKE, _FREE_FOR = 1.3, 0.05, 0.3
 _LIKE, _UNLIKE = 0.8, 0.5  # two signals share most of their variance (64 %), or little of it (25 %)
 _GAINED = 0.08  # less speed says nothing [m/s]
+_APART = 0.3  # the clocks of IMU and wheels may be so far apart [s]
 _BRIEF = 20.0  # an IMU's speed is that of the body for so long [s]
-# Wheels gain up to this many times the speed of the body on driving off: they slip by 15 % on sand, and by as
-# much for each m/s^2. More is not explained by a unit.
-_SLIPS = 1.5
+# Driven wheels gain this many times the speed of the body on driving off: no less, within the errors of both,
+# and no more: they slip by 15 % on sand, and by as much for each m/s^2. The rest is not explained by a unit.
+_GRIPS, _SLIPS = 0.9, 1.5
 _OPPOSED = -0.5  # a current that correlates with the other motors' by less has the opposite sign
 
 
@@ -127,7 +128,11 @@ def _fitting(declared: str, ratio: float, radius: float) -> list[dict[str, float
         sizes, rim = factors("angular rate"), factors("speed")
     kinds = sizes, {unit: size / radius for unit, size in rim.items()}
     changes = [{u: x / sizes.get(declared, math.nan) for u, x in k.items() if u != declared} for k in kinds]
-    return [{u: x for u, x in of.items() if 0.7 < ratio * x < 3} for of in changes]
+    ranges = (0.7, 3.0), (_GRIPS, _SLIPS)
+    return [
+        {unit: x for unit, x in of.items() if low < ratio * x < high}
+        for of, (low, high) in zip(changes, ranges, strict=True)
+    ]
 
 
 def _refuse_other_kind(wheels: WheelStream, imu: ImuStream, log: Log) -> None:
@@ -143,9 +148,12 @@ def _refuse_other_kind(wheels: WheelStream, imu: ImuStream, log: Log) -> None:
         return
     value = np.mean([joined(t, wheels.t, column) for column in known], axis=0)
     moves = [np.flatnonzero(np.abs(value - value[edge]) > 0.01 * np.ptp(value)) for edge in (0, -1)]
-    if not all(x.size for x in moves) or not 1.0 < t[moves[1][-1]] - t[moves[0][0]] < _BRIEF:
+    if not all(x.size for x in moves):
         return
-    inside = slice(int(moves[0][0]), int(moves[1][-1]) + 1)
+    begin, end = t[moves[0][0]] - _APART, t[moves[1][-1]] + _APART
+    if begin < t[0] or end > t[-1] or not 1.0 < end - begin < _BRIEF:  # no standstill at both ends
+        return
+    inside = slice(*np.searchsorted(t, (begin, end)).tolist())
     slow = np.column_stack([_smooth(x, t[inside]) for x in (*force[inside].T, value[inside])])
     gained = slow[:, :3] - slow[:, :3].mean(axis=0)
     speed = integral(t[inside], gained @ np.linalg.svd(gained, full_matrices=False)[2][0])
@@ -172,7 +180,7 @@ def _ratio(t: Array, speed: Array, imu: ImuStream) -> float:
     start = float(t[int(np.argmax(moving))])
     fast = np.abs(speed) > 0.8 * plateau
     reached = float(t[int(np.argmax(fast & (t >= start)))])
-    begin, end = start - 0.3, reached + 0.3  # the two clocks may be apart
+    begin, end = start - _APART, reached + _APART
     force = imu.specific_force
     if reached - start > 3 or begin - imu.t[0] < 0.2 or end > imu.t[-1] or np.isnan(force).any():
         return math.nan
