@@ -150,6 +150,11 @@ class _Steps:
     from_larger: set[tuple[str, ...]] = field(default_factory=set)
     named: int = 0
 
+    @property
+    def fits(self) -> dict[tuple[str, ...], Fit]:
+        """The fits of the sets."""
+        return {k: m.fit for k, m in self.models.items()}
+
     def path(self, model: Model) -> tuple[Model, list[_Extension]]:
         """Extend a set effect by effect; return the last set and the steps to it."""
         taken: list[_Extension] = []
@@ -323,7 +328,7 @@ class _Steps:
         """Fit the sets of some points that are not fitted yet, each with the scales of a fit nearby."""
         new = [(start, near.scales) for start, near in starts if set_of(start) not in self.models]
         self.fitting(set_of(start) for start, _ in new)
-        fits = fit_sets(self.problem, new, {k: m.fit for k, m in self.models.items()}, rounds)
+        fits = fit_sets(self.problem, new, self.fits, rounds)
         self.models.update({k: _model(k, f) for k, f in fits.items()})
 
     def fitting(self, sets: Iterable[tuple[str, ...]]) -> None:
@@ -390,7 +395,7 @@ class _Steps:
             before, after = step.before, step.after
             (id_,) = set(after.effects) - set(before.effects)
             without = self.problem.without_effect(best.fit.point, id_)
-            points.append(where_alone(self.problem, without, {k: m.fit for k, m in self.models.items()}))
+            points.append(where_alone(self.problem, without, self.fits))
             least = before.log_posterior + RIVAL * (after.log_posterior - before.log_posterior)
             for score in (s for s in step.tried if s.candidate not in best.effects):
                 alternative = self.models.get(tuple(sorted((*before.effects, score.candidate))))
