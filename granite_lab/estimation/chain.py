@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -21,7 +22,6 @@ from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.rest import named_rests
 from granite_lab.estimation.smoother import Solution
 from granite_lab.estimation.wheels import Rolling
-from granite_lab.logs.counters import integral
 from granite_lab.logs.sensors import mounting
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.imu import mounted
@@ -133,14 +133,13 @@ def _tape(trial: Trial, rolling: Rolling | None) -> Estimate | None:
     info = trial.info
     if info.distance_measured is None:
         return None
-    if rolling is not None and np.isfinite(rolling.speed).any():
-        way = float(integral(rolling.t, np.abs(np.nan_to_num(rolling.speed)))[-1])
-        if info.distance_measured > OTHER_UNIT * way:
-            raise EstimateError(
-                f"{trial.name}: the distance by tape, {info.distance_measured:g} m, is "
-                f"{info.distance_measured / max(way, 1e-3):.3g} times the {way:.2f} m that the wheels roll",
-                "state it in metres (distance_measured_m), or check wheel radius and counts of a turn",
-            )
+    way = math.inf if rolling is None or not np.isfinite(rolling.speed).any() else rolling.way
+    if info.distance_measured > OTHER_UNIT * way:
+        raise EstimateError(
+            f"{trial.name}: the distance by tape, {info.distance_measured:g} m, is "
+            f"{info.distance_measured / max(way, 1e-3):.3g} times the {way:.2f} m that the wheels roll",
+            "state it in metres (distance_measured_m), or check wheel radius and counts of a turn",
+        )
     return Estimate(info.distance_measured, info.distance_measured_std or TAPE)
 
 

@@ -18,7 +18,6 @@ from granite_lab.estimation.error_model import PD, P, V, X, std_of
 from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.reference import lag_of
 from granite_lab.estimation.smoother import Solution, settle, smooth
-from granite_lab.logs.counters import integral
 from granite_lab.logs.sensors.doubt import Doubt
 
 SPACING = 0.05
@@ -95,7 +94,6 @@ def _doubt_reference(problem: Problem, by_imu: Solution, offset: float) -> list[
     assert rolling is not None
     begin, end = problem.rests[0][1], problem.rests[-1][0]
     own = _way(by_imu, begin, end) if end > begin else None
-    rolled = integral(rolling.t, np.abs(np.nan_to_num(rolling.speed)))[-1]
     for readings in problem.reference:
         late = lag_of(readings, rolling, offset)
         if abs(late) > FOLLOWS:
@@ -111,7 +109,7 @@ def _doubt_reference(problem: Problem, by_imu: Solution, offset: float) -> list[
                 f"between the standstills the reference goes {way.value:.2f} m, the IMU alone "
                 f"{own.value:.2f} ± {own.std:.2f} m"
             )
-            std = math.hypot(miss / math.sqrt(2.0), own.std) / float(rolled)
+            std = math.hypot(miss / math.sqrt(2.0), own.std) / rolling.way
             remedy = "check scale, clock and std of the reference"
             doubts.append(Doubt(seen, remedy=remedy, grade="fair", std=std))
     return doubts

@@ -110,8 +110,7 @@ def unclosed(motion: Motion, open_ends: Sequence[str]) -> Iterator[Doubt]:
 
     A bias that changes in motion looks like that, and no standstill tells them apart: each is as likely.
     """
-    steady = np.array([phase == "steady" for phase in motion.phase])
-    wheels, body = (_means(motion, x, steady) for x in (mean_known(motion.v_wheel), motion.v))
+    wheels, body, _ = _speeds(motion, _in_phase(motion, "steady"))
     rolls = np.abs(wheels) > MOVING
     if not open_ends or np.count_nonzero(rolls) < FEWEST:
         return
@@ -139,7 +138,7 @@ def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
         vague = f"the slip ratio is known to ± {100 * motion.slip_ratio.std:.0f} points only"
         yield Doubt(vague, grade="fair")
     low = -SlipModel.per_acceleration * GRAVITY * max(_downhill(motion), 0.0)
-    steady = np.array([phase == "steady" for phase in motion.phase])
+    steady = _in_phase(motion, "steady")
     if surge := _surging(motion, steady, low, usual):
         yield surge
     if swing := _swinging(motion, steady):
@@ -174,9 +173,7 @@ def _surging(motion: Motion, steady: Mask, low: float, usual: float) -> Doubt | 
     The slip ratio over all may look usual while vibration that the IMU folds to slow frequencies, or a bias
     that changes, swings the velocity. It is judged over `FOLLOWS`, from `low` to 1 within its std.
     """
-    wheels, body, std = (
-        _means(motion, x, steady) for x in (mean_known(motion.v_wheel), motion.v, motion.v_std)
-    )
+    wheels, body, std = _speeds(motion, steady)
     rolls = np.abs(wheels) > MOVING  # not where they are unknown
     if np.count_nonzero(rolls) < FEWEST:
         return None
@@ -220,9 +217,7 @@ def _geared(motion: Motion, steady: Mask, usual: float) -> Doubt | None:
     slip = motion.slip_ratio
     if not slip.value + CONTRADICTS * slip.std > HALF or _spins_at_rest(motion):
         return None
-    wheels, body, std = (
-        _means(motion, x, steady) for x in (mean_known(motion.v_wheel), motion.v, motion.v_std)
-    )
+    wheels, body, std = _speeds(motion, steady)
     grips = np.sign(wheels) * body - CONTRADICTS * std > (1.0 - HALF) * np.maximum(np.abs(wheels), MOVING)
     factor = round((1.0 - usual) / max(1.0 - slip.value, 1e-3))
     if factor < 2 or np.count_nonzero(grips) > OUTLIERS * grips.size:
@@ -237,8 +232,8 @@ def _geared(motion: Motion, steady: Mask, usual: float) -> Doubt | None:
 
 def _spins_at_rest(motion: Motion) -> bool:
     """Whether wheels turn while the body stands."""
-    rest = np.array([phase == "rest" for phase in motion.phase])
-    return bool((np.abs(np.nan_to_num(mean_known(motion.v_wheel)))[rest] > MOVING).any())
+    pace = np.abs(np.nan_to_num(mean_known(motion.v_wheel)))
+    return bool((pace[_in_phase(motion, "rest")] > MOVING).any())
 
 
 def _odd_wheel(motion: Motion) -> Doubt | None:
@@ -273,6 +268,17 @@ def _odd_share(ways: Array) -> Array:
     agree = (np.ptp(by_size[:, :-1], axis=1) <= RADIUS) & (usual > MOVING)
     odd = agree[:, None] & (np.abs(far) >= CONTRADICTS * RADIUS)
     return np.asarray((odd * far * usual[:, None]).sum(axis=0) / max(float(usual.sum()), MOVING))
+
+
+def _in_phase(motion: Motion, name: str) -> Mask:
+    """(N,) where a motion is in a phase."""
+    return np.array([phase == name for phase in motion.phase])
+
+
+def _speeds(motion: Motion, where: Mask) -> tuple[Array, Array, Array]:
+    """Speed of the wheels, of the body and its std, each (M,) as `_means` [m/s]."""
+    wheels, body, std = (mean_known(motion.v_wheel), motion.v, motion.v_std)
+    return _means(motion, wheels, where), _means(motion, body, where), _means(motion, std, where)
 
 
 def _means(motion: Motion, values: Array, where: Mask) -> Array:

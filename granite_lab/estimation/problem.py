@@ -25,7 +25,6 @@ LOOSE = 1.0e-4
 """The displacement follows thrust roughly only. It also walks by as much, and at least by this [s^2]: the
 compliance of a robot that rings at 16 Hz."""
 
-
 OPEN = 1.0
 """A log that moves for longer than this before its first standstill or after its last one has no standstill
 there [s]."""

@@ -42,7 +42,6 @@ NOISY = ("wheel", "specific_force", "zero_rate", "reference_v", "reference_x")
 """Measurements whose noise grows where they miss their prediction. A standstill or a tape is exact: there the
 prediction is to blame."""
 
-
 WANDERING = ("wheel", "specific_force", "zero_rate")
 """Measurements whose slow innovations count, too: of wheels that wander against the IMU, of biases that drift
 faster than their grade says. Errors of a reference are slow by nature."""

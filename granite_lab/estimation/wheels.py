@@ -61,6 +61,11 @@ class Rolling:
         """The coarsest resolution of the four [m] or [m/s]."""
         return max(self.resolution)
 
+    @property
+    def way(self) -> float:
+        """The way that the wheels roll in all, forward or back [m]."""
+        return float(integral(self.t, np.abs(np.nan_to_num(self.speed)))[-1])
+
     def speed_at(self, t: Array | float, offset: float = 0.0) -> Array:
         """Return `speed` at instants of a clock that the encoders' lies behind by `offset` [s]."""
         return joined(t, self.t + offset, self.speed)

@@ -71,13 +71,20 @@ def look(trial: Trial, robot: Robot) -> MotionGuess | None:
 
 def mean_speed(wheels: WheelStream | None, robot: Robot) -> tuple[Array, Array]:
     """Return stamps (M,) [s] and the wheels' mean circumferential speed (M,) [m/s]; none without wheels."""
-    logged = [] if wheels is None else [a for a in wheels.angle.T if np.count_nonzero(np.isfinite(a)) > 1]
-    if wheels is None or not logged:
+    angle = None if wheels is None else _mean_at(wheels.t, wheels.t, wheels.angle)
+    if wheels is None or angle is None:
         return np.zeros(0), np.zeros(0)
-    # A wheel may have rows of its own; in between its angle is a straight line.
-    angles = [joined(wheels.t, wheels.t, angle) for angle in logged]
-    speed = np.diff(np.mean(angles, axis=0)) / np.diff(wheels.t) * robot.wheels.radius
+    speed = np.diff(angle) / np.diff(wheels.t) * robot.wheels.radius
     return (wheels.t[1:] + wheels.t[:-1]) / 2, np.asarray(speed)
+
+
+def _mean_at(t: Array, stamps: Array, columns: Array) -> Array | None:
+    """Return the mean of the wheels' columns (M, 4) at instants t (N,); None where none was logged.
+
+    A wheel may have rows of its own; in between its value is a straight line.
+    """
+    known = [column for column in columns.T if np.count_nonzero(np.isfinite(column)) > 1]
+    return np.asarray(np.mean([joined(t, stamps, x) for x in known], axis=0)) if known else None
 
 
 def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelStream:
@@ -142,11 +149,9 @@ def _refuse_other_kind(wheels: WheelStream, imu: ImuStream, log: Log) -> None:
     changes. Of the IMU only the direction is used along which the acceleration changes most.
     """
     t, force, is_angle = imu.t, imu.specific_force, wheels.rate is None
-    logged = wheels.angle if wheels.rate is None else wheels.rate
-    known = [column for column in logged.T if np.count_nonzero(np.isfinite(column)) > 1]
-    if np.isnan(force).any() or not known or len(t) < 100:
+    value = _mean_at(t, wheels.t, wheels.angle if wheels.rate is None else wheels.rate)
+    if np.isnan(force).any() or value is None or len(t) < 100:
         return
-    value = np.mean([joined(t, wheels.t, column) for column in known], axis=0)
     moves = [np.flatnonzero(np.abs(value - value[edge]) > 0.01 * np.ptp(value)) for edge in (0, -1)]
     if not all(x.size for x in moves):
         return
