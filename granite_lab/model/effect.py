@@ -8,9 +8,9 @@ the paper's. A hook gets the quantity, what it may depend on, and the effect's o
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, TypeVarTuple
 
 from granite_lab.columns import Column, Table, words
 from granite_lab.errors import InputError
@@ -22,6 +22,10 @@ from granite_lab.rounding import tidy_unit
 
 if TYPE_CHECKING:
     import pandas as pd
+
+T = TypeVar("T")
+Given = TypeVarTuple("Given")
+"""A quantity that hooks rewrite, and what they may depend on."""
 
 
 @dataclass(frozen=True)
@@ -266,6 +270,24 @@ class Effect:
         run: the signal ``enc_f_rad`` at t becomes what it was at t minus the delay of ``enc``.
         """
         return {}
+
+
+class Hooks(tuple[tuple[Effect, Symbols], ...]):
+    """The effects of a graph with their symbols, in the order in which their hooks apply."""
+
+    __slots__ = ()
+
+    def rewritten(self, hook: Callable[[Effect, T, *Given, Symbols], T], quantity: T, *given: *Given) -> T:
+        """Return a quantity as the effects leave it.
+
+        Args:
+            hook: of `Effect`, as ``Effect.soil``; those of the effects are called.
+            quantity: as the paper's model has it.
+            given: what the hook may depend on.
+        """
+        for effect, symbols in self:
+            quantity = getattr(effect, hook.__name__)(quantity, *given, symbols)
+        return quantity
 
 
 def _with_units(effect: Effect) -> str:

@@ -33,10 +33,10 @@ from granite_lab.model.contact import (
     wheel_forces,
 )
 from granite_lab.model.drive import control_voltage, current_rate, drive_torque
-from granite_lab.model.effect import Axle, Effect, Shaft, Symbols
+from granite_lab.model.effect import Axle, Effect, Hooks, Shaft, Symbols
 from granite_lab.model.pieces import desired, pulled, spin, symbols_of_piece
 from granite_lab.model.symbols import ModelParameters, model_parameters, symbolic, symbols_of
-from granite_lab.parameters import Soil, Turning, Variant, load_robot, load_soil, load_variants
+from granite_lab.parameters import Soil, Turning, load_robot, load_soil, load_variants
 
 BODY_STATES = ("x_cm", "z_cm", "pitch", "x_cm_rate", "z_cm_rate", "pitch_rate")
 AXLE_STATES = ("angle", "rate", "current")
@@ -67,11 +67,6 @@ class Graph:
     delays: dict[str, Any]
 
 
-def states_of(effects: tuple[Effect, ...], kind: Kind) -> tuple[str, ...]:
-    """Return the names of the states: those of the model, then those of its effects."""
-    return model_states(kind) + tuple(f"{e.id}.{name}" for e in effects for name in e.states)
-
-
 def model_states(kind: Kind) -> tuple[str, ...]:
     """Return the names of the states without those of effects."""
     return BODY_STATES if kind in TURNED else STATES
@@ -85,24 +80,22 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
     """
     t = ca.SX.sym("t")
     paper = symbolic(model_parameters(load_robot(), load_soil(), load_variants()[0]))
-    names = states_of(effects, kind)
+    names = model_states(kind) + tuple(f"{e.id}.{name}" for e in effects for name in e.states)
     x = ca.SX.sym("x", len(names))
     state: dict[str, Any] = dict(zip(names, ca.vertsplit(x), strict=True))
     column, piece = symbols_of_piece(kind)
     hooks = hooks_of(effects, state, t, paper)
-    p = paper
-    for e, sym in hooks:
-        p = e.system(p, sym)
+    p = hooks.rewritten(Effect.system, paper)
 
-    # command: (5), section 4
-    v_d, s_d = _commanded(t, p.variant, piece)
+    # command: (5), section 4; of a piece of a course, or else of the trapezoid
+    v_d, s_d = (
+        desired(t, piece) if piece else (desired_velocity(t, p.variant), desired_distance(t, p.variant))
+    )
     v_k92 = v_d if kind == "trapezoid" else ca.fmax(0, v_d)
     body = bd.BodyState(*(state[name] for name in BODY_STATES))
     reference = bd.point(body, p.chassis, 0, 0)  # R
     v, _ = bd.to_robot(body.pitch, reference.x_rate, reference.z_rate)
-    for e, sym in hooks:
-        v_k92 = e.desired_velocity(v_k92, v, sym)
-    k92 = contact_angle_ratio(v_k92, p)
+    k92 = contact_angle_ratio(hooks.rewritten(Effect.desired_velocity, v_k92, v), p)
 
     turned = {name: spin(t, piece, name) for name in "fr"} if kind in TURNED else {}
     splits = {name: spin(t, piece, f"split_{name}") for name in "fr"} if kind == "sides" else {}
@@ -119,8 +112,7 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
     )
     if kind != "trapezoid":
         load = _towed(load, v, t, piece, p)
-    for e, sym in hooks:
-        load = e.body_load(load, body, (axles[0], axles[1]), p, sym)
+    load = hooks.rewritten(Effect.body_load, load, body, (axles[0], axles[1]), p)
     acceleration = bd.accelerations(p.chassis, load)
 
     drives = _unasked(axles, p, hooks) if kind in TURNED else _drives(axles, s_d, v_d, p, hooks)
@@ -138,11 +130,6 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
     parameters = ca.vertcat(symbols_of(paper), effect_parameters(hooks))
     change_of = ca.vertcat(*map(rates.__getitem__, names))
     return Graph(t, x, parameters, column, change_of, outputs | sensors, names, delays)
-
-
-def _commanded(t: Any, variant: Variant, piece: dict[str, Any]) -> tuple[Any, Any]:
-    """Return v_d [m/s] and s_d [m] at time t of a piece of a course, or else of the trapezoid."""
-    return desired(t, piece) if piece else (desired_velocity(t, variant), desired_distance(t, variant))
 
 
 def _towed(load: bd.BodyLoad, v: Any, t: Any, piece: dict[str, Any], p: ModelParameters) -> bd.BodyLoad:
@@ -189,51 +176,41 @@ class _Drive:
 
 
 def _drives(
-    axles: Sequence[Axle], s_d: Any, v_d: Any, p: ModelParameters, hooks: list[tuple[Effect, Symbols]]
+    axles: Sequence[Axle], s_d: Any, v_d: Any, p: ModelParameters, hooks: Hooks
 ) -> tuple[_Drive, ...]:
     """Control the motors, (25), (26)."""
-    shafts = [_shaft(axle, hooks) for axle in axles]
-    readings = [_reading(shaft, axle, hooks) for shaft, axle in zip(shafts, axles, strict=True)]
+    moving = [_shaft_and_reading(axle, hooks) for axle in axles]
     radius = p.wheels.radius
-    wanted = [control_voltage(p.drive, s_d / radius - r.angle, v_d / radius - r.rate) for r in readings]
-    axles = [replace(axle, voltage=voltage) for axle, voltage in zip(axles, wanted, strict=True)]
-    front, rear = axles
-    voltages = wanted[0], wanted[1]
-    for e, sym in hooks:
-        voltages = e.voltages(voltages, (front.current, rear.current), p.drive, sym)
-    return tuple(map(_Drive, "fr", axles, shafts, readings, voltages))
+    front, rear = (control_voltage(p.drive, s_d / radius - r.angle, v_d / radius - r.rate) for _, r in moving)
+    axles = [replace(axle, voltage=voltage) for axle, voltage in zip(axles, (front, rear), strict=True)]
+    currents = axles[0].current, axles[1].current
+    voltages = hooks.rewritten(Effect.voltages, (front, rear), currents, p.drive)
+    return tuple(map(_Drive, "fr", axles, *zip(*moving, strict=True), voltages))
 
 
-def _unasked(
-    axles: Sequence[Axle], p: ModelParameters, hooks: list[tuple[Effect, Symbols]]
-) -> tuple[_Drive, ...]:
+def _unasked(axles: Sequence[Axle], p: ModelParameters, hooks: Hooks) -> tuple[_Drive, ...]:
     """Return the motors of wheels that are turned, with the voltage that (24) needs for a steady current."""
     drives = []
     for name, axle in zip("fr", axles, strict=True):
-        shaft = _shaft(axle, hooks)
+        shaft, reading = _shaft_and_reading(axle, hooks)
         emf = p.drive.emf_constant * p.drive.gear_ratio * shaft.rate
         voltage = emf + p.drive.resistance * axle.current
-        drives.append(_Drive(name, axle, shaft, _reading(shaft, axle, hooks), voltage))
+        drives.append(_Drive(name, axle, shaft, reading, voltage))
     return tuple(drives)
 
 
-def _driven(axle: Axle, current: Any, p: ModelParameters, hooks: list[tuple[Effect, Symbols]]) -> Axle:
+def _driven(axle: Axle, current: Any, p: ModelParameters, hooks: Hooks) -> Axle:
     """Return a wheel pair whose motors have a current [A], (24)."""
-    torque = drive_torque(p.drive, current)
-    for e, sym in hooks:
-        torque = e.drive_torque(torque, axle.state, sym)
+    torque = hooks.rewritten(Effect.drive_torque, drive_torque(p.drive, current), axle.state)
     return replace(axle, current=current, drive_torque=torque)
 
 
-def _turning(axle: Axle, p: ModelParameters, hooks: list[tuple[Effect, Symbols]]) -> Any:
+def _turning(axle: Axle, p: ModelParameters, hooks: Hooks) -> Any:
     """Return the angular acceleration of a rim [rad/s^2], (23)."""
-    turning = axle.rim_acceleration(p.chassis.wheel_inertia)
-    for e, sym in hooks:
-        turning = e.rim_acceleration(turning, axle, p, sym)
-    return turning
+    return hooks.rewritten(Effect.rim_acceleration, axle.rim_acceleration(p.chassis.wheel_inertia), axle, p)
 
 
-def _turned(axle: Axle, acceleration: Any, p: ModelParameters, hooks: list[tuple[Effect, Symbols]]) -> Axle:
+def _turned(axle: Axle, acceleration: Any, p: ModelParameters, hooks: Hooks) -> Axle:
     """Return a wheel pair whose motors have the current that its acceleration takes, (23), (24).
 
     Effects leave the acceleration a linear function of the current, so that two values tell it.
@@ -242,7 +219,7 @@ def _turned(axle: Axle, acceleration: Any, p: ModelParameters, hooks: list[tuple
     return _driven(axle, (acceleration - at_rest) / (at_one_ampere - at_rest), p, hooks)
 
 
-def _axle_rates(drive: _Drive, p: ModelParameters, hooks: list[tuple[Effect, Symbols]]) -> dict[str, Any]:
+def _axle_rates(drive: _Drive, p: ModelParameters, hooks: Hooks) -> dict[str, Any]:
     """Return the time derivatives of the states of one wheel pair, (23), (24)."""
     axle = drive.axle
     turning = _turning(axle, p, hooks)
@@ -252,49 +229,38 @@ def _axle_rates(drive: _Drive, p: ModelParameters, hooks: list[tuple[Effect, Sym
 
 
 def _sensors(
-    imu: dict[str, Any], drives: Sequence[_Drive], p: ModelParameters, hooks: list[tuple[Effect, Symbols]]
+    imu: dict[str, Any], drives: Sequence[_Drive], p: ModelParameters, hooks: Hooks
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return what the sensors read, and how far their stamps lag [s]."""
     sensors, delays = dict(imu), dict[str, Any]()
     for drive in drives:
         sensors |= {f"enc_{drive.name}_rad": drive.reading.angle, f"cur_{drive.name}_A": drive.axle.current}
+    sensors = hooks.rewritten(Effect.sensors, sensors, p)
     for e, sym in hooks:
-        sensors = e.sensors(sensors, p, sym)
         for prefix, lag in e.delays(sym).items():
             late = [name for name in sensors if name.startswith(f"{prefix}_")]
             delays |= {name: delays.get(name, 0) + lag for name in late}
     return sensors, delays
 
 
-def hooks_of(
-    effects: Sequence[Effect], state: Mapping[str, Any], t: Any, paper: ModelParameters
-) -> list[tuple[Effect, Symbols]]:
+def hooks_of(effects: Sequence[Effect], state: Mapping[str, Any], t: Any, paper: ModelParameters) -> Hooks:
     """Return each effect with its own symbols; `state` names those of its states ``effect.name``."""
     hooks = []
     for e in effects:
         parameters = {q.name: ca.SX.sym(f"{e.id}.{q.name}") for q in e.parameters}
         hooks.append((e, Symbols(parameters, {n: state[f"{e.id}.{n}"] for n in e.states}, t, paper)))
-    return hooks
+    return Hooks(hooks)
 
 
-def effect_parameters(hooks: Sequence[tuple[Effect, Symbols]]) -> Any:
+def effect_parameters(hooks: Hooks) -> Any:
     """Return the symbols of all effects' parameters as one column."""
     return ca.vertcat(*(symbol for _, sym in hooks for symbol in sym.p.values()))
 
 
-def _shaft(axle: Axle, hooks: list[tuple[Effect, Symbols]]) -> Shaft:
-    """Return the motion of a motor's shaft, that of the rim in the paper's model."""
-    shaft = Shaft(axle.state.angle, axle.state.rate)
-    for e, sym in hooks:
-        shaft = e.shaft(shaft, axle, sym)
-    return shaft
-
-
-def _reading(shaft: Shaft, axle: Axle, hooks: list[tuple[Effect, Symbols]]) -> Shaft:
-    """Return what the encoder reads of a shaft, its very motion in the paper's model."""
-    for e, sym in hooks:
-        shaft = e.reading(shaft, axle, sym)
-    return shaft
+def _shaft_and_reading(axle: Axle, hooks: Hooks) -> tuple[Shaft, Shaft]:
+    """Return the motion of a motor's shaft and what the encoder reads of it; the paper's are the rim's."""
+    shaft = hooks.rewritten(Effect.shaft, Shaft(axle.state.angle, axle.state.rate), axle)
+    return shaft, hooks.rewritten(Effect.reading, shaft, axle)
 
 
 @dataclass(frozen=True)
@@ -313,37 +279,18 @@ class OnGround:
     stresses: Callable[[Any], tuple[Any, Any]]
 
 
-def on_ground(
-    wheel: WheelState, soil: Soil, k92: Any, damping: Any, hooks: Sequence[tuple[Effect, Symbols]]
-) -> OnGround:
+def on_ground(wheel: WheelState, soil: Soil, k92: Any, damping: Any, hooks: Hooks) -> OnGround:
     """Put a wheel on soil, (4), (6)-(17), with the hooks of effects in the order in which they apply."""
-    for e, sym in hooks:
-        wheel = e.wheel(wheel, sym)
-    for e, sym in hooks:
-        soil = e.soil(soil, wheel, sym)
-    angles = contact_angles(wheel, k92)
-    for e, sym in hooks:
-        angles = e.contact_angles(angles, wheel, sym)
-
-    def bearing(ϑ: Any) -> Any:
-        for e, sym in hooks:
-            ϑ = e.bearing(ϑ, angles, wheel, sym)
-        return ϑ
-
-    def pressure(σ: Any, ϑ: Any) -> Any:
-        for e, sym in hooks:
-            σ = e.pressure(σ, ϑ, wheel, sym)
-        return σ
-
-    def shear(share: Any, j: Any) -> Any:
-        for e, sym in hooks:
-            share = e.shear(share, j, sym)
-        return share
-
-    laws = ArcLaws(bearing, pressure, shear)
+    wheel = hooks.rewritten(Effect.wheel, wheel)
+    soil = hooks.rewritten(Effect.soil, soil, wheel)
+    angles = hooks.rewritten(Effect.contact_angles, contact_angles(wheel, k92), wheel)
+    laws = ArcLaws(
+        bearing=lambda ϑ: hooks.rewritten(Effect.bearing, ϑ, angles, wheel),
+        pressure=lambda σ, ϑ: hooks.rewritten(Effect.pressure, σ, ϑ, wheel),
+        shear=lambda share, j: hooks.rewritten(Effect.shear, share, j),
+    )
     forces = wheel_forces(wheel, angles, soil, damping, laws)
-    for e, sym in hooks:
-        forces = e.wheel_forces(forces, wheel, angles, soil, sym)
+    forces = hooks.rewritten(Effect.wheel_forces, forces, wheel, angles, soil)
     return OnGround(wheel, soil, angles, forces, arc_stresses(wheel, angles, soil, laws))
 
 
@@ -378,7 +325,7 @@ def _axle(
     wheel: WheelState,
     split: Turning | None,
     p: ModelParameters,
-    hooks: list[tuple[Effect, Symbols]],
+    hooks: Hooks,
 ) -> Axle:
     """Contact of one wheel pair, (4)-(17), its motors without current.
 
@@ -392,9 +339,7 @@ def _axle(
         left, right = (_axle(position, _side(wheel, split, sign), None, p, hooks) for sign in (-1, 1))
         return _mean(left, right)
     ground = on_ground(wheel, p.soil, wheel.k92, p.chassis.contact_damping, hooks)
-    rim_load = ground.forces.moment
-    for e, sym in hooks:
-        rim_load = e.rim_load(rim_load, ground.state, sym)
+    rim_load = hooks.rewritten(Effect.rim_load, ground.forces.moment, ground.state)
     return Axle(position, ground.state, ground.angles, ground.forces, 0.0, 0.0, rim_load)
 
 

@@ -319,14 +319,9 @@ def _functions(effects: tuple[Effect, ...]) -> tuple[Any, Any, Any]:
     )  # fmt: skip
     states = {name: ca.SX.sym(name) for e in effects for name in (f"{e.id}.{n}" for n in e.states)}
     hooks = hooks_of(effects, states, ca.SX(0.0), paper)
-    model = paper
-    for e, sym in hooks:
-        model = e.system(model, sym)
+    model = hooks.rewritten(Effect.system, paper)
     speed = ca.fmax(ca.fabs(v), ca.fabs(rate * model.wheels.radius))
-    desired = speed
-    for e, sym in hooks:
-        desired = e.desired_velocity(desired, v, sym)
-    k92 = contact_angle_ratio(desired, model)
+    k92 = contact_angle_ratio(hooks.rewritten(Effect.desired_velocity, speed, v), model)
 
     def wheel(front: bool) -> OnGround:
         state = WheelState(
