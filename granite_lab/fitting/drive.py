@@ -15,7 +15,7 @@ from granite_lab.inference.constants import TOLERANCE
 from granite_lab.logs.counters import mean_known
 from granite_lab.logs.trial import Array
 from granite_lab.model import simulate
-from granite_lab.model.command import corners, duration, velocities_at
+from granite_lab.model.command import duration, path_of, velocities_at
 from granite_lab.model.effect import Effect
 from granite_lab.model.limits import FASTEST_BACKWARDS
 from granite_lab.model.turning import AHEAD, turned
@@ -212,9 +212,11 @@ def _turned(motion: Motion, robot: Robot, split: Array | None) -> tuple[Estimate
     wanted = None
     if commanded:  # repetitions begin with it; wheels may turn a little before a start that is known so well
         start = min(motion.t_start.value, start + AHEAD)
+        t_command, v_command = path_of(motion.variant)
+        late = motion.t_start.value - start
         # a command that is not logged is seen by the wheels alone, which follow it late
         stamped = motion.variant_source == "logged"
-        wanted = replace(_course(motion.variant, motion.t_start.value - start), stamped=stamped)
+        wanted = replace(course_of(t_command + late, v_command), stamped=stamped)
     stretch = motion.steady[0] - start, motion.steady[1] - start
     course = turned(
         t[part] - start, (v[0][part], v[1][part]), (_std(std[0][part]), _std(std[1][part])),
@@ -222,16 +224,6 @@ def _turned(motion: Motion, robot: Robot, split: Array | None) -> tuple[Estimate
         split=None if split is None else (split[part, 0], split[part, 1]),
     )  # fmt: skip
     return Estimate(start, float(np.nan_to_num(motion.clock_offset.std))), course
-
-
-def _course(variant: Variant, late: float) -> Course:
-    """Return a command as a course that begins `late` [s]."""
-    if isinstance(variant, Course):
-        t, v = variant.corners
-    else:
-        t = np.array(corners(variant))
-        v = velocities_at(t, variant)
-    return course_of(t + late, v)
 
 
 def _refuse_reversed(trial: str, t: Array, v: Array) -> None:

@@ -7,8 +7,8 @@ from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
+from granite_lab.logs.trial import Array
 from granite_lab.model.symbols import ModelParameters
 from granite_lab.parameters import Course, Variant, course_of, towing
 from granite_lab.parameters.course import ALIKE, MOVING
@@ -92,7 +92,7 @@ def steady_part(variant: Variant) -> tuple[float, float]:
     return (start, end) if isinstance(variant, Course) else ((start + end) / 2, end)
 
 
-def phase_of(t: npt.NDArray[np.float64], variant: Variant) -> list[str]:
+def phase_of(t: Array, variant: Variant) -> list[str]:
     """Return the commanded phase at each t [s after command start]."""
     if isinstance(variant, Course):
         v, change = variant.velocity_at(t), variant.velocity_at(t + _ABOUT) - variant.velocity_at(t - _ABOUT)
@@ -114,11 +114,19 @@ def kind_of(variant: Variant) -> Kind:
     return "path" if not variant.wheels else "sides" if variant.split else "wheels"
 
 
-def velocities_at(t: npt.NDArray[np.float64], variant: Variant) -> npt.NDArray[np.float64]:
+def velocities_at(t: Array, variant: Variant) -> Array:
     """Return v_Rd [m/s] at each t [s after command start]."""
     if isinstance(variant, Course):
         return variant.velocity_at(t)
     return np.array([float(desired_velocity(float(x), variant)) for x in t])
+
+
+def path_of(variant: Variant) -> tuple[Array, Array]:
+    """Return the (K,) corners [s after command start] of a desired velocity, and its values there [m/s]."""
+    if isinstance(variant, Course):
+        return variant.corners
+    t = np.array(corners(variant))
+    return t, velocities_at(t, variant)
 
 
 def hauling(
@@ -136,8 +144,7 @@ def hauling(
         stretch: of a trapezoid, over which λ_R is taken; by default `steady_part`.
     """
     if not isinstance(variant, Course):
-        t = np.array(corners(variant))
-        variant = course_of(t, velocities_at(t, variant), stretch or steady_part(variant))
+        variant = course_of(*path_of(variant), stretch or steady_part(variant))
     end = variant.end
     return towing(variant, [(min(t, end), force) for t, force in tow if t <= end or force], height)
 
@@ -151,7 +158,7 @@ def alike(a: Variant, b: Variant) -> bool:
     return bool(loaded and apart.max() <= ALIKE * max(peak_velocity(a), peak_velocity(b)))
 
 
-def distances_at(t: npt.NDArray[np.float64], variant: Variant) -> npt.NDArray[np.float64]:
+def distances_at(t: Array, variant: Variant) -> Array:
     """Return s_Rxd [m] at each t [s after command start]."""
     if isinstance(variant, Course):
         return variant.distance_at(t)

@@ -7,16 +7,12 @@ from collections.abc import Callable
 from functools import cache, lru_cache
 from typing import Protocol, cast
 
-import numpy as np
-import numpy.typing as npt
-
+from granite_lab.logs.trial import Array
 from granite_lab.model import interpreted
 from granite_lab.model.command import Kind
 from granite_lab.model.effect import Effect
 from granite_lab.model.instants import Accuracy
 from granite_lab.parameters import Variant
-
-Array = npt.NDArray[np.float64]
 
 INTERPRETED = "GRANITE_LAB_INTERPRETED"
 """Environment variable: not empty, nothing is compiled."""

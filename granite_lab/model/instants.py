@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
+from granite_lab.logs.trial import Array
 from granite_lab.model.command import corners, duration, peak_velocity
 from granite_lab.model.limits import refuse_long
 from granite_lab.parameters import Course, Variant
-
-Array = npt.NDArray[np.float64]
 
 SETTLE = 1.0
 """Standstill before the command [s]."""

@@ -7,8 +7,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
+from granite_lab.logs.trial import Array
 from granite_lab.model.command import Kind, kind_of
 from granite_lab.model.effect import Effect
 from granite_lab.model.graph import build_graph
@@ -16,8 +16,6 @@ from granite_lab.model.instants import Accuracy, instants
 from granite_lab.model.limits import MAX_STEPS, not_converged
 from granite_lab.model.pieces import numbers_at, pieces
 from granite_lab.parameters import Course, Variant
-
-Array = npt.NDArray[np.float64]
 
 
 @lru_cache(maxsize=64)

@@ -8,13 +8,11 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from granite_lab.logs.trial import Array
 from granite_lab.model.command import kind_of
 from granite_lab.model.pieces import NUMBERS, numbers_at, spin
 from granite_lab.parameters import Course, Robot, Turning, Variant
-
-Array = npt.NDArray[np.float64]
 
 LASTING = 1 / 3
 """Time over which the error of a loop on the angle of a wheel comes and goes [s], where the robot's file

@@ -11,12 +11,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
+from granite_lab.logs.trial import Array
 from granite_lab.model.command import Kind
 from granite_lab.parameters import Course, Turning, Variant
-
-Array = npt.NDArray[np.float64]
 
 _NAMES = ("begin", "velocity", "slope", "distance", "pull", "pull_slope", "hitch")
 _AXLE = ("angle", "rate", "linear", "square", "cube")

@@ -9,10 +9,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg.lapack import dgesv
 
 from granite_lab.errors import EstimateError
+from granite_lab.logs.trial import Array
 from granite_lab.model.command import Kind, kind_of, steady_part
 from granite_lab.model.effect import Active, Effect
 from granite_lab.model.engine import engine_of
@@ -27,8 +27,6 @@ from granite_lab.model.limits import (
 from granite_lab.model.run import Run
 from granite_lab.model.symbols import ModelParameters, model_parameters, vector_of
 from granite_lab.parameters import Course, Robot, Soil, Variant, load_paper
-
-Array = npt.NDArray[np.float64]
 
 
 @lru_cache(maxsize=64)

@@ -15,19 +15,17 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 import scipy
 
 from granite_lab.columns import Column, Table
 from granite_lab.errors import EstimateError, InputError, UsageError
+from granite_lab.logs.trial import Array
 from granite_lab.model.command import V_FLOOR, contact_angle_ratio
 from granite_lab.model.contact import WheelState
 from granite_lab.model.effect import Active, Axle, Effect
 from granite_lab.model.graph import OnGround, effect_parameters, hooks_of, on_ground
 from granite_lab.model.symbols import ModelParameters, symbolic, symbols_of, vector_of
 from granite_lab.parameters import Chassis, Drive, Soil, Wheels, load_robot, load_soil, load_variants
-
-Array = npt.NDArray[np.float64]
 
 NODES = 101
 """Places of the contact arc at which stresses are told."""

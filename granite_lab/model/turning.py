@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import UnivariateSpline
 
 from granite_lab.errors import EstimateError
+from granite_lab.logs.trial import Array
 from granite_lab.parameters import Course, Turning, course_of
-
-Array = npt.NDArray[np.float64]
 
 FINEST = 1e-6
 """Least std that a wheel's speed is taken to have [m/s], as of a simulation."""

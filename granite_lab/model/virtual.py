@@ -9,17 +9,14 @@ the mean over its sampling interval.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, lfilter, sosfilt
 from scipy.spatial.transform import Rotation
 
-from granite_lab.logs.trial import CurrentStream, ImuStream, Series, Trial, TrialInfo, WheelStream
+from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Series, Trial, TrialInfo, WheelStream
 from granite_lab.model.run import Run
 from granite_lab.parameters import WHEELS, Course, ImuGrade, Robot
-
-Array = npt.NDArray[np.float64]
 
 STILL = 2.0
 """Standstill before the command and after the run's end in a virtual log [s]."""

@@ -117,12 +117,7 @@ class Course(Variant):
         return np.asarray(way[k] + (t - corners[k]) * (v[k] + np.interp(t, corners, v)) / 2)
 
 
-def course_of(
-    t: Array,
-    v: Array,
-    stretch: tuple[float, float] | None = None,
-    wheels: Sequence[tuple[float, Turning, Turning]] = (),
-) -> Course:
+def course_of(t: Array, v: Array, stretch: tuple[float, float] | None = None) -> Course:
     """Return the course of (N,) desired velocities [m/s] at instants [s since the start].
 
     Velocities that lie on a line through their neighbours, within `ENOUGH`, are left out.
@@ -130,7 +125,6 @@ def course_of(
     Args:
         t, v: two or more, t increasing.
         stretch: over which λ_R is taken; by default all of it that moves.
-        wheels: as in `Course`.
     """
     keep = corners_of(t, v, ENOUGH)
     if stretch is None:
@@ -147,7 +141,6 @@ def course_of(
         distance=float(_way(t, v)[-1]),
         path=tuple(zip(t[keep].tolist(), v[keep].tolist(), strict=True)),
         stretch=stretch,
-        wheels=tuple(wheels),
     )
 
 

@@ -11,7 +11,7 @@ from granite_lab.effects import get, library
 from granite_lab.errors import InputError
 from granite_lab.fitting.drive import drives
 from granite_lab.model import Accuracy, Run, interpreted, simulate
-from granite_lab.model.command import alike, corners, duration, kind_of, phase_of, velocities_at
+from granite_lab.model.command import alike, corners, duration, kind_of, path_of, phase_of
 from granite_lab.model.contact import WheelForces, WheelState, contact_angles, wheel_forces
 from granite_lab.model.effect import Active, activate
 from granite_lab.model.engine import engine_of
@@ -29,8 +29,7 @@ JOYSTICK = course_of(
 
 
 def as_course(variant: Variant) -> Course:
-    t = np.array(corners(variant))
-    return course_of(t, velocities_at(t, variant))
+    return course_of(*path_of(variant))
 
 
 def fed_back(run: Run, command: Course | None, effects: tuple[Active, ...] = ()) -> Run:

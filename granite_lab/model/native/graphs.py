@@ -11,9 +11,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 from llvmlite import binding
 
+from granite_lab.logs.trial import Array
 from granite_lab.model import interpreted
 from granite_lab.model.command import Kind, corners, kind_of
 from granite_lab.model.effect import Effect
@@ -33,7 +33,6 @@ from granite_lab.model.pieces import numbers_at, pieces
 from granite_lab.parameters import Variant
 from granite_lab.stored import machine_code
 
-Array = npt.NDArray[np.float64]
 _POINTER, _WHOLE = ctypes.c_void_p, ctypes.c_int64
 
 LARGE = 3_000_000
