@@ -2,9 +2,9 @@
 
 An algorithm stays readable and can be run as plain Python, on NumPy arrays, too. Allowed are
 functions with annotated arguments (`int`, `float`, `Floats`, `Equations`), assignments, `while`,
-`for … in range(…)`, `if`, `return`, `break`, arithmetic, comparisons, `and`, `or`, `min`, `max`, `abs`,
+`for … in range(…)`, `if`, `return` of a value, arithmetic, comparisons, `and`, `not`, `min`, `max`, `abs`,
 `int`, `sqrt`, `power`, `a[k]`, `a[k:]` and calls of other functions of the same kind. Both sides of `and`
-and `or` are evaluated.
+are evaluated.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def power(a: float, b: float) -> float:
 
 _KINDS = {"int": "i64", "float": "double", "Floats": "ptr", "Equations": "ptr", "None": "void"}
 _FLOAT = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul", ast.Div: "fdiv"}
-_INTEGER = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.FloorDiv: "sdiv"}
+_INTEGER = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
 _RELATION = {
     ast.Lt: ("olt", "slt"), ast.LtE: ("ole", "sle"), ast.Gt: ("ogt", "sgt"), ast.GtE: ("oge", "sge"),
     ast.Eq: ("oeq", "eq"), ast.NotEq: ("une", "ne"),
@@ -53,7 +53,6 @@ class _Function:
         self.lines: list[str] = []
         self.places: dict[str, str] = {}  # variable to type
         self.count = 0
-        self.leave: list[str] = []
         self.closed = False
         self.equations = {a.arg for a in tree.args.args if ast.unparse(a.annotation or tree) == "Equations"}
         self.result, kinds = signatures[tree.name]
@@ -83,8 +82,7 @@ class _Function:
             self.lines.append(f"  {text}")
         self.closed = True
 
-    def begin(self, label: str) -> None:
-        self.go(f"br label %{label}")
+    def block(self, label: str) -> None:
         self.lines.append(f"{label}:")
         self.closed = False
 
@@ -100,25 +98,18 @@ class _Function:
                 self.expression(call)
             case ast.Assign(targets=[ast.Name(id=name)], value=value):
                 self.assign(name, self.expression(value))
-            case ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value):
-                self.assign(name, self.expression(value))
             case ast.Assign(targets=[ast.Subscript() as target], value=value):
                 result = self.real(self.expression(value))
                 self.lines.append(f"  store double {result}, ptr {self.address(target)}")
-            case ast.AugAssign(target=target, op=op, value=value):
-                load = ast.copy_location(ast.parse(ast.unparse(target), mode="eval").body, node)
-                self.statement(ast.Assign(targets=[target], value=ast.BinOp(left=load, op=op, right=value)))
             case ast.If(test=test, body=body, orelse=orelse):
                 then, other, after = self.label(), self.label(), self.label()
                 self.go(f"br i1 {self.condition(test)}, label %{then}, label %{other}")
                 for label, part in ((then, body), (other, orelse)):
-                    self.lines.append(f"{label}:")
-                    self.closed = False
+                    self.block(label)
                     for inner in part:
                         self.statement(inner)
                     self.go(f"br label %{after}")
-                self.lines.append(f"{after}:")
-                self.closed = False
+                self.block(after)
             case ast.While(test=test, body=body):
                 self.loop(test, body, [])
             case ast.For(target=ast.Name(id=name), iter=ast.Call(args=bounds), body=body):
@@ -129,10 +120,6 @@ class _Function:
                     targets=[here], value=ast.BinOp(left=here, op=ast.Add(), right=ast.Constant(value=1))
                 )
                 self.loop(ast.Compare(left=here, ops=[ast.Lt()], comparators=[high]), body, [step])
-            case ast.Break():
-                self.go(f"br label %{self.leave[-1]}")
-            case ast.Return(value=None):
-                self.go("ret void")
             case ast.Return(value=ast.expr() as value):
                 kind, name = self.expression(value)
                 self.go(f"ret {kind} {name}")
@@ -141,17 +128,14 @@ class _Function:
 
     def loop(self, test: ast.expr, body: list[ast.stmt], after: list[ast.stmt]) -> None:
         head, inside, end = self.label(), self.label(), self.label()
-        self.begin(head)
+        self.go(f"br label %{head}")
+        self.block(head)
         self.go(f"br i1 {self.condition(test)}, label %{inside}, label %{end}")
-        self.lines.append(f"{inside}:")
-        self.closed = False
-        self.leave.append(end)
+        self.block(inside)
         for inner in body + after:
             self.statement(inner)
-        self.leave.pop()
         self.go(f"br label %{head}")
-        self.lines.append(f"{end}:")
-        self.closed = False
+        self.block(end)
 
     def assign(self, name: str, value: Value) -> None:
         kind = self.places.setdefault(name, value[0])
@@ -173,11 +157,10 @@ class _Function:
                 if a[0] == b[0] == "i64":
                     return self.new("i1", f"icmp {words[1]} i64 {a[1]}, {b[1]}")[1]
                 return self.new("i1", f"fcmp {words[0]} double {self.real(a)}, {self.real(b)}")[1]
-            case ast.BoolOp(op=op, values=values):
+            case ast.BoolOp(op=ast.And(), values=values):
                 total = self.condition(values[0])
                 for value in values[1:]:
-                    word = "and" if isinstance(op, ast.And) else "or"
-                    total = self.new("i1", f"{word} i1 {total}, {self.condition(value)}")[1]
+                    total = self.new("i1", f"and i1 {total}, {self.condition(value)}")[1]
                 return total
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 return self.new("i1", f"xor i1 {self.condition(operand)}, true")[1]
