@@ -65,7 +65,7 @@ STATUS_NAMES: Mapping[FitStatus, str] = {
 }
 """Status of a fit as a reader calls it."""
 
-SCATTER = "scatter between trials beyond these"
+SCATTER, COMBINED = "scatter between trials beyond these", "combined standard uncertainty"
 
 APART = 3.0
 """The two k_92 of a trial differ by more than chance from so many standard deviations on."""
@@ -360,6 +360,11 @@ class Budget:
     def combined(self) -> float:
         """Combined standard uncertainty by the components."""
         return math.hypot(*(part.contribution for part in self.parts))
+
+    @property
+    def whole(self) -> Part:
+        """The combined standard uncertainty as a row below its components."""
+        return Part(COMBINED, "A", "", "", self.result.std, self.combined)
 
     def share(self, part: Part) -> float:
         """Return the share of a component in the combined variance."""

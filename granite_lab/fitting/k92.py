@@ -34,6 +34,7 @@ from granite_lab.model.command import duration, reference_velocity, steady_inter
 from granite_lab.model.effect import Active
 from granite_lab.model.instants import COAST
 from granite_lab.model.leading import LEADS, count_of
+from granite_lab.model.simulator import ways
 from granite_lab.parameters import Course, Robot, Soil, Variant, load_paper
 from granite_lab.processes import one_thread
 
@@ -85,14 +86,10 @@ def simulated_slip(run: Run, interval: tuple[float, float] | None = None) -> flo
     Raises:
         EstimateError: the wheels do not turn.
     """
-    ends = interval or run.steady
-    x, front, rear = (
-        float(np.diff(np.interp(ends, run.t, run[name]))[0]) for name in ("x_m", "enc_f_rad", "enc_r_rad")
-    )
-    wheels = run.robot.wheels.radius * (front + rear) / 2
+    body, wheels = ways(run.signals, interval or run.steady, run.robot.wheels.radius, "enc")
     if not wheels > 0:
         raise EstimateError("the wheels do not turn in the steady part", "check variant and drive")
-    return 1 - x / wheels
+    return 1 - body / wheels
 
 
 def slip_interval(motion: Motion) -> tuple[float, float]:

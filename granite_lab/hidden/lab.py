@@ -8,7 +8,7 @@ the analysis can do.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -21,7 +21,7 @@ from granite_lab.hidden.model import Setup, Truth
 from granite_lab.hidden.parts import exponential_k92
 from granite_lab.hidden.sensors import Logger
 from granite_lab.parameters import Robot, Soil, load_paper, load_soil
-from granite_lab.parameters.quantity import key_of, toml_line
+from granite_lab.parameters.quantity import table_of, toml_line
 
 R = TypeVar("R", Robot, Soil)
 
@@ -98,7 +98,9 @@ class Lab:
 
     def files(self) -> dict[str, str]:
         """Return the TOML files that lie beside the trials: what the laboratory knows of robot and sand."""
-        return {x.name: toml_of(x.filed) for x in (self.robot, self.soil) if x.name.endswith(".toml")}
+        return {
+            x.name: toml_of(table_of(x.filed)) for x in (self.robot, self.soil) if x.name.endswith(".toml")
+        }
 
 
 def bench(robot: Robot, soil: Soil) -> Lab:
@@ -106,16 +108,11 @@ def bench(robot: Robot, soil: Soil) -> Lab:
     return Lab("bench", Filed(robot.name, robot, robot), Filed(soil.name, soil, soil), load_paper().a_theta)
 
 
-def toml_of(record: Any, table: str = "") -> str:
-    """Return a record of robot or soil as the TOML that reads back as the same."""
-    lines, tables = [], []
-    for each in fields(record):
-        value, key = getattr(record, each.name), key_of(each)
-        if is_dataclass(value):
-            name = f"{table}.{key}" if table else key
-            tables.append(f"\n[{name}]\n{toml_of(value, name)}")
-        elif value is not None and value != ():
-            lines.append(f"{toml_line(key, value)}\n")
+def toml_of(table: Mapping[str, Any], above: str = "") -> str:
+    """Return a table, as `table_of` makes it of a robot or a soil, as TOML."""
+    inside = {key: value for key, value in table.items() if isinstance(value, Mapping)}
+    lines = [f"{toml_line(k, v)}\n" for k, v in table.items() if k not in inside and v != []]
+    tables = [f"\n[{above}{key}]\n{toml_of(value, f'{above}{key}.')}" for key, value in inside.items()]
     return "".join(lines + tables)
 
 

@@ -35,8 +35,8 @@ from granite_lab.model.contact import (
 from granite_lab.model.drive import control_voltage, current_rate, drive_torque
 from granite_lab.model.effect import Axle, Effect, Hooks, Shaft, Symbols
 from granite_lab.model.pieces import desired, pulled, spin, symbols_of_piece
-from granite_lab.model.symbols import ModelParameters, model_parameters, symbolic, symbols_of
-from granite_lab.parameters import Soil, Turning, load_robot, load_soil, load_variants
+from granite_lab.model.symbols import ModelParameters, paper_symbols, symbols_of
+from granite_lab.parameters import Soil, Turning
 
 BODY_STATES = ("x_cm", "z_cm", "pitch", "x_cm_rate", "z_cm_rate", "pitch_rate")
 AXLE_STATES = ("angle", "rate", "current")
@@ -79,7 +79,7 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
     Every number is a symbol, so that one graph serves all robots, soils and motions of a kind.
     """
     t = ca.SX.sym("t")
-    paper = symbolic(model_parameters(load_robot(), load_soil(), load_variants()[0]))
+    paper = paper_symbols()
     names = model_states(kind) + tuple(f"{e.id}.{name}" for e in effects for name in e.states)
     x = ca.SX.sym("x", len(names))
     state: dict[str, Any] = dict(zip(names, ca.vertsplit(x), strict=True))

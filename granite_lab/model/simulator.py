@@ -211,6 +211,24 @@ def _history(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy
 _remembered = lru_cache(maxsize=8)(_history)
 
 
+def ways(
+    signals: dict[str, Array], interval: tuple[float, float], radius: float, wheels: str = "theta"
+) -> tuple[float, float]:
+    """Return how far the body came in an interval, and its wheels without slip [m].
+
+    Args:
+        signals: of a run.
+        interval: start and end [s after command start].
+        radius: of the wheels [m].
+        wheels: by whose angles they turn: "theta", their own, or "enc", those that the encoders read.
+    """
+    names = ("x_m", f"{wheels}_f_rad", f"{wheels}_r_rad")
+    body, front, rear = (
+        float(np.diff(np.interp(interval, signals["t_s"], signals[name]))[0]) for name in names
+    )
+    return body, radius * (front + rear) / 2
+
+
 def steady_slip(
     signals: dict[str, Array], variant: Variant, radius: float
 ) -> tuple[float, tuple[float, float]]:
@@ -224,14 +242,9 @@ def steady_slip(
         EstimateError: the wheels do not turn in the steady part.
     """
     t1, t2 = steady_part(variant)
-    start, end = (
-        {name: np.interp(t, signals["t_s"], signals[name]) for name in ("x_m", "theta_f_rad", "theta_r_rad")}
-        for t in (t1, t2)
-    )
-    gained = {name: float(end[name] - start[name]) for name in start}
-    wheels = radius * (gained["theta_f_rad"] + gained["theta_r_rad"]) / 2
+    body, wheels = ways(signals, (t1, t2), radius)
     refuse_standing(wheels, variant, t1, t2)
-    return 1 - gained["x_m"] / wheels, (t1, t2)
+    return 1 - body / wheels, (t1, t2)
 
 
 def simulate(

@@ -24,8 +24,8 @@ from granite_lab.model.command import V_FLOOR, contact_angle_ratio
 from granite_lab.model.contact import WheelState
 from granite_lab.model.effect import Active, Axle, Effect
 from granite_lab.model.graph import OnGround, effect_parameters, hooks_of, on_ground
-from granite_lab.model.symbols import ModelParameters, symbolic, symbols_of, vector_of
-from granite_lab.parameters import Chassis, Drive, Soil, Wheels, load_robot, load_soil, load_variants
+from granite_lab.model.symbols import ModelParameters, paper_symbols, symbols_of, vector_of
+from granite_lab.parameters import Chassis, Drive, Soil, Wheels, load_robot, load_variants
 
 NODES = 101
 """Places of the contact arc at which stresses are told."""
@@ -182,12 +182,9 @@ class SingleWheel:
     ) -> None:
         self.wheels, self.soil = wheels, soil
         self.effects = tuple(e for e in effects if acts(e.effect))
-        robot = load_robot()
-        assert robot.drive is not None
-        self._parameters = ModelParameters(
-            wheels, chassis or _nothing(Chassis), _nothing(Drive), robot.imu, soil, load_variants()[0],
-            0.0, 0.0, 1.0,
-        )  # fmt: skip
+        body, drive = chassis or _nothing(Chassis), _nothing(Drive)
+        imu, variant = load_robot().imu, load_variants()[0]
+        self._parameters = ModelParameters(wheels, body, drive, imu, soil, variant, 0.0, 0.0, 1.0)
         self._chosen = tuple(e.effect for e in self.effects)
         self._effect_values = [x for e in self.effects for x in e.values]
         self._states = sum(len(e.states) for e in self._chosen)
@@ -306,15 +303,7 @@ def _functions(effects: tuple[Effect, ...]) -> tuple[Any, Any, Any]:
     A front wheel is shown; the rear one only completes the pair for effects with states.
     """
     z, v, rate, angle = (ca.SX.sym(name) for name in ("z", "v", "rate", "angle"))
-    robot = load_robot()
-    assert robot.chassis is not None
-    assert robot.drive is not None
-    paper = symbolic(
-        ModelParameters(
-            robot.wheels, robot.chassis, robot.drive, robot.imu, load_soil(), load_variants()[0],
-            0.0, 0.0, 1.0,
-        )
-    )  # fmt: skip
+    paper = paper_symbols()
     states = {name: ca.SX.sym(name) for e in effects for name in (f"{e.id}.{n}" for n in e.states)}
     hooks = hooks_of(effects, states, ca.SX(0.0), paper)
     model = hooks.rewritten(Effect.system, paper)

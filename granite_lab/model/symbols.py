@@ -14,7 +14,19 @@ from typing import Any, TypeVar, cast
 import casadi as ca
 
 from granite_lab.errors import InputError
-from granite_lab.parameters import Chassis, Drive, Imu, Robot, Soil, Variant, Wheels, is_driven
+from granite_lab.parameters import (
+    Chassis,
+    Drive,
+    Imu,
+    Robot,
+    Soil,
+    Variant,
+    Wheels,
+    is_driven,
+    load_robot,
+    load_soil,
+    load_variants,
+)
 
 T = TypeVar("T")
 
@@ -92,6 +104,11 @@ def model_parameters(
         robot.wheels, robot.chassis, drive, robot.imu, soil, variant,
         0.0 if k92 is None else float(k92), float(a_theta), 0.0 if k92 is None else 1.0,
     )  # fmt: skip
+
+
+def paper_symbols() -> ModelParameters:
+    """Return a symbol for every number of the paper's model."""
+    return symbolic(model_parameters(load_robot(), load_soil(), load_variants()[0]))
 
 
 def _numbers(record: Any) -> Iterator[Any]:

@@ -194,6 +194,14 @@ def build(cls: type[T], table: dict[str, Any], where: str, label: str = "") -> T
     return cls(**values)
 
 
+def table_of(record: Any) -> Any:
+    """Return a record as the table of which `build` makes it."""
+    if dataclasses.is_dataclass(record):
+        fields = ((key_of(f), getattr(record, f.name)) for f in dataclasses.fields(record))
+        return {key: table_of(value) for key, value in fields if value is not None}
+    return [table_of(value) for value in record] if isinstance(record, tuple) else record
+
+
 def at_line(error: InputError, where: str, label: str, key: str) -> InputError:
     """Return an error about a key of a table with the line of the key, where a file has it in a line."""
     line = _line_of(where, label, key) if error.message.startswith(f"{where}: ") else None

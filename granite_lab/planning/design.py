@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,7 +20,7 @@ from granite_lab.inference.observation import AFTER, BEFORE
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import duration, peak_velocity, velocities_at
 from granite_lab.parameters import Robot, Soil, Variant
-from granite_lab.parameters.quantity import build, key_of, quantity
+from granite_lab.parameters.quantity import build, quantity, table_of
 
 SCHEMA = "granite-lab/design/2"
 
@@ -140,19 +138,11 @@ def save_design(finding: Finding, commanded: Sequence[tuple[Trial, Variant]], pa
         driven=driven,
         virtual=finding.virtual,
     )  # fmt: skip
-    write_text(path, json.dumps({"schema": SCHEMA} | _table(design), allow_nan=False) + "\n")
+    write_text(path, json.dumps({"schema": SCHEMA} | table_of(design), allow_nan=False) + "\n")
 
 
 def _numbers(values: Mapping[str, float]) -> tuple[NamedNumber, ...]:
     return tuple(NamedNumber(name=n, value=v) for n, v in values.items() if abs(v) < 1e9 and "." not in n)
-
-
-def _table(record: Any) -> Any:
-    """Return a record as `build` reads it."""
-    if dataclasses.is_dataclass(record):
-        fields = ((key_of(f), getattr(record, f.name)) for f in dataclasses.fields(record))
-        return {key: _table(value) for key, value in fields if value is not None}
-    return [_table(value) for value in record] if isinstance(record, tuple) else record
 
 
 def load_design(path: Path) -> Design:

@@ -98,7 +98,6 @@ class Answers:
         a_theta_agrees: the paper's value lies in the interval as printed; None with too few speeds, or where
             the interval holds 0.
         channels: of the comparison of measured and simulated motion.
-        a_theta_paper: of the paper [s/m].
         slip_unknown: no slip ratio is known well enough for k_92, a comparison with the model or a search.
     """
 
@@ -110,7 +109,6 @@ class Answers:
     a_theta: Number | None = None
     a_theta_agrees: bool | None = None
     channels: tuple[ChannelAnswer, ...] = ()
-    a_theta_paper: float = math.nan
     slip_unknown: bool = False
 
     @property
@@ -127,8 +125,7 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
         model: path of the model file, for the commands that use it.
         folder: of the report, for the same; by default the name of the study.
     """
-    paper, finding = load_paper(), result.finding
-    speeds = speeds_of(result, paper)
+    finding, speeds = result.finding, speeds_of(result, load_paper())
     a_theta, agrees = a_theta_of(result.a_theta)
     channels = judged_channels(pooled_misfits(result.trials), finding)
     questions, no_k92 = [], why_no_k92(result)
@@ -155,7 +152,7 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
         questions.append(Answer("next", "What to do next?", "", steps[0].text, command=steps[0].command))
     return Answers(
         lead(result, speeds), of_simulator(result), tuple(questions), steps, speeds, a_theta, agrees,
-        channels, paper.a_theta, slip_unknown,
+        channels, slip_unknown,
     )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.files import sha256
 from granite_lab.fitting.fit import BOUNDS, AThetaFit, K92Fit
 from granite_lab.origin import Source
+from granite_lab.parameters import load_paper
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.canvas import FORMATS
 from granite_lab.reporting.report import Report
@@ -65,7 +66,7 @@ def to_json(
 
 def answers_as_json(answers: Answers) -> dict[str, Any]:
     """Return the answers with their numbers as they are printed everywhere."""
-    law = {"paper": answers.a_theta_paper, "paper_inside_interval": answers.a_theta_agrees}
+    law = {"paper": load_paper().a_theta, "paper_inside_interval": answers.a_theta_agrees}
     return {
         "measured": answers.lead,
         "virtual": answers.virtual or None,

@@ -84,7 +84,7 @@ def k92_figure(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
             True: "the paper's {:g} s/m lies in the interval",
             False: "the paper's {:g} s/m lies outside the interval",
             None: "these trials do not test the law",
-        }[answers.a_theta_agrees].format(answers.a_theta_paper)
+        }[answers.a_theta_agrees].format(paper.a_theta)
         title = f"a_θ = {number.with_std} s/m; {where}"
     points, law = _over_speed(answers.speeds, lambda c: _usable(c.fit)), fit if number is not None else None
     draw = partial(_k92_panel, points, [s.velocity for s in answers.speeds], law, paper)

@@ -117,8 +117,7 @@ class Report:
     Attributes:
         name: of the study.
         kind: what the page is, with its date.
-        answers: the first screen.
-        first: table beside the answers; None where there is none.
+        answers: the first screen, with the table beside it.
         sections: the evidence.
         numbers: name of the file with all numbers.
         files: beside the page.
@@ -127,7 +126,6 @@ class Report:
     name: str
     kind: str
     answers: Answers
-    first: FilledTable | None
     sections: tuple[Section, ...]
     numbers: str
     files: tuple[Link, ...]
@@ -146,7 +144,7 @@ class Report:
     @property
     def tables(self) -> tuple[FilledTable, ...]:
         """All tables in the order of the report."""
-        every = [self.first, *(b for s in self.sections for b in _flat(s.blocks))]
+        every = [self.answers.table, *(b for s in self.sections for b in _flat(s.blocks))]
         return tuple(block for block in every if isinstance(block, FilledTable))
 
 
@@ -208,11 +206,8 @@ def study_report(
         "Markdown": "report.md", "JSON": numbers, "recordings": f"{recordings}/" if recordings else "",
         "tables": "tables/", "figures": "figures/",
     }  # fmt: skip
-    return Report(
-        result.name, f"Report of a {kind}, {today()}", decided,
-        decided.table, tuple(sections),
-        numbers, tuple(Link(text, address) for text, address in addresses.items() if address),
-    )  # fmt: skip
+    files = tuple(Link(text, address) for text, address in addresses.items() if address)
+    return Report(result.name, f"Report of a {kind}, {today()}", decided, tuple(sections), numbers, files)
 
 
 def _slip(result: StudyResult, decided: Answers) -> Iterator[Maybe]:

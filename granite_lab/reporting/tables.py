@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from granite_lab.columns import Cell, Column, FilledTable, Table, good, number, share, words
 from granite_lab.comparison.compare import Comparison
@@ -12,6 +11,7 @@ from granite_lab.estimate import Estimate, Part, mean_over, weights_of
 from granite_lab.estimation.motion import TELLING
 from granite_lab.fitting import fit as records
 from granite_lab.fitting.fit import (
+    COMBINED,
     K92_APART,
     K92_FITS,
     K92_STEADY,
@@ -103,8 +103,6 @@ def k92_table(fits: Sequence[K92Fit]) -> FilledTable:
     return K92_FITS.fill(fits, virtual=any(f.virtual for f in fits))
 
 
-COMBINED = "combined standard uncertainty"
-
 BUDGETS = {
     "slip": ("slip ratio λ_R", "points", 100.0),
     "k92": ("contact-angle ratio k_92", "–", 1.0),
@@ -149,50 +147,42 @@ A_THETA = Table[View](
 )
 
 
-class Component(NamedTuple):
-    """A row of a budget: speed of the trials [m/s], a component, and its share of the variance."""
-
-    speed: float
-    part: Part
-    share: float
+Component = tuple[records.Budget, Part]
+"""A row of a budget."""
 
 
-def _budget_table(quantity: str, of: Sequence[records.Budget], virtual: bool) -> FilledTable:
+def _budget_table(quantity: str, budgets: Sequence[records.Budget], virtual: bool) -> FilledTable:
     """Return the budgets of one quantity as one table, the combined uncertainty of each last."""
     title, unit, scale = BUDGETS[quantity]
-    rows = []
-    for b in of:
-        rows += [Component(b.speed, part, b.share(part)) for part in b.parts]
-        rows.append(Component(b.speed, Part(COMBINED, "A", "", "", b.result.std, b.combined), 1.0))
 
     def std(row: Component) -> Cell:
-        part = row.part
+        part = row[1]
         text = f"{significant(part.std, 2)} {tidy_unit(part.unit if part.unit != '1' else '')}".strip()
         return Cell(text if part.unit else NONE, (part.std if part.unit else None, part.unit))
 
     def sensitivity(row: Component) -> Cell:
-        return number(row.part.sensitivity if row.part.unit else math.nan, 2, scale=scale)
+        return number(row[1].sensitivity if row[1].unit else math.nan, 2, scale=scale)
 
     each = not quantity.startswith("a_theta")
     mean = "Mean over the trials of a speed. " if each else ""
     return Table[Component](
         f"budget_{quantity}",
         f"Uncertainty budget of {title}",
-        Column("component", lambda row: row.part.name),
-        Column("speed", lambda row: row.speed, "speed_mps", unit="m/s", form="g", shown=each),
-        Column("type", lambda row: words("" if row.part.name == COMBINED else row.part.kind)),
-        Column("distribution", lambda row: row.part.distribution),
+        Column("component", lambda row: row[1].name),
+        Column("speed", lambda row: row[0].speed, "speed_mps", unit="m/s", form="g", shown=each),
+        Column("type", lambda row: words("" if row[1].name == COMBINED else row[1].kind)),
+        Column("distribution", lambda row: row[1].distribution),
         Column("standard uncertainty", std, "std std_unit"),
         Column("sensitivity", sensitivity, "sensitivity", unit=f"{unit} per its unit"),
         Column(
-            "contribution", lambda row: row.part.contribution, "contribution",
+            "contribution", lambda row: row[1].contribution, "contribution",
             unit=unit, digits=2, scale=scale,
         ),
-        Column("share", lambda row: share(row.share), "share"),
+        Column("share", lambda row: share(row[0].share(row[1])), "share"),
         note=f"{mean}Contribution: sensitivity times standard uncertainty, combined over the trials. Share: "
         "of the variance. Type A: from the scatter of the data; type B: from other knowledge. "
         f"{records.LEFT_OUT[quantity]}",
-    ).fill(rows, virtual=virtual)  # fmt: skip
+    ).fill(((b, part) for b in budgets for part in (*b.parts, b.whole)), virtual=virtual)  # fmt: skip
 
 
 PARAMETERS = Table[tuple[str, str, str, str]](
