@@ -47,19 +47,20 @@ def write(
     """
     guard, model = Guard(folder), None
     library(options.effects)  # the report takes words from the user's own effects, too
-    found = result.finding
-    if found is not None:
+    finding = result.finding
+    if finding is not None:
         pairs = searched or [(r.trial, r.motion) for r in result.trials]
         trials, motions = [trial for trial, _ in pairs], [motion for _, motion in pairs]
-        model = save_finding(found, options, trials, motions, guard)
+        model = save_finding(finding, options, trials, motions, guard)
     name = model.name if model and result.trials else model
 
     def complete() -> StudyResult:
-        return replace(result, finding=found and replace(found, failures=(*found.failures, *guard.lines)))
+        whole = finding and replace(finding, failures=(*finding.failures, *guard.lines))
+        return replace(result, finding=whole)
 
     page = guard.run("report", lambda: reporting.write_report(complete(), folder, model=name, jobs=jobs))
-    if page is None and (finding := complete().finding):
-        guard.run("finding", lambda: reporting.write_finding(finding, folder, name))
+    if page is None and (unshown := complete().finding):
+        guard.run("finding", lambda: reporting.write_finding(unshown, folder, name))
         alone = replace(result, finding=None, unsearched="the search could not be shown; see finding.json")
         page = guard.run("rest", lambda: reporting.write_report(alone, folder)) if result.trials else None
     return replace(complete(), written=Written(page, model, failures=(*failures, *guard.lines)))

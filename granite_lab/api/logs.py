@@ -202,7 +202,7 @@ def inspect(logs: Logs, *, column_map: File = None, topics: Topics = None, robot
 
 
 def view(
-    what: str | Path,
+    path: str | Path,
     *,
     trial: str | None = None,
     robot: File = None, soil: File = None, column_map: File = None,
@@ -210,7 +210,7 @@ def view(
     """Open a recording in the Rerun viewer, which stays open.
 
     Args:
-        what: a recording (.rrd), a report folder, or a log.
+        path: of a recording (.rrd), a report folder, or a log.
         trial: with a report folder, the trial to open; all by default.
         robot, soil, column_map: as in `ingest`, for a log.
 
@@ -219,7 +219,7 @@ def view(
         LabError: there is no display, viewer or graphics driver.
     """
     options = options_of(locals())
-    path = Path(what)
+    path = Path(path)
     refuse_special(path)
     if is_folder(path) and not is_log(path):
         reporting.recording.open_viewer(_recordings_in(path, trial))

@@ -142,12 +142,12 @@ def simulate(
         course, robot, soil = _of_log(Path(wheels), robot, soil, changes)
     else:
         course = _trapezoid(*trapezoid) if command is None else _commanded(command)
-    it = _model(robot, soil, (k92, a_theta), model, effects, active, changes)
-    if it.robot.tow is not None and wheels is None:
-        course = hauling(course, constant(it.robot), it.robot.tow.height)
+    chosen = _model(robot, soil, (k92, a_theta), model, effects, active, changes)
+    if chosen.robot.tow is not None and wheels is None:
+        course = hauling(course, constant(chosen.robot), chosen.robot.tow.height)
     run = run_model(
-        course, it.robot, it.soil,
-        k92=it.k92, a_theta=it.a_theta, effects=it.effects,
+        course, chosen.robot, chosen.soil,
+        k92=chosen.k92, a_theta=chosen.a_theta, effects=chosen.effects,
         accuracy=Accuracy(1e-6, 1e-8, 0.0025) if log else Accuracy(),
     )  # fmt: skip
     if log:
@@ -263,14 +263,14 @@ def wheel(
     refuse_outside("load", load, 0.001, 100_000)
     if load is not None and sinkage is not None:
         raise UsageError("--load and --sinkage exclude each other", "give one of the two")
-    it = _model(robot, soil, (k92, a_theta), model, effects, active, changes)
-    rim, ground = it.robot.wheels, it.soil
-    ratio = Ratio(it.k92, load_paper().a_theta if it.a_theta is None else it.a_theta)
+    chosen = _model(robot, soil, (k92, a_theta), model, effects, active, changes)
+    rim, ground = chosen.robot.wheels, chosen.soil
+    ratio = Ratio(chosen.k92, load_paper().a_theta if chosen.a_theta is None else chosen.a_theta)
     if load is None and sinkage is None:
-        if it.robot.chassis is None:
+        if chosen.robot.chassis is None:
             raise UsageError("the load is not given", "add --load or --sinkage")
-        load = it.robot.chassis.total_mass * GRAVITY / 4
-    single = SingleWheel(rim, ground, it.effects, it.robot.chassis)
+        load = chosen.robot.chassis.total_mass * GRAVITY / 4
+    single = SingleWheel(rim, ground, chosen.effects, chosen.robot.chassis)
     points = []
     for λ in [slip] if isinstance(slip, (int, float)) else slip:
         motion = rolling(float(λ), rim.radius, velocity=v)
@@ -278,7 +278,7 @@ def wheel(
             points.append(single.at_sinkage(sinkage, motion, ratio))
         else:
             points.append(single.at_load(load or 0.0, motion, ratio))
-    left_out = tuple(e.id for e in it.effects if not acts(e.effect))
+    left_out = tuple(e.id for e in chosen.effects if not acts(e.effect))
     return WheelRun(tuple(points), rim, ground, single.effects, left_out)
 
 

@@ -213,8 +213,8 @@ def ingest(
 
 
 def view(
-    what: Annotated[Path, Argument(
-        metavar="WHAT", help="A recording (.rrd), a report folder, or a log (CSV, ROS bag, MCAP).")],
+    path: Annotated[Path, Argument(
+        metavar="PATH", help="A recording (.rrd), a report folder, or a log (CSV, ROS bag, MCAP).")],
     trial: Annotated[str | None, Option(
         help="With a report folder, the trial to open; all by default.")] = None,
     robot: Robot = None, soil: Soil = None, column_map: ColumnMap = None,
@@ -223,4 +223,4 @@ def view(
 
     A log is analysed first.
     """
-    gl.view(what, trial=trial, robot=robot, soil=soil, column_map=column_map)
+    gl.view(path, trial=trial, robot=robot, soil=soil, column_map=column_map)

@@ -51,7 +51,7 @@ FitStatus = Literal["ok", "at_lower_bound", "at_upper_bound", "not_converged", "
 BOUNDS: tuple[FitStatus, ...] = ("at_lower_bound", "at_upper_bound")
 
 LEAST = 1e-3
-"""k_92 below it: the law (5) holds it for zero."""
+"""(5) never reaches k_92 = 0; smaller values than this one are taken for it."""
 
 ANYTHING = 12**-0.5
 """Std of a k_92 that is anywhere from 0 to 1."""

@@ -243,9 +243,9 @@ def _of_trial(motion: Motion) -> tuple[Estimate, tuple[Part, ...]]:
     """Return λ_R with what its std is made of, less the part of the wheel radius, which all trials share."""
     measured, parts = motion.slip_ratio, motion.slip_parts
     common = sum(part.contribution**2 for part in parts if part.name == BY_RADIUS)
-    own = replace(measured, std=math.sqrt(max(measured.std**2 - common, 0.0))) if common else measured
-    whole = Part("λ_R as measured", "B", "normal", "1", own.std, own.std)
-    return own, tuple(part for part in parts if part.name != BY_RADIUS) or (whole,)
+    less = replace(measured, std=math.sqrt(max(measured.std**2 - common, 0.0))) if common else measured
+    whole = Part("λ_R as measured", "B", "normal", "1", less.std, less.std)
+    return less, tuple(part for part in parts if part.name != BY_RADIUS) or (whole,)
 
 
 def _scaled(robot: Robot, soil: Soil, name: str, factor: float) -> tuple[Robot, Soil]:

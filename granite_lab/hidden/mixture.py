@@ -57,7 +57,7 @@ def reopened(
 
     def without(*absent: str) -> float:
         others = made([name for name in names if name not in absent])
-        return sum(_apart(one, other, robot) for one, other in zip(whole, others, strict=True))
+        return sum(_apart(a, b, robot) for a, b in zip(whole, others, strict=True))
 
     gap = without(*names)
     return {name: without(name) / gap for name in names}
@@ -73,13 +73,15 @@ def stronger(name: str, sizes: Mapping[str, float], share: float) -> dict[str, f
     return grown
 
 
-def _apart(one: Trial, other: Trial, robot: Robot) -> float:
+def _apart(first: Trial, second: Trial, robot: Robot) -> float:
     """Return the squared difference of two logs over the noise, all samples of IMU, wheels and currents.
 
     What differs at standstill is taken off, as every analysis does: a tilt of the IMU alone is no gap.
     """
     total = 0.0
-    for (t, values, noise), (u, others, _) in zip(_signals(one, robot), _signals(other, robot), strict=True):
+    for (t, values, noise), (u, others, _) in zip(
+        _signals(first, robot), _signals(second, robot), strict=True
+    ):
         there = np.stack([np.interp(t, u, column) for column in others.T], axis=1)
         away = (values - there) / noise
         total += float(np.nansum((away - np.nanmean(away[t < t[0] + STILL], axis=0)) ** 2))

@@ -25,14 +25,13 @@ LATERAL_VIBRATION = 0.6
 """Vibration along y as a share of that along x and z [-]; an assumption."""
 
 
-def virtual_trial(run: Run, seed: int, name: str, *, repetition: int = 1) -> tuple[Trial, pd.DataFrame]:
+def virtual_trial(run: Run, seed: int, name: str) -> tuple[Trial, pd.DataFrame]:
     """Log a run with the sensors of its robot.
 
     Args:
         run: the simulated run; a fine output grid (2.5 ms) keeps the vibration out of its interpolation.
         seed: of all random draws; the same seed gives the same log.
         name: of the trial.
-        repetition: for the metadata.
 
     Returns:
         the virtual trial, and the truth at the IMU's stamps (``t_s``, ``x_m``, ``v_mps``,
@@ -58,7 +57,7 @@ def virtual_trial(run: Run, seed: int, name: str, *, repetition: int = 1) -> tup
             v_desired=stated.velocity if stated else None,
             a_max=stated.acceleration if stated else None,
             distance=stated.distance if stated else None,
-            repetition=repetition,
+            repetition=1,
             virtual=True,
         ),
         imu=imu,

@@ -119,8 +119,7 @@ def allowed_by(rows: Iterable[Provenance]) -> tuple[Allowed, ...]:
         return tuple(key for key in keys if key in known and known[key].origin == DEFAULT)
 
     return tuple(
-        Allowed(one.title, one.commands, tuple(filter(lacks, one.needs)), guessed(one.expects))
-        for one in analyses()
+        Allowed(a.title, a.commands, tuple(filter(lacks, a.needs)), guessed(a.expects)) for a in analyses()
     )
 
 
@@ -129,9 +128,9 @@ def _listed(keys: Sequence[str]) -> str:
     tables = list(dict.fromkeys(key.split(".")[0] for key in keys))
     named = []
     for table in tables:
-        own = [key for key in keys if key.startswith(f"{table}.")]
-        complete = table in WHOLE and len(own) == len(needed(WHOLE[table]))
-        named += [f"[{table}]"] if complete else own
+        lacking = [key for key in keys if key.startswith(f"{table}.")]
+        whole = table in WHOLE and len(lacking) == len(needed(WHOLE[table]))
+        named += [f"[{table}]"] if whole else lacking
     return ", ".join(named)
 
 

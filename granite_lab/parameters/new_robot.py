@@ -38,7 +38,7 @@ def questions(analysis: str) -> dict[str, str]:
     Raises:
         UsageError: there is no such analysis.
     """
-    order = [one.id for one in analyses()]
+    order = [a.id for a in analyses()]
     if analysis not in order:
         raise UsageError(f"unknown analysis '{analysis}'", f"known: {', '.join(order)}")
     needed = analyses()[: order.index(analysis) + 1]
@@ -98,8 +98,8 @@ def _rows(
             continue
         key, m = key_of(field), field.metadata
         value, note = given.get(f"robot.{table}.{key}"), f"{m['meaning']}, {m['low']:g} to {m['high']:g}"
-        if value is None and other is not None and (own := getattr(other, field.name)) != field.default:
-            value, note = own, f"{note}; of {like.name if like else ''}, to be measured"
+        if value is None and other is not None and (number := getattr(other, field.name)) != field.default:
+            value, note = number, f"{note}; of {like.name if like else ''}, to be measured"
         elif value is None and field.default is not dataclasses.MISSING:
             note = f"{note}; {field.default:g} by default"
         yield key, value, note

@@ -59,8 +59,8 @@ MODEL_QUESTION = "Does the paper's model explain the measurements?"
 
 LAW = "k_92 falls with the desired velocity v as exp(−a_θ v)."
 
-DIFFERS = 3.0
-"""So many standard deviations from a value a number differs from it."""
+DISAGREES = 3.0
+"""Numbers disagree that are so many standard deviations apart."""
 
 
 @dataclass(frozen=True)
@@ -230,7 +230,7 @@ def _k92_off(fit: AThetaFit) -> dict[float, float]:
         distances[velocity] = (
             abs(k92.value - published.k92) / k92.std if published and k92.std > 0 else math.nan
         )
-    return {velocity: far for velocity, far in distances.items() if far > DIFFERS}
+    return {velocity: far for velocity, far in distances.items() if far > DISAGREES}
 
 
 def _speeds_of(fit: AThetaFit) -> int:

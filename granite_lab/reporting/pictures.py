@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Canvas
 
 from granite_lab.errors import InputError, UsageError, printable
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting import canvas
+from granite_lab.reporting.canvas import Canvas
 
 if TYPE_CHECKING:
     from granite_lab.logs import Inspection
@@ -92,9 +92,9 @@ def _panels(trial: Trial) -> list[tuple[str, list[Trace]]]:
     """Return the label of each panel with its unit, and the lines in it; empty channels are left out."""
     panels: list[tuple[str, list[Trace]]] = []
     if (imu := trial.imu) is not None:
-        what = "acceleration" if imu.gravity_removed else "specific force"
+        force = "acceleration" if imu.gravity_removed else "specific force"
         for label, values in (
-            (f"{what} [m/s²]", imu.specific_force),
+            (f"{force} [m/s²]", imu.specific_force),
             ("angular rate [rad/s]", imu.angular_rate),
         ):
             colours = (canvas.MEASURED, canvas.MEASURED_LIGHT, canvas.GREY)

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import MaxNLocator
 
 from granite_lab.comparison.compare import Comparison
@@ -21,7 +20,7 @@ from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration
 from granite_lab.parameters import WHEELS
 from granite_lab.reporting import canvas
-from granite_lab.reporting.canvas import Figure
+from granite_lab.reporting.canvas import Canvas, Figure
 from granite_lab.reporting.channels import judged_channels
 from granite_lab.reporting.names import lines_link, speed_stem, together
 from granite_lab.reporting.speeds import Speed

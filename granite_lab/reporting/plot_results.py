@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Canvas
 
 from granite_lab.comparison.compare import Comparison
 from granite_lab.estimate import Estimate
@@ -18,7 +17,7 @@ from granite_lab.fitting.fit import AThetaFit, K92Fit
 from granite_lab.parameters import Paper, load_paper
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import Answers
-from granite_lab.reporting.canvas import Figure
+from granite_lab.reporting.canvas import Canvas, Figure
 from granite_lab.reporting.speeds import Speed
 from granite_lab.rounding import significant
 

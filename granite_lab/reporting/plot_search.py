@@ -9,7 +9,6 @@ from functools import partial
 from textwrap import wrap
 
 import numpy as np
-from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import MaxNLocator
 
 from granite_lab.discovery.finding import Candidate, Finding, Residual
@@ -18,7 +17,7 @@ from granite_lab.logs.trial import Array
 from granite_lab.parameters import by_speed
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import gap_pair
-from granite_lab.reporting.canvas import AFTER, BEFORE, Figure
+from granite_lab.reporting.canvas import AFTER, BEFORE, Canvas, Figure
 from granite_lab.reporting.names import (
     STATUS,
     capital,
