@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from granite_lab.hidden.contact import Array, Contact, smoothstep
-from granite_lab.hidden.influence import Influence, Size, pairs
+from granite_lab.hidden.influence import Influence, Size, amplitudes, pairs
 from granite_lab.hidden.model import ANGLE, CURRENT, OMEGA
 
 
@@ -163,10 +163,7 @@ class EncoderEccentricity(Influence):
         "a head at the radius R reads a disc off its shaft by εR: error atan(ε sin ψ / (1 + ε cos ψ)), which "
         "the controller follows"
     )
-    declared = (
-        Size("amplitude_front", "rad", "error of the angle, front", 0.01, 0.03, 0, 0.3, kind="amplitude"),
-        Size("amplitude_rear", "rad", "error of the angle, rear", 0.01, 0.03, 0, 0.3, kind="amplitude"),
-    )
+    declared = amplitudes("rad", "error of the angle", 0.01, 0.03, 0.3)
 
     def reading(self, y: Array) -> tuple[Array, Array]:
         """Return the reading, which begins at zero."""

@@ -41,6 +41,14 @@ class Size:
     kind: Kind = "exact"
 
 
+def amplitudes(unit: str, meaning: str, low: float, high: float, most: float) -> tuple[Size, ...]:
+    """Return the sizes, front and rear, of what turns with the wheels; arguments as of `Size`."""
+    return tuple(
+        Size(f"amplitude_{axle}", unit, f"{meaning}, {axle}", low, high, 0, most, kind="amplitude")
+        for axle in ("front", "rear")
+    )
+
+
 class Influence(Truth):
     """A variation of the truth's model. Subclasses override its methods, call `super()`, and so combine.
 

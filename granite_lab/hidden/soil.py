@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.hidden.contact import V_FLOOR, Array, Contact, Ground, Stance, slip_ratio, smoothstep
-from granite_lab.hidden.influence import Influence, Size, pairs
+from granite_lab.hidden.influence import Influence, Size, amplitudes, pairs
 from granite_lab.hidden.model import ANGLE
 
 UNIT_WEIGHT = 1600 * 9.81
@@ -131,10 +131,7 @@ class TreadRipple(Influence):
         "after Irani et al. (2011): periodic at lugs times wheel rate; the pulse of a lug is not a "
         "sine but has a quarter of its amplitude at twice the frequency"
     )
-    declared = (
-        Size("amplitude_front", "-", "ripple of pressure, front", 0.08, 0.2, 0, 0.6, kind="amplitude"),
-        Size("amplitude_rear", "-", "ripple of pressure, rear", 0.08, 0.2, 0, 0.6, kind="amplitude"),
-    )
+    declared = amplitudes("-", "ripple of pressure", 0.08, 0.2, 0.6)
 
     def setup(self) -> None:
         """Turn cosine and sine into amplitude and phase."""

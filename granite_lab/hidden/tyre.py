@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.hidden.contact import V_FLOOR, Array, Contact, Stance, smoothstep
-from granite_lab.hidden.influence import Influence, Size, pairs
+from granite_lab.hidden.influence import Influence, Size, amplitudes, pairs
 from granite_lab.hidden.model import ANGLE, OMEGA
 from granite_lab.parameters import GRAVITY
 
@@ -112,10 +112,7 @@ class WheelEccentricity(Influence):
         "measured (Dixon, Tires, Suspension and Handling, 2nd ed., SAE 1996, non-uniformity), with the "
         "moments that conserve energy"
     )
-    declared = (
-        Size("amplitude_front", "m", "run-out, front", 4e-4, 1.2e-3, 0, 0.01, kind="amplitude"),
-        Size("amplitude_rear", "m", "run-out, rear", 4e-4, 1.2e-3, 0, 0.01, kind="amplitude"),
-    )
+    declared = amplitudes("m", "run-out", 4e-4, 1.2e-3, 0.01)
 
     def run_out(self, y: Array) -> tuple[Array, Array]:
         """Return how much longer the radius at the lowest point is [m], and its derivative by the angle."""

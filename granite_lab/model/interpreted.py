@@ -58,18 +58,11 @@ def run(
     effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, start: Array, vector: Array
 ) -> Array:
     """Integrate by CVODES; see `engine.Engine`."""
-    integrator = _integrator(effects, variant, accuracy)
-    history = np.empty((1 + integrator.size2_out("xf"), start.size))
-    history[0] = start
-    places, evaluate = integrator.buffer()
-    places.set_arg(integrator.index_in("x0"), start.data)
-    places.set_arg(integrator.index_in("p"), vector.data)
-    places.set_res(integrator.index_out("xf"), history[1:].data)
     try:
-        evaluate()
+        after = _integrator(effects, variant, accuracy)(x0=start, p=vector)["xf"]
     except RuntimeError as error:
         raise not_converged(str(error)) from None
-    return np.ascontiguousarray(history.T)
+    return np.column_stack([start, after.full()])
 
 
 @lru_cache(maxsize=128)

@@ -54,11 +54,7 @@ def rest_state(p: ModelParameters, effects: Sequence[Active] = ()) -> Array:
     Raises:
         EstimateError: the robot finds no rest on this soil.
     """
-    return _rest_state(p, effects, parameter_vector(p, effects))
-
-
-def _rest_state(p: ModelParameters, effects: Sequence[Active], vector: Array) -> Array:
-    chosen = tuple(e.effect for e in effects)
+    chosen, vector = tuple(e.effect for e in effects), parameter_vector(p, effects)
     extra = sum(len(e.states) for e in chosen)
     q = np.array([0.85 * p.wheels.radius + p.chassis.com_z, 0.0] + extra * [0.0])
     limit = np.array(2 * [0.2 * p.wheels.radius] + extra * [np.inf])
@@ -202,7 +198,7 @@ def _history(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy
     """
     chosen, vector = tuple(e.effect for e in effects), parameter_vector(p, effects)
     states = engine_of(chosen, kind_of(p.variant)).run(
-        chosen, p.variant, accuracy, _rest_state(p, effects, vector), vector
+        chosen, p.variant, accuracy, rest_state(p, effects), vector
     )
     states.flags.writeable = False
     return states
