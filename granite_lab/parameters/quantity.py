@@ -26,35 +26,15 @@ T = TypeVar("T")
 
 _HEADER = re.compile(r"\s*(\[\[?)([^\]]+)\]")
 
-SUFFIX = {
-    "": "",
-    "m": "_m",
-    "m/s": "_mps",
-    "m/s^2": "_mps2",
-    "m/s^2/sqrt(Hz)": "_mps2_rthz",
-    "rad/s": "_radps",
-    "rad/s/sqrt(Hz)": "_radps_rthz",
-    "deg": "_deg",
-    "s": "_s",
-    "Hz": "_hz",
-    "kg": "_kg",
-    "kg m^2": "_kgm2",
-    "N": "_N",
-    "N/m": "_Npm",
-    "N s/m": "_Nspm",
-    "Pa": "_Pa",
-    "Pa/m^(n-1)": "_Pa_mn1",
-    "Pa/m^n": "_Pa_mn",
-    "ohm": "_ohm",
-    "H": "_H",
-    "V": "_V",
-    "A": "_A",
-    "V s/rad": "_Vsprad",
-    "V/rad": "_Vprad",
-    "N m/A": "_NmpA",
-    "1/rev": "_per_rev",
+IRREGULAR = {
+    "Hz": "hz",
+    "1/rev": "per_rev",
+    "m/s^2/sqrt(Hz)": "mps2_rthz",
+    "rad/s/sqrt(Hz)": "radps_rthz",
+    "Pa/m^(n-1)": "Pa_mn1",
+    "Pa/m^n": "Pa_mn",
 }
-"""How a unit is written at the end of a key in a TOML file."""
+"""Units that a key does not end in as `key_of` writes the others."""
 
 
 def quantity(
@@ -66,8 +46,10 @@ def quantity(
 
 
 def key_of(field: dataclasses.Field[Any]) -> str:
-    """Return the TOML key of a field: its name with the unit behind it."""
-    return field.name + SUFFIX[field.metadata.get("unit", "")]
+    """Return the TOML key of a field: its name with the unit behind it, as ``gain_d_Vsprad`` for V s/rad."""
+    unit = field.metadata.get("unit", "")
+    suffix = IRREGULAR.get(unit, unit.replace(" ", "").replace("/", "p").replace("^", ""))
+    return f"{field.name}_{suffix}" if suffix else field.name
 
 
 _files: ContextVar[dict[Path, str] | None] = ContextVar("files", default=None)
