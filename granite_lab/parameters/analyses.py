@@ -9,16 +9,12 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from granite_lab.columns import Column, Table, words
-from granite_lab.parameters.catalogue import Provenance
+from granite_lab.parameters.catalogue import DEFAULT, Provenance
 from granite_lab.parameters.quantity import key_of
 from granite_lab.parameters.records import Chassis, Drive, Wheels
 
 if TYPE_CHECKING:
     import pandas as pd
-
-DEFAULT = "default"
-"""Origin of a number that no file states, as `in_force` calls it."""
-
 
 WHOLE: Mapping[str, type[Any]] = {"chassis": Chassis, "drive": Drive}
 """Tables of a robot's file that are there as a whole or not at all."""

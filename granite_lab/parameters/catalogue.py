@@ -140,6 +140,10 @@ def variant_of(velocity: float) -> Variant:
     )
 
 
+DEFAULT = "default"
+"""Origin of a number that no file states."""
+
+
 @dataclass(frozen=True)
 class Provenance:
     """One parameter in force: where it stands, what it is worth and what it may be."""
@@ -217,8 +221,5 @@ def _list(record: Any, group: str, origin: str, given: dict[str, Any]) -> Iterat
         elif dataclasses.is_dataclass(value):
             yield from _list(value, f"{group}.{field.name}", origin, given.get(key, {}))
         elif "unit" in field.metadata:
-            m = field.metadata
-            place = origin if key in given else "default"
-            yield Provenance(
-                group, key, m["symbol"], value, m["unit"], m["low"], m["high"], m["meaning"], place
-            )
+            place = origin if key in given else DEFAULT
+            yield Provenance(group=group, key=key, value=value, origin=place, **field.metadata)

@@ -10,19 +10,16 @@ from granite_lab.model.native.writer import ELEMENTARY, Writer
 
 _PLAIN = {ca.OP_ADD: "fadd", ca.OP_SUB: "fsub", ca.OP_MUL: "fmul", ca.OP_DIV: "fdiv"}
 _COMPARED = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
-_ELEMENTARY = {
-    ca.OP_EXP: "exp", ca.OP_LOG: "log", ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_POW: "pow",
-    ca.OP_CONSTPOW: "pow",
-}  # fmt: skip
-_LLVM = {
-    ca.OP_SQRT: "sqrt", ca.OP_FABS: "fabs", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil",
-    ca.OP_COPYSIGN: "copysign",
-}  # fmt: skip
-_LIBRARY = {
-    ca.OP_TAN: "tan", ca.OP_ASIN: "asin", ca.OP_ACOS: "acos", ca.OP_ATAN: "atan", ca.OP_SINH: "sinh",
-    ca.OP_COSH: "cosh", ca.OP_TANH: "tanh", ca.OP_LOG1P: "log1p", ca.OP_EXPM1: "expm1",
-    ca.OP_ATAN2: "atan2", ca.OP_HYPOT: "hypot",
-}  # fmt: skip
+
+
+def _named(*names: str) -> dict[int, str]:
+    """Return CasADi's operations to the names that they have in lower case."""
+    return {getattr(ca, f"OP_{name.upper()}"): name for name in names}
+
+
+_ELEMENTARY = _named("exp", "log", "sin", "cos", "pow") | {ca.OP_CONSTPOW: "pow"}
+_LLVM = _named("sqrt", "fabs", "floor", "ceil", "copysign")
+_LIBRARY = _named("tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "log1p", "expm1", "atan2", "hypot")
 
 
 def operation(w: Writer, op: int, arguments: Sequence[str]) -> str:
