@@ -37,6 +37,25 @@ def cache_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Non
 
 
 @pytest.fixture(scope="session", autouse=True)
+def motions(cache_of_the_tests: None) -> Iterator[None]:
+    """What commands estimate is remembered, for all processes of pytest, by the content of the trial."""
+    from granite_lab.stored import root
+    from tests.remembered import by_content
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("granite_lab.estimation.correct", by_content(root() / "motions"))
+        yield
+
+
+@pytest.fixture
+def estimates_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests of what an estimation does, or how long it takes, when a command runs."""
+    from tests.remembered import ANEW
+
+    monkeypatch.setattr("granite_lab.estimation.correct", ANEW)
+
+
+@pytest.fixture(scope="session", autouse=True)
 def full_resolution() -> Iterator[int]:
     """Resolution of the pictures of a report; coarse ones, which tests get, take a fiftieth of the time."""
     from granite_lab.reporting import canvas

@@ -211,6 +211,7 @@ def names_in(file: str, function: str) -> set[str]:
     return names | {n.attr for n in nodes if isinstance(n, ast.Attribute)}
 
 
+@pytest.mark.usefixtures("estimates_anew")
 @pytest.mark.parametrize("command", WALKS)
 def test_a_command_goes_the_way_that_the_page_walks(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

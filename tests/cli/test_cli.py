@@ -127,6 +127,7 @@ def test_a_good_run_is_green_on_one_screen(sample: Path) -> None:
     assert max(map(len, done.out.splitlines())) <= 80
 
 
+@pytest.mark.usefixtures("estimates_anew")
 def test_a_check_takes_hardly_longer_than_the_estimate_on_which_it_rests() -> None:
     gl.check(SAMPLE)
     begin = time.process_time()

@@ -6,9 +6,12 @@ import shutil
 import subprocess
 import sys
 import time
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
+import granite_lab as gl
 from tests.corpus.cli import SAMPLES
 from tests.soak import SOAK
 
@@ -25,7 +28,8 @@ AMONG_FEW = (
     f"chain.library = lambda *_: {{name: get(name) for name in {FEW}}};"
 )
 """Lets a process search among these alone; `make soak` searches among all."""
-TWO = ("virtual_v0.5_r1", "virtual_v0.7_r2")
+TWO = ("short_v0.5_r1", "short_v0.7_r2")
+"""Short trials of the plain model, whose fits converge at once: for tests of what is done with a run."""
 STUDY = (
     "study", "logs", "--out", "report", "--jobs", "2", "--no-recordings",
     "--discover" if SOAK else "--no-discover",
@@ -108,11 +112,33 @@ def unfinished(folder: Path) -> list[str]:
 
 
 def trials(folder: Path, *names: str) -> list[str]:
-    """Copy sample trials and return their paths as a user in `folder` names them."""
+    """Write trials, of the samples or short ones, and return their paths as a user in `folder` names them."""
     (folder / "logs").mkdir(parents=True)
     for name in names:
-        shutil.copy(SAMPLES / f"{name}.csv", folder / "logs")
+        log = folder / "logs" / f"{name}.csv"
+        log.write_text(short(name) if name.startswith("short") else sampled(name), encoding="utf-8")
     return [f"logs/{name}.csv" for name in names]
+
+
+def sampled(name: str) -> str:
+    return (SAMPLES / f"{name}.csv").read_text(encoding="utf-8")
+
+
+@cache
+def short(name: str, share: float = 0.0) -> str:
+    """Return the log of a drive over 0.8 m at the speed and of the seed that its name has, in 8 s.
+
+    Args:
+        name: as ``short_v0.5_r1``.
+        share: of the drives' reaction that the body feels, an effect that the plain model lacks.
+    """
+    found = re.fullmatch(r"short_v(0\.\d)_r(\d)", name)
+    assert found, name
+    active = {"drive_reaction": {"share": share}} if share else None
+    with TemporaryDirectory() as folder:
+        log = Path(folder) / f"{name}.csv"
+        gl.simulate(v=float(found[1]), a=2.0, distance=0.8, seed=int(found[2]), log=log, active=active)
+        return log.read_text(encoding="utf-8")
 
 
 class Undisturbed(NamedTuple):

@@ -23,7 +23,7 @@ from tests.soak import SOAK
 
 pytestmark = pytest.mark.slow
 
-NAMES = ("virtual_v0.5_r1", "virtual_v0.7_r1", "virtual_v0.7_r2")
+NAMES = ("short_v0.5_r1", "short_v0.7_r1", "short_v0.7_r2")
 SEARCH = "--discover" if SOAK else "--no-discover"
 
 
@@ -74,7 +74,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("granite_lab.running.each.PATIENCE", 0.5)
-    done = lab("fit-k92", SAMPLES / f"{NAMES[0]}.csv", "--scheduler", "tcp://127.0.0.1:9", "--no-cache")
+    done = lab("fit-k92", next(SAMPLES.glob("*.csv")), "--scheduler", "tcp://127.0.0.1:9", "--no-cache")
     refused(done, 2, "scheduler 'tcp://127.0.0.1:9' cannot be reached")
 
 

@@ -41,7 +41,7 @@ on_linux = pytest.mark.skipif(sys.platform != "linux", reason="looks for process
 
 @pytest.fixture(scope="module")
 def studied(tmp_path_factory: pytest.TempPathFactory) -> Undisturbed:
-    """A study of two samples, made once."""
+    """A study of two trials, made once."""
     return undisturbed(tmp_path_factory.mktemp("undisturbed") / "study", *STUDY, logs=TWO)
 
 
@@ -137,7 +137,7 @@ def test_ctrl_c_ends_it_at_once_with_130_one_line_and_no_process_left(tmp_path: 
     assert unfinished(tmp_path) == []
 
 
-NAMES = ("virtual_v0.7_r1", "virtual_v0.7_r2")
+NAMES = ("short_v0.7_r1", "short_v0.7_r2")
 """Of one speed, so that a search is short."""
 
 
