@@ -9,15 +9,16 @@ import pytest
 from granite_lab.effects import get
 from granite_lab.effects.model_file import load_model
 from tests.corpus.cli import Done, lab, succeeded, told
-from tests.running.processes import FEW, own_cache, trials
+from tests.running.processes import FEW, own_cache, short
 
 pytestmark = pytest.mark.usefixtures("few_effects")
-LOGS = ("logs/virtual_v0.5_r2.csv", "logs/virtual_v0.7_r1.csv")
+NAMES = ("short_v0.5_r2", "short_v0.7_r1")
+LOGS = tuple(f"logs/{name}.csv" for name in NAMES)
 
 
 @pytest.fixture(scope="module")
 def few_effects(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Search among few effects, with a cache of its own; tests/docs runs the command with all of them."""
+    """Search among few effects, with a cache of its own; tests/discovery searches among all of them."""
     few = {id_: get(id_) for id_ in FEW}
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("GRANITE_LAB_CACHE", str(own_cache(tmp_path_factory.mktemp("few") / "cache")))
@@ -25,11 +26,19 @@ def few_effects(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
+def write_trials(folder: Path, *names: str) -> None:
+    """Write short trials with an effect that the search can find."""
+    (folder / "logs").mkdir(parents=True)
+    for name in names:
+        (folder / "logs" / f"{name}.csv").write_text(short(name, share=0.8), encoding="utf-8")
+
+
 @pytest.fixture(scope="module")
 def ended(few_effects: None, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Done]:
     """Two good trials of different speed and a broken one, analysed once: their folder, and what was said."""
     root = tmp_path_factory.mktemp("study")
-    text = (root / trials(root, "virtual_v0.5_r2", "virtual_v0.7_r1")[0]).read_text(encoding="utf-8")
+    write_trials(root, *NAMES)
+    text = (root / LOGS[0]).read_text(encoding="utf-8")
     (root / "logs" / "broken.csv").write_text(text.replace("t_s,", "when,", 1), encoding="utf-8")
     return root, lab("study", "logs", "--out", "reports/mine", "--json", cwd=root)
 
@@ -60,6 +69,7 @@ def test_it_ends_with_the_search_for_a_missing_effect(ended: tuple[Path, Done]) 
     answers = {answer["id"]: answer for answer in report["answers"]["questions"]}
     assert answers["missing"]["verdict"] != "Not searched"
     named = [e["id"] for e in found["effects"] if not e["empirical"]]
+    assert named == ["drive_reaction"]
     saved = load_model(folder / "reports" / "mine" / "model.toml")
     assert set(named) <= {e.id for e in saved.effects}
     assert saved.a_theta == pytest.approx(found["a_theta"]["found"]["value"])
@@ -76,11 +86,13 @@ def test_discover_writes_page_model_and_numbers_and_prints_what_it_writes(folder
         assert (found / name).stat().st_size > 100, name
     assert (found / "mine.txt").read_text() == "kept"
     assert not [path for path in found.rglob("*") if path.name.startswith(".")]
-    assert "virtual_v0.7_r1" in (found / "index.html").read_text(encoding="utf-8")
+    assert NAMES[1] in (found / "index.html").read_text(encoding="utf-8")
     assert document == json.loads((found / "finding.json").read_text(encoding="utf-8"))
+    assert document["effects"]
     for effect in document["effects"]:
         assert set(effect) >= {"id", "parameters", "indistinguishable_from", "probability", "closes"}
         assert all(set(p) >= {"value", "std", "unit"} for p in effect["parameters"].values())
+    assert document["where"]
     for place in document["where"]:
         assert set(place) == {
             "channel", "phase", "variant_mps", "t_start_s", "t_end_s", "frequency_hz", "share", "score",
@@ -111,7 +123,7 @@ def test_report_and_recordings_are_complete(folder: Path) -> None:
     for name in ("index.html", "report.md", "report.json"):
         assert (report / name).stat().st_size > 1000
     recordings = {path.stem: path.stat().st_size for path in (report / "recordings").glob("*.rrd")}
-    assert set(recordings) == {"virtual_v0.5_r2", "virtual_v0.7_r1"}
+    assert set(recordings) == {*NAMES}
     assert all(size < 2_000_000 for size in recordings.values())
     assert not [path for path in report.rglob("*") if path.name.endswith(".part")]
     page = (report / "index.html").read_text(encoding="utf-8")
@@ -120,7 +132,7 @@ def test_report_and_recordings_are_complete(folder: Path) -> None:
     unknown = lab("view", "reports/mine", "--trial", "nobody", cwd=folder)
     assert unknown.code == 3
     assert "no recording of trial 'nobody'" in unknown.err
-    assert "virtual_v0.5_r2" in unknown.err
+    assert NAMES[0] in unknown.err
 
 
 def test_an_unchanged_report_is_kept_and_an_edited_one_is_written_again(ended: tuple[Path, Done]) -> None:
@@ -141,7 +153,7 @@ def test_an_unchanged_report_is_kept_and_an_edited_one_is_written_again(ended: t
 def test_the_same_study_in_another_folder_does_not_make_a_report_look_changed(tmp_path: Path) -> None:
     """What is remembered of a report is that of its folder: each recording has an id of its own."""
     for name in ("one", "other"):
-        trials(tmp_path / name, "virtual_v0.7_r1")
+        write_trials(tmp_path / name, NAMES[1])
         lab("study", "logs", "--out", "report", "--no-discover", cwd=tmp_path / name)
     for name in ("one", "other"):
         done = lab("study", "logs", "--out", "report", "--no-discover", cwd=tmp_path / name)
@@ -155,7 +167,7 @@ def stamps(folder: Path) -> dict[Path, int]:
 def test_fits_leave_out_a_trial_that_fails_unless_told_otherwise(folder: Path) -> None:
     done = succeeded("fit-k92", "logs", "--json", cwd=folder)
     document = json.loads(done.out)
-    assert [fit["trial"] for fit in document["fits"]] == ["virtual_v0.5_r2", "virtual_v0.7_r1"]
+    assert [fit["trial"] for fit in document["fits"]] == [*NAMES]
     assert "logs/broken.csv" in {i["file"] for i in document["provenance"]["inputs"]}
     assert "warning: broken: left out" in done.err
     strict = lab("study", "logs", "--out", "strict", "--strict", "--no-discover", cwd=folder)

@@ -32,6 +32,9 @@ from tests.truth import faults
 
 OUTSIDE = Path(__file__).parent.parent / "data" / "outside"
 FEW = {id_: get(id_) for id_ in ("com_offset", "drive_reaction", "tyre_windup")}
+ALONE = {"drive_reaction": FEW["drive_reaction"]}
+"""Where it is not asked which effect is named but what else can go wrong."""
+
 PAIR = ("0.5_1", "0.5_2")
 """Two trials of one speed, which take the least time."""
 
@@ -115,7 +118,7 @@ def test_logs_that_end_soon_after_the_stop_are_analysed() -> None:
         _, motion = corrected(trial, load_robot())
         return faults.cut(trial, stop=motion.t_start.value + duration(motion.variant) + 0.4)
 
-    finding = found([cut(t) for t in logs("o03", PAIR)], FEW)
+    finding = found([cut(t) for t in logs("o03", PAIR)], ALONE)
     assert effects_of(finding) == ["drive_reaction"]
     assert finding.failures == ()
     for row in finding.residuals:
@@ -154,7 +157,7 @@ def test_a_trial_that_nothing_fits_is_left_out_and_said(
     spoil: Callable[[Trial], Trial], good: Finding
 ) -> None:
     trials = [spoil(t) if t.name == "trial_0.7_1" else t for t in logs("o03", (*PAIR, "0.7_1"))]
-    finding = found(trials, FEW)
+    finding = found(trials, ALONE)
     ((name, reason),) = finding.dropped
     assert name == "trial_0.7_1"
     assert "times those of the others" in reason
@@ -171,7 +174,7 @@ def test_a_trial_alone_is_provisional_and_a_defect_after_the_search_does_not_los
         raise ZeroDivisionError("of our own")
 
     monkeypatch.setattr(module, "detectable", broken)
-    finding = found(logs("o03", PAIR[:1]), FEW)
+    finding = found(logs("o03", PAIR[:1]), ALONE)
     assert effects_of(finding) == ["drive_reaction"]
     (line,) = finding.failures
     assert "ZeroDivisionError: of our own" in line
@@ -205,7 +208,7 @@ def test_sensors_that_estimation_puts_right_do_not_change_the_finding(
     robot = load_robot()
     if spoil is turned_imu:
         robot = replace(robot, imu=replace(robot.imu, forward="find"))
-    finding = found([spoil(t) for t in logs("o03", PAIR)], FEW, robot)
+    finding = found([spoil(t) for t in logs("o03", PAIR)], ALONE, robot)
     assert finding.verdict == good.verdict
     assert effects_of(finding) == effects_of(good) == ["drive_reaction"]
     (first,), (second,) = good.effects[0].parameters, finding.effects[0].parameters
@@ -217,7 +220,7 @@ def test_sensors_that_estimation_puts_right_do_not_change_the_finding(
 
 
 def test_a_latency_that_no_logger_has_is_named() -> None:
-    clock = FEW | {"clock_offset": get("clock_offset")}
+    clock = ALONE | {"clock_offset": get("clock_offset")}
     plain, late = (
         found([spoil(t) for t in logs("o01", PAIR)], clock) for spoil in (lambda t: t, late_stamps)
     )

@@ -12,7 +12,7 @@ from granite_lab.discovery.ceiling import ceiling
 from granite_lab.discovery.describing import forces
 from granite_lab.discovery.description import described
 from granite_lab.discovery.heldout import predict
-from granite_lab.discovery.pushes import pushed
+from granite_lab.discovery.pushes import Pushes, pushed
 from granite_lab.effects import get, library
 from granite_lab.effects.library import neutral_gap
 from granite_lab.effects.model_file import FittedEffect, ModelFile, load_model, save_model
@@ -50,6 +50,14 @@ def measured(**hidden: float) -> tuple[Problem, Fit]:
         point = problem.with_effect(point, id_, [size, *values[1:]])
     measure(problem, point, rng, 0.002)
     return problem, fit(problem, problem.neutral())
+
+
+@cache
+def pushes_of(**hidden: float) -> Pushes:
+    """What pushes at all places show about the fit of `measured`."""
+    found = pushed(*measured(**hidden))
+    assert found is not None
+    return found
 
 
 def test_a_term_reproduces_an_effect_whose_law_is_of_its_form() -> None:
@@ -93,9 +101,7 @@ def test_terms_come_back_from_a_model_file_and_simulate_the_same(tmp_path: Path)
 )  # fmt: skip
 def test_responses_to_pushes_foretell_what_a_term_shows(id_: str) -> None:
     """A simulation with a little of the term shows the same."""
-    problem, base = measured()
-    pushes = pushed(problem, base)
-    assert pushes is not None
+    (problem, base), pushes = measured(), pushes_of()
     terms = [t for t in dictionary().values() if isinstance(t, Term)]
     k = [t.id for t in terms].index(id_)
     foretold = pushes.changes[1] @ forces(problem, pushes, 1, terms)[k]
@@ -113,9 +119,7 @@ def test_responses_to_pushes_foretell_what_a_term_shows(id_: str) -> None:
 
 
 def test_nothing_is_described_and_no_force_closes_anything_where_nothing_is_missing() -> None:
-    problem, base = measured()
-    pushes = pushed(problem, base)
-    assert pushes is not None
+    (problem, _), pushes = measured(), pushes_of()
     assert described(problem, pushes, TOLERANCE) is None
     # of no gap any share is possible, so that the gap of a missing effect is what it is compared with
     lacking = measured(term_force_by_distance=-0.03)[1]
@@ -125,9 +129,7 @@ def test_nothing_is_described_and_no_force_closes_anything_where_nothing_is_miss
 
 
 def test_a_hidden_force_is_described_by_its_formula_and_the_ceiling_shows_its_size() -> None:
-    problem, base = measured(term_force_by_distance=-0.03)
-    pushes = pushed(problem, base)
-    assert pushes is not None
+    (problem, base), pushes = (f(term_force_by_distance=-0.03) for f in (measured, pushes_of))
     most = ceiling(problem, base, pushes, TOLERANCE)
     assert most.left == pytest.approx(1.0, abs=0.1)
     assert most.value > 0.6

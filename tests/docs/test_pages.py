@@ -17,6 +17,7 @@ import pandas as pd
 import pytest
 
 from granite_lab import Estimate
+from granite_lab.effects import get
 from granite_lab.errors import InputError
 from granite_lab.files import sha256
 from granite_lab.hidden.scoring import MEANING, score
@@ -27,6 +28,7 @@ from tests.corpus.cli import Done, lab
 from tests.docs.pages import PAGES, ROOT, blocks, command_of, lines_to_run, save_files, text_of
 from tests.effects.example import EXAMPLE
 from tests.logs.bags import Bag
+from tests.running.processes import FEW
 
 SAMPLES = ROOT / "data" / "samples"
 LOG = SAMPLES / "virtual_v0.3_r1.csv"
@@ -274,6 +276,9 @@ def test_an_effect_by_the_page_is_listed_and_slows_the_robot(folder: Path) -> No
 
 
 def test_the_tutorial_and_what_builds_on_a_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its search is among few effects; tests/discovery searches among all of them."""
+    few = {id_: get(id_) for id_ in FEW}
+    monkeypatch.setattr("granite_lab.chain.library", lambda *_: few)
     clone(tmp_path, *(path.stem.removeprefix("virtual_") for path in SAMPLES.glob("*.csv")))
     monkeypatch.chdir(tmp_path)
     save_files("docs/tutorial.md", tmp_path)
