@@ -145,9 +145,10 @@ def test_a_load_stays_where_wheels_drive(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", ["heavy", "-5", "2:1", "3:1, 2:4", "0:0, 5:-3"])
 def test_a_force_that_is_none_is_refused(text: str, tmp_path: Path) -> None:
-    trial, robot, motion = corrected(written(tmp_path, run(height=0.0), **{KEY: text}), Options())
+    trial, robot, motion = corrected(written(tmp_path, run(height=0.0)), Options())
+    said = dataclasses.replace(trial.info, extra={**trial.info.extra, KEY: text})
     with pytest.raises(InputError, match=f"{KEY} = .* cannot be used"):
-        towed(motion, trial, robot)
+        towed(motion, dataclasses.replace(trial, info=said), robot)
 
 
 def test_a_list_of_forces_needs_the_start_of_the_command(tmp_path: Path) -> None:
