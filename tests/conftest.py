@@ -37,13 +37,14 @@ def cache_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Non
 
 
 @pytest.fixture(scope="session", autouse=True)
-def motions(cache_of_the_tests: None) -> Iterator[None]:
-    """What commands estimate is remembered, for all processes of pytest, by the content of the trial."""
+def motions_and_fits(cache_of_the_tests: None) -> Iterator[None]:
+    """What commands estimate and fit is remembered by the content of the trial, for all processes of pytest."""
     from granite_lab.stored import root
-    from tests.remembered import by_content
+    from tests.remembered import corrected, fitted
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("granite_lab.estimation.correct", by_content(root() / "motions"))
+        patch.setattr("granite_lab.estimation.correct", corrected(root() / "motions"))
+        patch.setattr("granite_lab.fitting.fit_k92", fitted(root() / "fits"))
         yield
 
 
@@ -93,12 +94,14 @@ def fits_by_slip(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.M
     For tests that show what is done with fits: a fit to the trajectory takes ten times as long.
     """
     from granite_lab.errors import EstimateError
+    from tests.remembered import FITTED_ANEW
     from tests.running.processes import own_cache
 
     def left_out(*_: object) -> None:
         raise EstimateError("left out by a test")
 
     cache = own_cache(tmp_path_factory.mktemp("fits") / "cache")
+    monkeypatch.setattr("granite_lab.fitting.fit_k92", FITTED_ANEW)
     monkeypatch.setattr("granite_lab.fitting.k92._with_trajectory", left_out)
     monkeypatch.setenv("GRANITE_LAB_CACHE", str(cache))
     return cache

@@ -1,35 +1,60 @@
-"""Motions that several tests need: each is estimated once for all processes of pytest."""
+"""Motions and fits that several tests need: each is made once for all processes of pytest.
 
-from collections.abc import Callable
+Commands analyse the same few samples again and again. What was made of which content is kept in a folder;
+where the file of a trial lies does not matter.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from granite_lab.estimation import Motion, correct
+from granite_lab.fitting import K92Fit, fit_k92
 from granite_lab.logs.trial import Trial
+from granite_lab.model.effect import Active
 from granite_lab.parameters import Robot, Soil
 from granite_lab.running.cache import Cache, code, digest_of
 from granite_lab.running.codec import content, encode
 
-Correct = Callable[..., tuple[Trial, Motion]]
-
-ANEW: Correct = correct
-"""Estimates a trial whether that was done before or not."""
+ANEW, FITTED_ANEW = correct, fit_k92
+"""The functions themselves, which work whether that was done before or not."""
 
 
-def by_content(folder: Path) -> Correct:
-    """Return `correct` that remembers in a folder what it made of which trial, robot and soil.
+def _kept(cache: Cache, work: Callable[..., Any], *given: Any) -> Any:
+    """Return what some work makes of records, or has made of equal ones."""
+    key = digest_of(code(), *map(content, given))
+    found = cache.get(key)
+    if found is None:
+        found = work(*given)
+        cache.put(key, encode(((), found)))
+    return found
 
-    Commands estimate the same few samples again and again. Where the file of a trial lies does not matter.
-    """
+
+def corrected(folder: Path) -> Callable[..., tuple[Trial, Motion]]:
+    """Return `correct` that remembers in a folder."""
     cache = Cache(folder)
 
     def once(trial: Trial, robot: Robot, *, soil: Soil | None = None) -> tuple[Trial, Motion]:
-        key = digest_of(code(), *map(content, (replace(trial, inputs=()), robot, soil)))
-        found = cache.get(key)
-        if found is None:
-            found = ANEW(trial, robot, soil=soil)
-            cache.put(key, encode(((), found)))
-        clean, motion = found
+        clean, motion = _kept(
+            cache, lambda *given: ANEW(*given[:2], soil=given[2]), replace(trial, inputs=()), robot, soil
+        )
         return replace(clean, inputs=trial.inputs), motion
+
+    return once
+
+
+def fitted(folder: Path) -> Callable[..., K92Fit]:
+    """Return `fit_k92` that remembers in a folder, but not fits with effects, whose code may be a test's."""
+    cache = Cache(folder)
+
+    def once(
+        motion: Motion, trial: Trial, robot: Robot, soil: Soil, *,
+        effects: Sequence[Active] = (), trajectory: bool = True,
+    ) -> K92Fit:  # fmt: skip
+        if effects or not trajectory:
+            return FITTED_ANEW(motion, trial, robot, soil, effects=effects, trajectory=trajectory)
+        found: K92Fit = _kept(cache, FITTED_ANEW, motion, replace(trial, inputs=()), robot, soil)
+        return found
 
     return once

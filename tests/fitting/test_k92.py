@@ -287,7 +287,7 @@ def test_spikes_that_are_left_out_cost_information_but_no_more() -> None:
     assert by_trajectory < 0.2
 
 
-@pytest.mark.parametrize("by", [0.03, -0.03])
+@pytest.mark.parametrize("by", [0.03, -0.03] if SOAK else [0.03])
 @pytest.mark.xfail(reason="estimation leaves such an offset in the stamps: 0.7 to 0.9 std")
 def test_an_offset_that_nobody_states_is_gone(by: float) -> None:
     assert max(apart(fitted(faults.late(good().trial, -by), robot()))) < TENTH

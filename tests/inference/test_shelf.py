@@ -110,7 +110,7 @@ def searched() -> Search:
     rng = np.random.default_rng(3)
     point = problem.with_effect(problem.neutral(), "push", [0.3])
     measure(problem, problem.with_effect(point, "pull", [0.2]), rng)
-    return search(problem, baseline(problem), ("push", "pull", "lift", "shove"), TOLERANCE)
+    return search(problem, baseline(problem), ("push", "pull", "lift"), TOLERANCE)
 
 
 def test_memory_of_a_search_does_not_grow_with_the_sets_that_it_fits(
