@@ -38,7 +38,7 @@ def cache_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Non
 
 @pytest.fixture(scope="session", autouse=True)
 def motions_and_fits(cache_of_the_tests: None) -> Iterator[None]:
-    """What commands estimate and fit is remembered by the content of the trial, for all processes of pytest."""
+    """What commands estimate and fit is remembered by the content of the trial, for all processes."""
     from granite_lab.stored import root
     from tests.remembered import corrected, fitted
 
