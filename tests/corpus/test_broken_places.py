@@ -100,6 +100,7 @@ def command(writer: str, out: Path, run: Path) -> list[str]:
     return [str(a).replace("OUT", str(out)).replace("RUN", str(run)) for a in WRITERS[writer]]
 
 
+@pytest.mark.usefixtures("fits_by_slip")
 @pytest.mark.parametrize("writer", WRITERS)
 def test_a_file_in_the_way_and_a_folder_without_permission_are_one_line(writer: str, tmp_path: Path) -> None:
     out, closed = tmp_path / "out", tmp_path / "closed"
