@@ -78,8 +78,9 @@ class Readings:
 def lag_of(readings: Readings, rolling: Rolling, offset: float) -> float:
     """Return by how much a reference tells of the motion after the wheels do [s]; 0 where none shows.
 
-    Speeds over steps are compared at all lags, the wheels' times a factor: the slip does not count. The
-    wheels' clock lies behind by `offset` [s].
+    None shows where the farthest lag fits best: wheels that spin go another way than the body. Speeds over
+    steps are compared at all lags, the wheels' times a factor: the slip does not count. The wheels' clock
+    lies behind by `offset` [s].
     """
     if readings.t.size < 2:
         return 0.0
@@ -91,7 +92,11 @@ def lag_of(readings: Readings, rolling: Rolling, offset: float) -> float:
     lags = np.arange(-FARTHEST, FARTHEST + STEP / 2, STEP)
     left = np.array([_left(speed, np.diff(joined(grid - lag, stamps, rolling.mean))) for lag in lags])
     best, none = int(np.argmin(left)), int(np.argmin(np.abs(lags)))
-    if left[best] <= 0.0 or speed.size * math.log(left[none] / left[best]) < SHOWN:
+    if (
+        best in (0, lags.size - 1)
+        or left[best] <= 0.0
+        or speed.size * math.log(left[none] / left[best]) < SHOWN
+    ):
         return 0.0
     return float(lags[best])
 

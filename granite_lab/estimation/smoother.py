@@ -44,7 +44,11 @@ prediction is to blame."""
 
 WANDERING = ("wheel", "specific_force", "zero_rate")
 """Measurements whose slow innovations count, too: of wheels that wander against the IMU, of biases that drift
-faster than their grade says. Errors of a reference are slow by nature."""
+faster than their grade says. A reference bounds what these do to the velocity; its own errors are slow by
+nature."""
+
+REFERENCES = ("reference_v", "reference_x")
+"""Measurements of the body by an external reference."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -398,9 +402,12 @@ def mismatch(came: Innovations) -> dict[str, float]:
 
 def widening(came: Innovations) -> float:
     """Factor on all variances, by the kind of measurement that misses its prediction most."""
-    ratio = came.value / np.sqrt(came.variance)
-    wander = max(slow_excess(ratio[came.fresh(kind)]) for kind in WANDERING)
-    return max([*mismatch(came).values(), wander if wander > WANDERS else 1.0])
+    sizes = mismatch(came)
+    if not sizes.keys() & {*REFERENCES}:
+        ratio = came.value / np.sqrt(came.variance)
+        wander = max(slow_excess(ratio[came.fresh(kind)]) for kind in WANDERING)
+        sizes["slow"] = wander if wander > WANDERS else 1.0
+    return max([1.0, *sizes.values()])
 
 
 def slow_excess(ratio: Array) -> float:

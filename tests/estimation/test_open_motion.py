@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from granite_lab.estimation.clock_rate import doubt_rate
-from granite_lab.estimation.error_model import V, updates_of
+from granite_lab.estimation.error_model import V, in_order, updates_of
 from granite_lab.estimation.noise import white
 from granite_lab.estimation.smoother import Innovations, widening
 from granite_lab.estimation.stages import roll, stand
@@ -68,6 +68,19 @@ def test_innovations_that_wander_by_less_than_their_noise_widen_the_std(kind: st
     chance = rng.normal(size=(40, n - 8))
     assert (np.mean(np.array(factors) > 3.0) > 0.6) == widens
     assert np.mean([widening(Innovations(updates, one, *none)) > 1.0 for one in chance]) < 0.05
+
+
+@pytest.mark.parametrize("referred", [True, False])
+def test_wheels_that_wander_against_the_imu_widen_no_std_that_a_reference_gives(referred: bool) -> None:
+    """As those of a rover in snow, whose slip goes up and down for seconds."""
+    n, rng = 1000, np.random.default_rng(4)
+    wander = lfilter([np.sqrt(1.0 - 0.99**2)], [1.0, -0.99], rng.normal(size=n))
+    kinds = ("wheel", "reference_v") if referred else ("wheel",)
+    updates = in_order([updates_of(kind, np.arange(n), 0.0, {V: 1.0}, 1.0) for kind in kinds])
+    ratio = np.where(updates.kind == "wheel", wander[updates.node], rng.normal(size=updates.node.size))
+    came = Innovations(updates, ratio, np.ones(ratio.size), np.zeros((ratio.size, 14)))
+    assert (widening(came) > 50.0) != referred
+    assert not referred or widening(replace(came, value=3.0 * ratio)) == pytest.approx(9.0, rel=0.3)
 
 
 @pytest.mark.parametrize("side", ["start", "end"])
