@@ -21,8 +21,10 @@ from granite_lab.discovery.finding import (
     FittedParameter,
     Gap,
     LeftOut,
+    Limits,
     Residual,
     Status,
+    Verdict,
 )
 from granite_lab.discovery.power import POWER
 from granite_lab.discovery.resampling import SUREST, by_evidence
@@ -31,6 +33,7 @@ from granite_lab.discovery.verdict import OPEN, Judgement, Named, at_bounds, hol
 from granite_lab.discovery.where import disagreements
 from granite_lab.discovery.words import notes, provisional, sentence
 from granite_lab.estimate import Estimate, Part
+from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit, View, views_of
 from granite_lab.fitting.k92 import SHARED_AS
 from granite_lab.inference.bench import RAKED, SAND
@@ -40,7 +43,7 @@ from granite_lab.inference.gap import Discrepancy, beyond, discrepancies
 from granite_lab.inference.observation import CHANNELS, UNITS
 from granite_lab.inference.point import SHARED
 from granite_lab.inference.problem import Problem
-from granite_lab.logs.trial import Array
+from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.dictionary import is_term
 from granite_lab.model.effect import Active, Effect
 from granite_lab.parameters import load_paper
@@ -76,108 +79,157 @@ class Attempts:
             return otherwise
 
 
+@dataclass(frozen=True)
+class Readings:
+    """The trials of a search.
+
+    Attributes:
+        trials, motions: all that were given, as estimation corrected them, on their clocks.
+        dropped: name and reason of those that were left out.
+    """
+
+    trials: tuple[Trial, ...]
+    motions: tuple[Motion, ...]
+    dropped: tuple[tuple[str, str], ...]
+
+    @property
+    def clock_applied(self) -> dict[str, float]:
+        """Trial to what was added to its stamps of encoders and currents before the search [s]."""
+        return {t.name: m.clock_applied for t, m in zip(self.trials, self.motions, strict=True)}
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What came out of a search.
+
+    Attributes:
+        search: the sets that were fitted.
+        judgement: of them.
+        limit: what any force could close; None where nothing remains.
+        power: what these trials could show; None where that failed.
+    """
+
+    search: Search
+    judgement: Judgement
+    limit: Ceiling | None
+    power: tuple[tuple[Detectable, ...], Confusion] | None
+
+
 def assemble(
-    *,
     problem: Problem,
-    search: Search,
-    judgement: Judgement,
-    limit: Ceiling | None,
-    power: tuple[tuple[Detectable, ...], Confusion] | None,
+    outcome: Outcome,
+    readings: Readings,
     effects: Mapping[str, Effect],
-    tolerance: float,
-    latency: float,
-    clock_applied: Mapping[str, float],
-    dropped: tuple[tuple[str, str], ...],
-    virtual: bool,
+    limits: Limits,
     parts: Attempts,
 ) -> Finding:
     """Gather what was found.
 
     Args:
         problem: the trials.
-        search, judgement: of them.
-        limit: what any force could close; None where nothing remains.
-        power: what these trials could show; None where that failed.
+        outcome: of the search.
+        readings: from which the problem was made.
         effects: all effects by id.
-        tolerance: as a share of a channel's rms.
-        latency: largest that is no missing effect [s].
-        clock_applied: trial to what was added to its stamps of encoders and currents before the search [s].
-        dropped: trials that were left out, with the reason.
-        virtual: all trials were written by a simulator.
+        limits: what is no missing effect.
         parts: tries the parts that the verdict does not need, and keeps what fails.
     """
-    world = problem.bench.world
-    before, after = search.model(()), judgement.model
-    assert before is not None
-    late = _latency(search.best.fit, problem, clock_applied)
-    named, described = (
-        tuple(_effect(problem, after, n, effects) for n in of)
-        for of in (judgement.named, judgement.described)
-    )
-    verdict, clock = judgement.verdict, _clock(late, latency, effects)
-    active = _active(problem, after.fit)
-    if clock is not None:
-        if verdict in ("unknown", "partly named"):  # what is missing may look like an offset
-            likely = clock.probability * float(np.clip(1 - np.nan_to_num(judgement.remainder), 0, 1))
-            described = (*described, replace(clock, probability=likely))
-        else:
-            named = (*named, clock)
-        offset = effects[clock.id].parameters[0]
-        active = (*active, Active(effects[clock.id], (min(max(-late.value, offset.low), offset.high),)))
-        verdict = "named" if verdict == "none" else verdict
+    search, judgement, tolerance = outcome.search, outcome.judgement, limits.discrepancy
+    base, after, power = search.model(()), judgement.model.fit, outcome.power
+    assert base is not None
+    before = base.fit
+    late = _latency(search.best.fit, problem, readings.clock_applied)
+    terms = _terms(problem, judgement, late, limits.latency, effects)
     none: list[Discrepancy] = []
-    lacking = parts.of("the discrepancy", lambda: discrepancies(problem, before.fit), none)
-    missing = parts.of("what is left of it", lambda: discrepancies(problem, after.fit), none)
-    unknown = (float("nan"), float("nan"))
+    lacking = parts.of("the discrepancy", lambda: discrepancies(problem, before), none)
+    missing = parts.of("what is left of it", lambda: discrepancies(problem, after), none)
     reasons = provisional(problem)
-    return Finding(
-        verdict=verdict,
-        sentence=sentence(verdict, named, described, judgement, reasons, tolerance),
+    finding = Finding(
+        verdict=terms.verdict,
+        sentence=sentence(terms.verdict, terms.named, terms.described, judgement, reasons, tolerance),
         probability=judgement.probability,
         provisional=reasons,
-        effects=named,
-        description=described,
+        effects=terms.named,
+        description=terms.described,
         small=tuple(_small(problem, search, n, effects) for n in judgement.small),
         closed={"trials": judgement.closed, "speeds": judgement.speeds},
-        ceiling=limit,
+        ceiling=outcome.limit,
         strained=_strained(problem, judgement),
         remainder=judgement.remainder,
         tolerance=tolerance,
         latency=late,
-        gap=parts.of(
-            "the gap",
-            lambda: _gap(problem, judgement, before.fit, after.fit, tolerance),
-            Gap("all", unknown, unknown),
-        ),
-        gaps=tuple(_gap_of(c, lacking, missing, tolerance) for c in _channels(problem)),
-        where=parts.of("where they disagree", lambda: disagreements(problem, lacking, tolerance), ()),
-        left=parts.of("what is left", lambda: disagreements(problem, missing, tolerance), ()),
-        candidates=parts.of(
-            "the list of candidates", lambda: _candidates(problem, search, judgement, tolerance), ()
-        ),
-        detectable=(*power[0], *_clock_detectable(late, latency, effects)) if power else (),
-        confusion=power[1] if power else None,
-        residuals=parts.of(
-            "the residuals",
-            lambda: tuple(_residuals(problem, (before.fit, after.fit), (lacking, missing))),
-            (),
-        ),
-        sand=_sand(after.fit),
-        sand_per_trial=tuple(_sand_of(problem, after.fit, i) for i in range(len(problem.trials))),
-        scales=dict(after.fit.scales.priors),
-        discrepancy=after.fit.scales.largest,
+        sand=_sand(after),
+        sand_per_trial=tuple(_sand_of(problem, after, i) for i in range(len(problem.trials))),
+        scales=dict(after.scales.priors),
+        discrepancy=after.scales.largest,
         scatter=judgement.scatter,
         ground_wave=judgement.ground_wave,
         trials_left_out=_trials_left_out(problem, judgement),
         speeds_left_out=_speeds_left_out(problem, judgement),
-        dropped=dropped,
-        notes=notes(problem, judgement, named),
-        robot=world.robot,
-        soil=world.soil,
-        active=active,
-        virtual=virtual,
+        dropped=readings.dropped,
+        notes=notes(problem, judgement, terms.named),
+        robot=problem.bench.world.robot,
+        soil=problem.bench.world.soil,
+        active=terms.active,
+        virtual=all(t.info.virtual for t in readings.trials),
         runs=problem.bench.runs,
+        detectable=(*power[0], *_clock_detectable(late, limits.latency, effects)) if power else (),
+        confusion=power[1] if power else None,
     )
+    return _detailed(finding, problem, outcome, (lacking, missing), parts)
+
+
+def _detailed(
+    finding: Finding,
+    problem: Problem,
+    outcome: Outcome,
+    missing: tuple[list[Discrepancy], list[Discrepancy]],
+    parts: Attempts,
+) -> Finding:
+    """Add gaps, intervals, candidates and residuals; `missing` is without and with the effects."""
+    base, judgement, tolerance = outcome.search.model(()), outcome.judgement, finding.tolerance
+    assert base is not None
+    fits, (without, with_effects) = (base.fit, judgement.model.fit), missing
+    return replace(
+        finding,
+        gap=parts.of("the gap", lambda: _gap(problem, judgement, *fits, tolerance), finding.gap),
+        gaps=tuple(_gap_of(c, *missing, tolerance) for c in _channels(problem)),
+        where=parts.of("where they disagree", lambda: disagreements(problem, without, tolerance), ()),
+        left=parts.of("what is left", lambda: disagreements(problem, with_effects, tolerance), ()),
+        candidates=parts.of(
+            "the list of candidates", lambda: _candidates(problem, outcome.search, judgement, tolerance), ()
+        ),
+        residuals=parts.of("the residuals", lambda: tuple(_residuals(problem, fits, missing)), ()),
+    )
+
+
+@dataclass(frozen=True)
+class _Terms:
+    """What the likeliest model holds, with an offset of the clocks where there is one."""
+
+    verdict: Verdict
+    named: tuple[EffectFinding, ...]
+    described: tuple[EffectFinding, ...]
+    active: tuple[Active, ...]
+
+
+def _terms(
+    problem: Problem, judgement: Judgement, late: Estimate, limit: float, effects: Mapping[str, Effect]
+) -> _Terms:
+    """Return the terms of a judgement; a latency beyond the limit [s] is one more."""
+    named, described = (
+        tuple(_effect(problem, judgement.model, n, effects) for n in of)
+        for of in (judgement.named, judgement.described)
+    )
+    verdict, active = judgement.verdict, _active(problem, judgement.model.fit)
+    clock = _clock(late, limit, effects)
+    if clock is None:
+        return _Terms(verdict, named, described, active)
+    offset = effects[clock.id].parameters[0]
+    active = (*active, Active(effects[clock.id], (min(max(-late.value, offset.low), offset.high),)))
+    if verdict in ("unknown", "partly named"):  # what is missing may look like an offset
+        likely = clock.probability * float(np.clip(1 - np.nan_to_num(judgement.remainder), 0, 1))
+        return _Terms(verdict, named, (*described, replace(clock, probability=likely)), active)
+    return _Terms("named", (*named, clock), described, active)
 
 
 def _channels(problem: Problem) -> list[str]:

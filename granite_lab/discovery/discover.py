@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from granite_lab.discovery.assemble import Attempts, assemble
+from granite_lab.discovery.assemble import Attempts, Outcome, Readings, assemble
 from granite_lab.discovery.candidates import screen
-from granite_lab.discovery.finding import Ceiling, Confusion, Detectable, Finding
+from granite_lab.discovery.finding import USUAL, Ceiling, Confusion, Detectable, Finding, Limits
 from granite_lab.discovery.ground_waves import ground_wave
 from granite_lab.discovery.orders import lugs
 from granite_lab.discovery.power import detectable
@@ -22,7 +22,7 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.drive import drives, goes_by_command
 from granite_lab.inference.bench import Bench, Respond, World
 from granite_lab.inference.conditions import under_conditions
-from granite_lab.inference.constants import FEW, LATENCY_LIMIT, OUTLIER, TOLERANCE
+from granite_lab.inference.constants import FEW, OUTLIER
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.priors import sand_std
 from granite_lab.inference.problem import Problem
@@ -31,7 +31,7 @@ from granite_lab.logs.trial import Trial
 from granite_lab.model.dictionary import dictionary
 from granite_lab.model.effect import Effect
 from granite_lab.model.latent import LatentForce
-from granite_lab.parameters import Course, Robot, Soil, Variant, is_driven
+from granite_lab.parameters import Course, Robot, Soil, is_driven
 from granite_lab.processes import Progress, give_back, one_thread
 
 LATENCY_EFFECT = "clock_offset"
@@ -42,31 +42,43 @@ STEPS = MOST + 4
 these, predictions, and what the trials could show. A search that names fewer effects passes some over."""
 
 
+@dataclass(frozen=True)
+class Simulating:
+    """How a search simulates.
+
+    Attributes:
+        jobs: number of processes.
+        respond: simulates in place of these processes.
+        progress: called with the stage, the number of finished steps, and their largest number.
+    """
+
+    jobs: int = 1
+    respond: Respond | None = None
+    progress: Progress = lambda *_: None
+
+
+HERE = Simulating()
+"""In this process, without a word."""
+
+
 def discover(
     trials: Sequence[Trial],
+    motions: Sequence[Motion],
     robot: Robot,
     soil: Soil,
-    *,
     effects: Mapping[str, Effect],
-    motions: Sequence[Motion],
-    jobs: int = 1,
-    respond: Respond | None = None,
-    progress: Progress = lambda *_: None,
-    tolerance: float = TOLERANCE,
-    latency: float = LATENCY_LIMIT,
+    limits: Limits = USUAL,
+    simulating: Simulating = HERE,
 ) -> Finding:
     """Find out whether the model explains trials, and if not, what is missing.
 
     Args:
         trials: of one robot on one soil, as estimation corrected them.
+        motions: estimates of the trials, in their order; they know what was commanded and when.
         robot, soil: the model's numbers.
         effects: candidates by id.
-        motions: estimates of the trials, in their order; they know what was commanded and when.
-        jobs: number of processes.
-        respond: simulates in place of these processes.
-        progress: called with the stage, the number of finished steps, and their largest number.
-        tolerance: discrepancy that does not matter, as a share of a channel's rms in motion.
-        latency: largest delay between the stamps of two sensors that is no missing effect [s].
+        limits: what is no missing effect.
+        simulating: how.
 
     Raises:
         InputError: the robot cannot be simulated for want of numbers.
@@ -74,89 +86,127 @@ def discover(
     """
     give_back()
     order = sorted(range(len(trials)), key=lambda i: trials[i].name)
-    readings = clocks([trials[i] for i in order], [motions[i] for i in order])
-    candidates = dict(sorted((id_, e) for id_, e in effects.items() if id_ != LATENCY_EFFECT))
-    left_out, unobservable = _unobservable([m.variant for m in motions], candidates)
-    candidates = {id_: e for id_, e in candidates.items() if id_ not in left_out}
-    library = tuple(candidates)
-    simulated = candidates | dictionary() | {LatentForce.id: LatentForce()}
-
-    stage = ("", 0)
-
-    def tell(text: str, step: int) -> None:
-        nonlocal stage
-        stage = (text, step)
-        progress(text, step, STEPS)
-
-    def tick(_: int) -> None:
-        text, step = stage
-        progress(f"{text} ({bench.runs} simulations)", step, STEPS)
-
-    every = [trial_models(some, robot, seen) for some, seen in readings]
-    plain = World(robot, soil, every[0][1], simulated)
-    worlds = [under_conditions(plain, some, m) for (some, _), (m, _) in zip(readings, every, strict=True)]
+    trials, motions = [trials[i] for i in order], [motions[i] for i in order]
+    library, unobservable = _observable(motions, effects)
+    world = World(robot, soil, (), library | dictionary() | {LatentForce.id: LatentForce()})
     with one_thread(), ExitStack() as stack:
-        bench = stack.enter_context(Bench(worlds[0], jobs, tick, respond))
-        tell("fitting the model without effects", 0)
-        ways = [_possible(Problem(models, bench, sand_std(soil))) for models, _ in every]
-        fits = [at_first(way)[1] for way, _ in ways] if len(ways) > 1 else [0.0]
-        chosen = int(np.argmin(fits))
-        (problem, dropped), (trials, motions) = ways[chosen], readings[chosen]
-        base = baseline(problem)
-        problem, outliers = _without(problem, _outliers(problem, base))
-        if outliers:
-            base, dropped = baseline(problem), (*dropped, *outliers)
-        count = lugs(problem, base, robot.wheels.lugs)
+        watch = _Watch(simulating.progress)
+
+        def opened(world: World) -> Bench:
+            bench = Bench(world, simulating.jobs, watch.tick, simulating.respond)
+            return stack.enter_context(bench)
+
+        watch.tell("fitting the model without effects", 0)
+        start = _fitted_alone(trials, motions, world, opened)
+        count = lugs(start.problem, start.fit, robot.wheels.lugs)
         if count != robot.wheels.lugs:
-            bench = stack.enter_context(Bench(_with_lugs(bench.world, count), jobs, tick, respond))
-            bench.runs, problem.bench = problem.bench.runs, bench
-        searched = search(problem, base, library, tolerance, lambda text, named: tell(text, 1 + named))
-        parts = Attempts()
-        tell("predicting trials that are left out", STEPS - 2)
-        judged = parts.of(
-            "predictions of trials that are left out",
-            lambda: judge(problem, searched, tolerance),
-            by_posterior(problem, searched),
-        )
-        judged = parts.of("what may be saved", lambda: savable(problem, searched, judged, tolerance), judged)
-        nothing: tuple[Judgement, Ceiling | None] = (judged, None)
-        judgement, limit = parts.of(
-            "what the library leaves",
-            lambda: remainder(problem, searched, judged, tolerance, lambda text: tell(text, STEPS - 2)),
-            nothing,
-        )
-        judgement = parts.of(
-            "waves of the ground",
-            lambda: with_ground_wave(
-                judgement, ground_wave(problem, judgement.model.fit, motions, tolerance)
-            ),
-            judgement,
-        )
-        tell("checking what these trials could show", STEPS - 1)
-        power = parts.of(
-            "what these trials could show",
-            lambda: _power(problem, searched, judged, library, tolerance),
-            None,
-        )
-        finding = assemble(
-            problem=problem,
-            search=searched,
-            judgement=judgement,
-            limit=limit,
-            power=power,
-            effects=effects,
-            tolerance=tolerance,
-            latency=latency,
-            clock_applied={t.name: m.clock_applied for t, m in zip(trials, motions, strict=True)},
-            dropped=dropped,
-            virtual=all(t.info.virtual for t in trials),
-            parts=parts,
-        )
-        finding = _noting_lugs(finding, robot, count)
-        return replace(
-            finding, notes=(*finding.notes, *unobservable), failures=tuple(parts.lines),
-            tracebacks=tuple(parts.tracebacks),
+            start.problem.bench = opened(_with_lugs(start.problem.bench.world, count))
+        searched = search(
+            start.problem, start.fit, tuple(library), limits.discrepancy,
+            lambda text, named: watch.tell(text, 1 + named),
         )  # fmt: skip
+        parts = Attempts()
+        outcome = _judged(start, searched, tuple(library), limits.discrepancy, parts, watch.tell)
+        finding = assemble(start.problem, outcome, start.readings, effects, limits, parts)
+    finding = _noting_lugs(finding, robot, count)
+    return replace(
+        finding, notes=(*finding.notes, *unobservable), failures=tuple(parts.lines),
+        tracebacks=tuple(parts.tracebacks), runs=watch.runs,
+    )  # fmt: skip
+
+
+@dataclass
+class _Watch:
+    """Says which stage a search has reached, and counts its simulations."""
+
+    progress: Progress
+    text: str = ""
+    step: int = 0
+    runs: int = 0
+
+    def tell(self, text: str, step: int) -> None:
+        """Begin a stage."""
+        self.text, self.step = text, step
+        self.progress(text, step, STEPS)
+
+    def tick(self, runs: int) -> None:
+        """Count further simulations."""
+        self.runs += runs
+        self.progress(f"{self.text} ({self.runs} simulations)", self.step, STEPS)
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """Where a search starts: the trials that the model may explain, and the fit without effects."""
+
+    problem: Problem
+    fit: Fit
+    readings: Readings
+
+
+def _fitted_alone(
+    trials: Sequence[Trial], motions: Sequence[Motion], world: World, opened: Callable[[World], Bench]
+) -> _Start:
+    """Fit the model without effects, by the clocks that it explains better, and leave out what nothing fits.
+
+    Raises:
+        InputError, EstimateError: as `discover`.
+    """
+    ways = clocks(trials, motions)
+    models = [trial_models(some, world.robot, seen) for some, seen in ways]
+    plain = replace(world, variants=models[0][1])
+    worlds = [under_conditions(plain, some, m) for (some, _), (m, _) in zip(ways, models, strict=True)]
+    bench, std = opened(worlds[0]), sand_std(world.soil)
+    possible = [_possible(Problem(m, bench, std)) for m, _ in models]
+    fits = [at_first(problem)[1] for problem, _ in possible] if len(possible) > 1 else [0.0]
+    chosen = int(np.argmin(fits))
+    problem, dropped = possible[chosen]
+    base = baseline(problem)
+    problem, outliers = _without(problem, _outliers(problem, base))
+    if outliers:
+        base = baseline(problem)
+    trials, motions = ways[chosen]
+    return _Start(problem, base, Readings(tuple(trials), tuple(motions), (*dropped, *outliers)))
+
+
+def _judged(
+    start: _Start,
+    searched: Search,
+    library: Sequence[str],
+    tolerance: float,
+    parts: Attempts,
+    tell: Callable[[str, int], None],
+) -> Outcome:
+    """Judge what a search has fitted, describe what it leaves, and say what the trials could show.
+
+    What fails after the search leaves what was known before.
+    """
+    problem = start.problem
+    tell("predicting trials that are left out", STEPS - 2)
+    judged = parts.of(
+        "predictions of trials that are left out",
+        lambda: judge(problem, searched, tolerance),
+        by_posterior(problem, searched),
+    )
+    judged = parts.of("what may be saved", lambda: savable(problem, searched, judged, tolerance), judged)
+    nothing: tuple[Judgement, Ceiling | None] = (judged, None)
+    judgement, limit = parts.of(
+        "what the library leaves",
+        lambda: remainder(problem, searched, judged, tolerance, lambda text: tell(text, STEPS - 2)),
+        nothing,
+    )
+    judgement = parts.of(
+        "waves of the ground",
+        lambda: with_ground_wave(
+            judgement, ground_wave(problem, judgement.model.fit, start.readings.motions, tolerance)
+        ),
+        judgement,
+    )
+    tell("checking what these trials could show", STEPS - 1)
+    power = parts.of(
+        "what these trials could show", lambda: _power(problem, searched, judged, library, tolerance), None
+    )
+    return Outcome(searched, judgement, limit, power)
 
 
 def _without(problem: Problem, reasons: Mapping[int, str]) -> tuple[Problem, tuple[tuple[str, str], ...]]:
@@ -184,26 +234,32 @@ def _noting_lugs(finding: Finding, robot: Robot, count: float) -> Finding:
     return replace(finding, notes=(*finding.notes, f"{repeats} {stated}"))
 
 
-def _unobservable(
-    variants: Sequence[Variant], candidates: Mapping[str, Effect]
-) -> tuple[set[str], list[str]]:
-    """Return effects that measured wheel speeds as the input of simulations hide, and notes on them."""
-    turned = [v for v in variants if is_driven(v)]
+def _observable(
+    motions: Sequence[Motion], effects: Mapping[str, Effect]
+) -> tuple[dict[str, Effect], list[str]]:
+    """Return the candidates in alphabetical order, and notes on those that are left out.
+
+    Measured wheel speeds as the input of simulations hide what acts on drives and encoders; where no command
+    is known they hide what acts on the command.
+    """
+    candidates = {id_: e for id_, e in sorted(effects.items()) if id_ != LATENCY_EFFECT}
+    turned = [m.variant for m in motions if is_driven(m.variant)]
     free = sum(isinstance(v, Course) and not v.commanded for v in turned)
     of_drives = [id_ for id_, e in candidates.items() if turned and drives(e)]
     of_command = [id_ for id_, e in candidates.items() if free and goes_by_command(e)]
     notes = []
     if of_drives:
         notes.append(
-            f"The measured wheel speeds drive {len(turned)} of {len(variants)} trials: effects of drives and "
+            f"The measured wheel speeds drive {len(turned)} of {len(motions)} trials: effects of drives and "
             f"encoders are no candidates ({', '.join(of_drives)})."
         )
     if of_command:
         notes.append(
-            f"No command is known of {free} of {len(variants)} trials, k_92 goes by their wheels: effects of "
+            f"No command is known of {free} of {len(motions)} trials, k_92 goes by their wheels: effects of "
             f"the command on k_92 are no candidates ({', '.join(of_command)})."
         )
-    return {*of_drives, *of_command}, notes
+    hidden = {*of_drives, *of_command}
+    return {id_: e for id_, e in candidates.items() if id_ not in hidden}, notes
 
 
 def _power(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import PhaseName
 from granite_lab.fitting.fit import View
-from granite_lab.inference.constants import CERTAIN
+from granite_lab.inference.constants import CERTAIN, LATENCY_LIMIT, TOLERANCE
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active
 from granite_lab.origin import NOWHERE, Origin
@@ -28,6 +28,23 @@ UNCONVERGED = "The fit did not converge"
 
 Verdict = Literal["none", "named", "partly named", "unknown"]
 Status = Literal["named", "twin", "described", "small", "less likely", "screened", "at a bound"]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What is no missing effect.
+
+    Attributes:
+        discrepancy: that does not matter, as a share of a channel's rms in motion.
+        latency: largest delay between the stamps of two sensors that loggers have [s].
+    """
+
+    discrepancy: float = TOLERANCE
+    latency: float = LATENCY_LIMIT
+
+
+USUAL = Limits()
+"""Those of a search of which nobody says otherwise."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +124,10 @@ class Gap:
     channel: str
     train: tuple[float, float]
     held_out: tuple[float, float]
+
+
+NO_GAP = Gap("all", (math.nan, math.nan), (math.nan, math.nan))
+"""That of trials in which none could be computed."""
 
 
 @dataclass(frozen=True)
@@ -351,14 +372,6 @@ class Finding(Shown):
     remainder: float
     tolerance: float
     latency: Estimate
-    gap: Gap
-    gaps: tuple[Gap, ...]
-    where: tuple[Disagreement, ...]
-    left: tuple[Disagreement, ...]
-    candidates: tuple[Candidate, ...]
-    detectable: tuple[Detectable, ...]
-    confusion: Confusion | None
-    residuals: tuple[Residual, ...]
     sand: Mapping[str, Estimate]
     sand_per_trial: tuple[tuple[str, Mapping[str, float]], ...]
     scales: Mapping[str, float]
@@ -379,6 +392,14 @@ class Finding(Shown):
     a_theta: tuple[View, ...] = ()
     simulates: tuple[float, ...] = ()
     ground_wave: GroundWave | None = None
+    gap: Gap = NO_GAP
+    gaps: tuple[Gap, ...] = ()
+    where: tuple[Disagreement, ...] = ()
+    left: tuple[Disagreement, ...] = ()
+    candidates: tuple[Candidate, ...] = ()
+    detectable: tuple[Detectable, ...] = ()
+    confusion: Confusion | None = None
+    residuals: tuple[Residual, ...] = ()
 
     @property
     def terms(self) -> tuple[EffectFinding, ...]:

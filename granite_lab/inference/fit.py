@@ -205,78 +205,125 @@ def _begun(problem: Problem, start: Point, slopes: Slopes | None, *, central: bo
     return _State(start, slopes, residuals, problem.white(residuals), normal)
 
 
+@dataclass
+class _Pace:
+    """How long the steps are.
+
+    The damping follows the drop over the promised one (H. B. Nielsen, Damping parameter in Marquardt's
+    method, IMM-REP-1999-05, Technical University of Denmark).
+
+    Attributes:
+        damping: of the next step.
+        growth: factor by which it grows where a step fails.
+        share: of a step that is taken.
+    """
+
+    damping: float = 0.0
+    growth: float = 2.0
+    share: float = 1.0
+
+    def quicken(self, ratio: float) -> None:
+        """Follow a step that brought this share of what it promised."""
+        damping = self.damping * max(1 / 3, 1 - (2 * ratio - 1) ** 3)
+        self.damping, self.growth = damping if damping > LEAST_DAMPED else 0.0, 2.0
+        if 2 * ratio > 1:
+            self.share = min(1.0, 2 * self.share)
+
+    def shorten(self) -> bool:
+        """Follow a step of Gauss and Newton that failed; return False where no shorter one is tried."""
+        self.share /= 2
+        return self.share >= LEAST_PACE
+
+    def damp(self) -> bool:
+        """Follow any step that failed; return False where no further damping is tried."""
+        self.damping, self.growth = max(self.growth * self.damping, 10 * LEAST_DAMPED), 2 * self.growth
+        return self.damping <= MOST_DAMPED
+
+
+@dataclass(frozen=True)
+class _Goal:
+    """When a fit ends.
+
+    Numbers that each trial has of its own are many, and each may be as far from the optimum of a fine fit as
+    a single one.
+
+    Attributes:
+        fine: only such a fit takes differences to both sides.
+        private: how many numbers all trials have of their own, as the phase of a wheel.
+        least: promised drop at which the point is an optimum.
+        near: how far from a point derivatives count as its own [std].
+        trusted: how far from one the drop over the promised one may be for derivatives to be kept.
+    """
+
+    fine: bool
+    private: int
+    least: float
+    near: float
+    trusted: float
+
+    @classmethod
+    def of(cls, problem: Problem, point: Point, least: float) -> _Goal:
+        """Return the goal of a fit of a point's effects that ends at some promised drop."""
+        fine = least <= LEAST
+        private = len(problem.parameters(point.effects, per_trial=True)) * len(problem.trials)
+        numbers = 1 + private if fine else 1
+        near, trusted = (AS_GOOD, TRUSTED) if fine else (AS_GOOD_ROUGH, TRUSTED_ROUGH)
+        return cls(fine, private, least * numbers, near * float(np.sqrt(numbers)), trusted)
+
+
 def _descended(
     problem: Problem, state: _State, scales: Scales, rounds: int, least: float, away: float = 0.0
 ) -> tuple[_State, Scales, bool]:
     """Return where steps by Levenberg and Marquardt end, the scales there, and whether that is an optimum.
 
-    The damping follows the drop over the promised one (H. B. Nielsen, Damping parameter in Marquardt's
-    method, IMM-REP-1999-05, Technical University of Denmark). Differences are taken at the centre of each
-    command. Numbers that each trial has of its own, as the phase of a wheel, may be far from that: where a
-    step fails, differences are then taken at each trial. Such numbers are many, and each may be as far from
-    the optimum as a single one.
-
     Args:
-        problem: the trials.
+        problem, scales, rounds, least: as in `fit`.
         state: where to begin.
-        scales: to begin with.
-        rounds: most steps.
-        least: promised drop at which a fit ends; only a fine one takes differences to both sides.
         away: how far the point is from where its derivatives were taken [std].
     """
-    fine = least <= LEAST
-    good, trusted = (AS_GOOD, TRUSTED) if fine else (AS_GOOD_ROUGH, TRUSTED_ROUGH)
-    private = len(problem.parameters(state.point.effects, per_trial=True)) * len(problem.trials)
-    numbers = 1 + private if fine else 1
-    least, good = least * numbers, good * float(np.sqrt(numbers))
-    damping, growth, pace, before = 0.0, 2.0, 1.0, np.inf  # `before`: what the last step promised
+    goal = _Goal.of(problem, state.point, least)
+    pace, before = _Pace(), np.inf  # `before`: what the last step promised
     since, stalled = np.inf, 0  # what the derivatives have brought; how often they brought nothing
-    each = False
+    each = False  # differences at each trial, not at the centre of each command
     for _ in range(rounds):
-        here, aim, promised = _promise(problem, state, scales, damping)
-        loud = scales.loud and not fine
-        enough = LEAST_OF_LOUD * here if loud else least
-        if loud and promised < enough and (away == 0 or damping > 0):
+        here, aim, promised = _promise(problem, state, scales, pace.damping)
+        loud = scales.loud and not goal.fine
+        enough = LEAST_OF_LOUD * here if loud else goal.least
+        if loud and promised < enough and (away == 0 or pace.damping > 0):
             break
-        if damping > 0 and promised < least:
-            damping = 0.0
+        if pace.damping > 0 and promised < goal.least:
+            pace.damping = 0.0
             continue
-        if promised < least and away < good:
+        if promised < goal.least and away < goal.near:
             new = _learnt(problem, state, scales)
-            settled, scales = change(scales, new) < (SETTLED if fine else CLOSE), new
+            settled, scales = change(scales, new) < (SETTLED if goal.fine else CLOSE), new
             if settled:
                 return state, scales, True
             continue
         drop, tried = -np.inf, None
-        if promised >= least:
-            part = problem.stepped(state.point, pace * (aim.vector - state.point.vector))
+        if promised >= goal.least:
+            part = problem.stepped(state.point, pace.share * (aim.vector - state.point.vector))
             drop, tried = _tried(problem, state, scales, here, part)
-        ratio = drop / (promised * pace * (2 - pace)) if promised > 0 else -np.inf
-        near = promised < NEAR and damping == 0
-        closer = fine and near and drop > -NEAR and promised < before / 2
-        other = away == 0 and private > 0 and not each and promised > NO_RANK
+        ratio = drop / (promised * pace.share * (2 - pace.share)) if promised > 0 else -np.inf
+        near = promised < NEAR and pace.damping == 0
+        closer = goal.fine and near and drop > -NEAR and promised < before / 2
+        other = away == 0 and goal.private > 0 and not each and promised > NO_RANK
         fresh, before = away == 0 and not other, promised if near and tried is not None else np.inf
         if tried is not None and (drop > 0 or closer):
-            damping *= max(1 / 3, 1 - (2 * ratio - 1) ** 3)
-            damping, growth = damping if damping > LEAST_DAMPED else 0.0, 2.0
-            state, away, since = tried, away + pace * float(np.sqrt(promised)), since + drop
-            keep = away < good if near else abs(ratio - 1) < trusted
-            pace = min(1.0, 2 * pace) if 2 * ratio > 1 else pace  # more than half of what was promised
-        elif fresh and fine and damping == 0 and promised < WITHIN:
-            pace, keep = pace / 2, True
-            if pace < LEAST_PACE:
-                break
+            state, away, since = tried, away + pace.share * float(np.sqrt(promised)), since + drop
+            keep = away < goal.near if near else abs(ratio - 1) < goal.trusted
+            pace.quicken(ratio)
         elif fresh:
-            damping, growth, keep = max(growth * damping, 10 * LEAST_DAMPED), 2 * growth, True
-            if damping > MOST_DAMPED or (not fine and promised < NEAR):
+            short = goal.fine and pace.damping == 0 and promised < WITHIN
+            keep = pace.shorten() if short else pace.damp() and (goal.fine or promised >= NEAR)
+            if not keep:
                 break
         else:
             keep, each, since = False, each or other, np.inf if other else since
         if not keep:
-            stalled += since < max(enough, NO_FURTHER * private if fine else NO_RANK)
-            if stalled >= (STALLS if fine else 1):
-                break
-            slopes = problem.slopes(state.point, central=fine, each=each)
+            stalled += since < max(enough, NO_FURTHER * goal.private if goal.fine else NO_RANK)
+            more = stalled < (STALLS if goal.fine else 1)
+            slopes = problem.slopes(state.point, central=goal.fine, each=each) if more else None
             if slopes is None:
                 break
             state, tried = replace(state, slopes=slopes, normal=NONE), None  # the old ones are given up first
@@ -284,7 +331,7 @@ def _descended(
         if not keep or near:
             scales = _learnt(problem, state, scales, 1)
     _, _, promised = _promise(problem, state, scales, 0.0)
-    return state, scales, bool(fine and away < good and promised < NO_FURTHER * numbers)
+    return state, scales, bool(goal.fine and away < goal.near and promised < NO_FURTHER * (1 + goal.private))
 
 
 def _unlimited(problem: Problem, state: _State, scales: Scales, rounds: int) -> tuple[_State, Scales] | None:

@@ -11,7 +11,7 @@ import pytest
 from granite_lab import study_folder
 from granite_lab.api.model import simulate as by_command
 from granite_lab.discovery import discover as module
-from granite_lab.discovery.discover import discover
+from granite_lab.discovery.discover import Simulating, discover
 from granite_lab.discovery.finding import Finding
 from granite_lab.effects import get, library
 from granite_lab.effects.model_file import load_model
@@ -51,9 +51,7 @@ def logs(name: str, trials: Sequence[str] = ()) -> list[Trial]:
 def found(trials: Sequence[Trial], effects: dict[str, Effect], robot: Robot | None = None) -> Finding:
     robot = robot or load_robot()
     rows = [corrected(trial, robot) for trial in trials]
-    return discover(
-        [r[0] for r in rows], load_robot(), load_soil(), effects=effects, motions=[r[1] for r in rows]
-    )
+    return discover([r[0] for r in rows], [r[1] for r in rows], load_robot(), load_soil(), effects)
 
 
 def effects_of(finding: Finding) -> list[str]:
@@ -193,8 +191,8 @@ def test_a_robot_that_cannot_be_simulated_is_refused() -> None:
     trials = [corrected(t, load_robot()) for t in logs("o03", ("0.5_1",))]
     with pytest.raises(EstimateError, match="cannot be simulated"):
         discover(
-            [t for t, _ in trials], load_robot(), load_soil(), effects=FEW, motions=[m for _, m in trials],
-            respond=lambda _, tasks: [None] * len(tasks),
+            [t for t, _ in trials], [m for _, m in trials], load_robot(), load_soil(), FEW,
+            simulating=Simulating(respond=lambda _, tasks: [None] * len(tasks)),
         )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from granite_lab import logs
 from granite_lab.comparison.compare import compare
-from granite_lab.discovery.discover import _unobservable
+from granite_lab.discovery.discover import _observable
 from granite_lab.effects import library
 from granite_lab.errors import EstimateError, InputError
 from granite_lab.estimation import correct
@@ -260,13 +260,16 @@ def test_effects_that_the_wheels_replace_are_no_candidates() -> None:
     motion = seen(JOYSTICK)[1]
     free = driven(dataclasses.replace(motion, variant_source="measured"), ROBOT, "auto")
     told = driven(motion, ROBOT, "wheels")
-    assert _unobservable([motion.variant], effects) == (set(), [])
-    out, said = _unobservable([motion.variant, told.variant], effects)
-    assert out == {"encoder_eccentricity", "gear_backlash", "supply_sag", "wheel_radius_error"}
-    assert "1 of 2 trials" in said[0]
-    out, said = _unobservable([free.variant], effects)
-    assert {"contact_angle_lag", "contact_angle_actual_speed"} < out
-    assert len(said) == 2
+    every, notes = _observable([motion], effects)
+    assert (set(every), notes) == (set(effects) - {"clock_offset"}, [])
+    fewer, notes = _observable([motion, told], effects)
+    assert set(every) - set(fewer) == {
+        "encoder_eccentricity", "gear_backlash", "supply_sag", "wheel_radius_error"
+    }  # fmt: skip
+    assert "1 of 2 trials" in notes[0]
+    fewer, notes = _observable([free], effects)
+    assert {"contact_angle_lag", "contact_angle_actual_speed"} < set(every) - set(fewer)
+    assert len(notes) == 2
 
 
 def test_a_command_stated_as_a_list_goes_through_the_log(tmp_path: Path) -> None:
