@@ -16,7 +16,7 @@ from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.sensors.aliasing import resolve_aliases
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.imu import check_units, refuse_axes, with_forward_axis
-from granite_lab.logs.sensors.repeats import read_once, without_blanks, without_held
+from granite_lab.logs.sensors.repeats import read_once, without_blanks, without_fill, without_held
 from granite_lab.logs.sensors.stamps import doubt_gaps, gaps_in, outside_gaps
 from granite_lab.logs.sensors.standstill import (
     LONGEST_GAP,
@@ -265,7 +265,7 @@ def _imu(streams: Streams, path: Path, doubts: list[Doubt]) -> ImuStream | None:
     rate = rate if "gyroscope" in present else np.full_like(rate, np.nan)
     late = max(acc.std, gyro.std)
     imu = ImuStream(t, force, rate, streams.gravity_removed, stamp_std=late)
-    return read_once(without_blanks(imu, doubts), doubts)
+    return without_fill(read_once(without_blanks(imu, doubts), doubts), doubts)
 
 
 def _nothing_in_common(path: Path, name: str, t: Array, other: str, s: Array) -> InputError:

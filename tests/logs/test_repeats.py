@@ -11,7 +11,7 @@ import granite_lab as gl
 from granite_lab.logs import read_trial
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.encoders import caught_up
-from granite_lab.logs.sensors.repeats import read_once, without_blanks, without_held
+from granite_lab.logs.sensors.repeats import read_once, without_blanks, without_fill, without_held
 from granite_lab.logs.trial import ImuStream
 from tests.corpus import cli
 from tests.logs import make
@@ -85,6 +85,51 @@ def test_equal_readings_by_rounding_stay() -> None:
     assert not doubts
 
 
+@pytest.mark.parametrize("step", [1e-9, 1e-4])
+@pytest.mark.parametrize(("rate", "to"), [(50, 200), (100, 200), (20, 100), (50, 500)])
+def test_readings_are_found_again_between_which_a_log_was_filled_up(rate: int, to: int, step: float) -> None:
+    stream, doubts = imu(step), list[Doubt]()
+    t_read = np.arange(stream.t.size) / rate
+    t = np.arange(round(t_read[-1] * to)) / to
+    both = np.hstack([stream.specific_force, stream.angular_rate])
+    filled = np.stack([np.interp(t, t_read, axis) for axis in both.T], axis=1)
+    found = without_fill(ImuStream(t, filled[:, :3], filled[:, 3:], False), doubts)
+    at = slice(0, found.t.size - 1)  # the log may end between two readings
+    np.testing.assert_allclose(found.t[at], t_read[at], atol=1e-6)
+    np.testing.assert_allclose(found.specific_force[at], stream.specific_force[at], atol=1e-6)
+    assert f"the sensor gives {rate} a second" in str(doubts[0])
+
+
+@pytest.mark.parametrize("step", [1e-9, 0.01, 0.3])
+def test_noise_lies_on_no_lines(step: float) -> None:
+    stream, doubts = imu(step), list[Doubt]()
+    assert without_fill(stream, doubts) is stream
+    assert not doubts
+
+
+def test_vibration_that_a_slow_sensor_folded_shows_though_its_log_was_filled_up(tmp_path: Path) -> None:
+    def fill(table: pd.DataFrame) -> None:
+        rows = table.index[table["imu_ax_mps2"].notna()]
+        t, values = table.loc[rows, "t_s"].to_numpy(), table.loc[rows, make.IMU].to_numpy(dtype=float)
+        # a tone of 99 Hz, of which every fourth sample at 200 Hz makes one of 1 Hz
+        shaken = (t > 2.5) & (t < 7.0)
+        values[:, 0] += shaken * 0.3 * np.sin(2.0 * np.pi * 99.0 * t)
+        read = slice(None, None, 4)
+        table.loc[rows, make.IMU] = np.stack([np.interp(t, t[read], axis[read]) for axis in values.T], axis=1)
+
+    motion = gl.ingest(make.changed(tmp_path, SAMPLE, fill))[0].motion
+    assert any("the sensor gives 50 a second" in line for line in motion.warnings)
+    assert abs(motion.slip_ratio.value - TRUE_SLIP) < 2.0 * motion.slip_ratio.std
+
+
+def test_of_one_axis_that_repeats_itself_nothing_tells_that_samples_were_lost() -> None:
+    stream = imu(step=0.05)
+    rate = np.full_like(stream.angular_rate, np.nan)
+    rate[:, 1] = stream.angular_rate[:, 1]
+    one = dataclasses.replace(stream, specific_force=np.full_like(rate, np.nan), angular_rate=rate)
+    assert without_held(one, np.ones(1000, dtype=bool))[0] is one
+
+
 def test_lost_samples_that_repeat_the_last_one_are_missing_while_the_wheels_turn() -> None:
     stream, rolls = held(held(imu(), 300, 310), 700, 720), np.arange(1000) < 500
     kept, doubt = without_held(stream, rolls)
@@ -131,6 +176,25 @@ def test_a_wheel_that_stops_and_sets_off_again_does_not_hang() -> None:
     running = np.floor(9.0 * np.arange(400.0))
     running[200:215] = running[200]
     assert np.flatnonzero(caught_up(t, running)).tolist() == list(range(201, 215))
+
+
+def test_counts_that_are_lost_at_full_speed_are_added_again(tmp_path: Path) -> None:
+    lost = [(3.2, 0.15), (4.1, 0.1), (5.5, 0.2)]
+
+    def lose(table: pd.DataFrame) -> None:
+        rows = table.index[table[make.WHEELS[0]].notna()]
+        t, angle = table.loc[rows, "t_s"].to_numpy(), table.loc[rows, make.WHEELS].to_numpy(dtype=float)
+        gone = np.any([(t > begin) & (t < begin + length) for begin, length in lost], axis=0)
+        steps = np.diff(angle, axis=0, prepend=angle[:1])
+        table.loc[rows, make.WHEELS] = angle[0] + np.cumsum(np.where(gone[:, None], 0.0, steps), axis=0)
+
+    path = make.changed(tmp_path, SAMPLE, lose)
+    trial, sample, motion = read_trial(path), read_trial(SAMPLE), gl.ingest(path)[0].motion
+    assert trial.wheels is not None
+    assert sample.wheels is not None
+    np.testing.assert_allclose(trial.wheels.angle, sample.wheels.angle, atol=0.04)  # 4 mm
+    assert motion.health.grade == "fair"
+    assert abs(motion.slip_ratio.value - TRUE_SLIP) < 2.0 * motion.slip_ratio.std
 
 
 @pytest.mark.parametrize("counts", [64, 512])

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from granite_lab.errors import InputError
 from granite_lab.logs.counters import Mask, in_words, integral, powers, quantum, runs, unwrap
@@ -87,11 +88,12 @@ def convert(t: Array, raw: Array, unit: Unit, spec: Column, wheel: Wheel, doubts
     if is_angle:
         step = size * max(quantum(raw) or lattice(np.diff(raw)), 1.0 if whole else 0.0)
         if spec.increment:
-            return Turning(_without_jumps(t, np.cumsum(values) * factor, wheel.fastest, doubts), None, step)
+            return Turning(_without_jumps(t, np.cumsum(values) * factor, step, wheel, doubts), None, step)
         span = (width or spec.wrap) * size
         # A step that may be read in two ways is no jump.
         limit = max(wheel.fastest, span / float(np.median(np.diff(t))) if span and len(t) > 1 else 0.0)
-        return Turning(_without_jumps(t, values * factor, limit, doubts), None, step, span)
+        angle = _without_jumps(t, values * factor, step, replace(wheel, fastest=limit), doubts)
+        return Turning(angle, None, step, span)
     counts = _counts_per_period(t, values, wheel.per_rev * size / _TURN)
     step = size * (counts.rate if counts else max(quantum(raw) or lattice(raw), 1.0 if whole else 0.0))
     rate = _measured(t, values * factor, step, wheel, doubts)
@@ -214,21 +216,42 @@ def caught_up(t: Array, angle: Array) -> Mask:
     return lost
 
 
-def _without_jumps(t: Array, angle: Array, fastest: float, doubts: list[Doubt]) -> Array:
-    """Take out steps that no wheel can make: the counter was reset, or a sample is wrong.
+def _without_jumps(t: Array, angle: Array, step: float, wheel: Wheel, doubts: list[Doubt]) -> Array:
+    """Take out steps that no wheel can make: the counter was reset, lost counts, or a sample is wrong.
 
     What was logged again while the wheel turned on is NaN.
     """
     lost = caught_up(t, angle)
-    if not lost.any():
-        return _joined(t, angle, fastest, doubts)
-    doubts.append(Doubt(in_words(lost, t, "reading", "that repeat the last one"), remedy="left out"))
-    known = np.full(len(angle), np.nan)
-    known[~lost] = _joined(t[~lost], angle[~lost], fastest, doubts)
+    if lost.any():
+        doubts.append(Doubt(in_words(lost, t, "reading", "that repeat the last one"), remedy="left out"))
+    known, kept = np.full(len(angle), np.nan), ~lost
+    known[kept] = _joined(t[kept], _counted_on(t[kept], angle[kept], step, wheel, doubts), wheel, doubts)
     return known
 
 
-def _joined(t: Array, angle: Array, fastest: float, doubts: list[Doubt]) -> Array:
+def _counted_on(t: Array, angle: Array, step: float, wheel: Wheel, doubts: list[Doubt]) -> Array:
+    """Return a counter (N,) as if it had lost no counts: it stands, and turns again, within a sample."""
+    if len(angle) < 4 * _OFTEN:
+        return angle
+    dt, steps = np.diff(t), np.diff(angle)
+    rates = np.append(steps[:1] / dt[:1], steps / dt)
+    stops = _strayed(t, rates, step / float(np.median(dt)), wheel.radius)[1:] & (steps == 0.0)
+    if not stops.any():
+        return angle
+    seen = in_words(stops, t[1:], "reading", "without a count between two at full speed")
+    doubts.append(Doubt(seen, remedy="taken to turn on meanwhile", grade="fair"))
+    return _at_usual_rate(t, angle, stops)
+
+
+def _at_usual_rate(t: Array, angle: Array, steps: Mask) -> Array:
+    """Return a counter (N,) whose flagged steps (N-1,) are made at the rate between those beside them."""
+    middle, times, made = (t[1:] + t[:-1]) / 2, np.diff(t), np.diff(angle)
+    rate = uniform_filter1d((made / times)[~steps], _OFTEN, mode="nearest")  # whole counts scatter
+    usual = np.interp(middle, middle[~steps], rate) * times
+    return angle[0] + np.concatenate(([0.0], np.cumsum(np.where(steps, usual, made))))
+
+
+def _joined(t: Array, angle: Array, wheel: Wheel, doubts: list[Doubt]) -> Array:
     """Return a counter without steps that no wheel can make.
 
     A single sample from which the next one returns is replaced by the line between its neighbours. After a
@@ -236,7 +259,7 @@ def _joined(t: Array, angle: Array, fastest: float, doubts: list[Doubt]) -> Arra
     """
 
     def too_fast(step: Array, time: Array) -> np.ndarray:
-        return np.abs(step) > fastest * time
+        return np.abs(step) > wheel.fastest * time
 
     wild = too_fast(np.diff(angle), np.diff(t))
     if not wild.any() or wild.all() or np.count_nonzero(wild) > 0.01 * len(wild) + 2:
@@ -244,17 +267,14 @@ def _joined(t: Array, angle: Array, fastest: float, doubts: list[Doubt]) -> Arra
     alone = np.zeros(len(angle), dtype=bool)
     alone[1:-1] = wild[:-1] & wild[1:] & ~too_fast(angle[2:] - angle[:-2], t[2:] - t[:-2])
     angle = np.interp(t, t[~alone], angle[~alone])
-    steps, times = np.diff(angle), np.diff(t)
-    wild = too_fast(steps, times)
-    middle = (t[1:] + t[:-1]) / 2
-    usual = np.interp(middle, middle[~wild], (steps / times)[~wild]) * times
+    wild = too_fast(np.diff(angle), np.diff(t))
     for flags, kind, done in (
         (alone[1:], "thrown off", "replaced by their neighbours"),
         (wild, "from which the counter starts anew", "joined to what was before"),
     ):
         if flags.any():
             doubts.append(Doubt(in_words(flags, t[1:], "reading", kind), remedy=done))
-    return angle - np.concatenate(([0.0], np.cumsum(np.where(wild, steps - usual, 0.0))))
+    return _at_usual_rate(t, angle, wild)
 
 
 def _measured(t: Array, rate: Array, step: float, wheel: Wheel, doubts: list[Doubt]) -> Array:

@@ -1,4 +1,7 @@
-"""Rows of an IMU that hold no new reading: the logger is faster than the sensor, or samples were lost."""
+"""Rows of an IMU that hold no new reading: the logger is faster than the sensor, or samples were lost.
+
+A logger that is faster repeats the last reading, or fills up the time between two along a straight line.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,16 @@ import numpy as np
 from granite_lab.logs.counters import Mask, in_words, runs
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.stamps import evened
-from granite_lab.logs.sensors.standstill import FALSE_ALARM
+from granite_lab.logs.sensors.standstill import FALSE_ALARM, step_of
 from granite_lab.logs.trial import Array, ImuStream, part
 
 _FEW = 20  # readings that change, by which the others are judged
 _FALLS = 0.3  # no wheeled robot loses so much of gravity as to feel this share of it
 _RULE = 0.2  # repeated rows beyond this share of all are the rule, not losses
+_STRAIGHT = 2e-3  # a signal is straight where it bends by this share of the rms: once in 600 times by chance
+_FINE = (
+    40.0  # a signal that bends by so many steps of its values is straight within two of them once in 25 times
+)
 
 
 def without_blanks(imu: ImuStream, doubts: list[Doubt]) -> ImuStream:
@@ -52,6 +59,58 @@ def read_once(imu: ImuStream, doubts: list[Doubt]) -> ImuStream:
     return replace(once, t=t, stamp_std=math.hypot(imu.stamp_std, scatter))
 
 
+def without_fill(imu: ImuStream, doubts: list[Doubt]) -> ImuStream:
+    """Return the readings of an IMU between which a log was filled up along straight lines, where one was.
+
+    Tables on one clock are made like this. The sensor then looks faster than it is, so that nothing shows
+    that it folded vibration to slow frequencies.
+    """
+    both = np.hstack([imu.specific_force, imu.angular_rate])
+    values, t = both[:, np.isfinite(both).all(axis=0)], imu.t
+    if len(t) < 2 * _FEW or values.shape[1] == 0:
+        return imu
+    slope = np.diff(values, axis=0) / np.diff(t)[:, None]
+    bend = np.abs(np.diff(slope, axis=0)) * (t[2:] - t[:-2])[:, None] / 2.0
+    large, step = np.sqrt(np.mean(bend**2, axis=0)), step_of(values)
+    fine = large > _FINE * step
+    straight = (bend <= np.maximum(_STRAIGHT * large, 2.0 * step))[:, fine].all(axis=1)
+    changes = (np.diff(values, axis=0)[1:, fine] != 0).any(axis=1)
+    if not fine.any() or np.count_nonzero(straight & changes) < _RULE * len(t):
+        return imu
+    once = _corners(t, both, runs(straight))
+    made = replace(imu, t=once[:, 0], specific_force=once[:, 1:4], angular_rate=once[:, 4:])
+    rate = 1.0 / float(np.median(np.diff(made.t)))
+    seen = (
+        f"{straight.mean():.0%} of the rows lie on lines between others: the sensor gives {rate:.3g} a second"
+    )
+    doubts.append(Doubt(seen, "IMU", "the readings at their ends are used"))
+    return made
+
+
+def _corners(t: Array, values: Array, lines: list[tuple[int, int]]) -> Array:
+    """(M, 1 + K) stamps and values where straight lines meet, of values (N, K) at stamps t (N,) [s].
+
+    A line from sample a to b + 1 is given by (a, b). Samples on no line stay.
+    """
+    rows = np.column_stack([t, values])
+    kept, behind, slope = [rows[:1]], 0, np.zeros(values.shape[1])
+    for first, end in lines:
+        last = end + 1
+        after = (values[last] - values[first]) / (t[last] - t[first])
+        if first == behind + 1 and behind > 0:  # they meet between two samples
+            turn, apart = np.nan_to_num(after - slope), np.nan_to_num(values[first] - values[behind])
+            since = float(
+                turn @ (np.nan_to_num(after) * (t[first] - t[behind]) - apart) / max(turn @ turn, 1e-300)
+            )
+            at = t[behind] + min(max(since, 0.0), t[first] - t[behind])
+            kept.append(np.append(at, values[behind] + slope * (at - t[behind]))[None])
+        else:
+            kept.append(rows[max(behind, 1) : first + 1])
+        behind, slope = last, after
+    kept.append(rows[max(behind, 1) :])
+    return np.concatenate(kept)
+
+
 def without_held(imu: ImuStream, rolls: Mask) -> tuple[ImuStream, Doubt | None]:
     """Leave out samples that were not measured: they repeat the last one while the wheels turn, `rolls` (N,).
 
@@ -63,7 +122,7 @@ def without_held(imu: ImuStream, rolls: Mask) -> tuple[ImuStream, Doubt | None]:
         equal = _equal(values)
         repeated = equal.all(axis=1) & moving
         changing = moving & ~repeated
-        if equal.shape[1] == 0 or np.count_nonzero(changing) < _FEW:
+        if equal.shape[1] < 2 or np.count_nonzero(changing) < _FEW:  # of one axis nothing tells the chance
             continue
         chance = _chance(equal[changing])
         for a, b in runs(repeated):
