@@ -15,7 +15,7 @@ from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.files import is_folder, readable, refuse_special
 from granite_lab.logs.layouts import Column, Layout
 from granite_lab.logs.quantities import ROS, WORDS, wheels_named, words
-from granite_lab.logs.sensors.stamps import ticks_too_rarely
+from granite_lab.logs.sensors.stamps import CRYSTAL, FASTEST, rate_by_arrival, ticks_too_rarely
 from granite_lab.logs.table import Table
 from granite_lab.logs.trial import Array
 
@@ -145,11 +145,44 @@ def _stamps(path: Path, rows: Sequence[tuple[str, int, Any]], doubts: list[str])
         doubts.append(
             f"{path.name}: {len(of_topic)} messages of {topic} {fault}; the time of arrival is used"
         )
+    stamps = _at_one_rate(path, [(topic, arrival) for topic, arrival, _ in rows], stamps, bare, doubts)
+    logged = list(zip(rows, stamps, strict=True))
     late = [arrival - stamp for (topic, arrival, _), stamp in logged if topic not in bare]
     delay = int(np.median(late)) if bare and late else 0
     stamps = [arrival - delay if topic in bare else stamp for (topic, arrival, _), stamp in logged]
     origin = min(stamps, default=0) // _SECOND
     return np.array([(stamp - origin * _SECOND) / 1e9 for stamp in stamps])
+
+
+def _at_one_rate(
+    path: Path, came: Sequence[tuple[str, int]], stamps: Sequence[int], bare: set[str], doubts: list[str]
+) -> list[int]:
+    """Return stamps [ns], those of a topic whose clock runs unlike the others' at the rate of its arrivals.
+
+    Where all topics run alike they have one clock, maybe that of a simulation; `bare` ones have none.
+    """
+    places = defaultdict[str, list[int]](list)
+    for k, (topic, _) in enumerate(came):
+        if topic not in bare:
+            places[topic].append(k)
+    rates = {}
+    for topic, rows in places.items():
+        t, arrival = (
+            np.array([x[k] - x[rows[0]] for k in rows]) / 1e9 for x in (stamps, [at for _, at in came])
+        )
+        rates[topic] = rate_by_arrival(t, arrival)
+    if max(rates.values(), default=0.0) - min(rates.values(), default=0.0) < CRYSTAL:
+        return list(stamps)
+    paced = list(stamps)
+    for topic, rate in rates.items():
+        if CRYSTAL < abs(rate) < FASTEST:
+            first = stamps[places[topic][0]]
+            for k in places[topic]:
+                paced[k] = first + round((stamps[k] - first) * (1.0 + rate))
+            way = "slow" if rate > 0 else "fast"
+            seen = f"the clock of {topic} runs {100 * abs(rate):.2f} % {way} by the times of arrival"
+            doubts.append(f"{path.name}: {seen}; corrected")
+    return paced
 
 
 def _stands_still(stamps: Sequence[int], arrivals: Sequence[int]) -> bool:

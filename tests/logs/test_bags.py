@@ -59,6 +59,32 @@ def test_stamps_that_stand_still_give_way_to_the_time_of_arrival(
     assert len([line for line in got.warnings if "the time of arrival is used" in line]) == 1
 
 
+@pytest.mark.parametrize("fast", [0.008, -0.006, 0.02])
+def test_a_clock_that_runs_unlike_the_others_is_corrected_by_the_times_of_arrival(
+    fast: float, trial: Trial, tmp_path: Path
+) -> None:
+    rng, late = np.random.default_rng(1), []
+    bag = Bag("mcap", epoch=EPOCH)
+    for topic, t, message in bag.trial(trial):
+        if topic == IMU:
+            message.header.stamp = bag.header((1.0 + fast) * t).stamp
+        late.append((topic, t + rng.exponential(0.003), message))
+    got = read_trial(bag.write(tmp_path, "fast", late))
+    assert got.imu is not None
+    assert trial.imu is not None
+    assert np.ptp(got.imu.t) == pytest.approx(np.ptp(trial.imu.t), rel=3e-4)
+    assert any(f"the clock of {IMU} runs" in line for line in got.warnings)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02], ids=["a computer", "a simulation"])
+def test_stamps_of_one_clock_stay_whatever_the_times_of_arrival(
+    share: float, trial: Trial, tmp_path: Path
+) -> None:
+    rng, bag = np.random.default_rng(2), Bag("mcap", epoch=EPOCH)
+    late = [(topic, (1.0 + share) * t + rng.exponential(0.01), m) for topic, t, m in bag.trial(trial)]
+    make.same(read_trial(bag.write(tmp_path, "one", late)), trial)
+
+
 def test_a_file_beside_the_bag_says_what_it_is(trial: Trial, tmp_path: Path) -> None:
     bag = Bag("mcap")
     path = bag.write(tmp_path, "drive_v0.3", bag.trial(trial))

@@ -40,6 +40,15 @@ _LINE = 1.0  # length of the line about which stamps scatter [s]: clocks keep th
 _UNSTEADY = 0.1  # share of the batches for which there may have been too little or too much time
 
 
+CRYSTAL = 1e-3
+"""Rates of clocks with crystals differ by less: 100 ppm each, or 500 ppm while one is set by a network. Those
+of a sensor without one are off by 1 % and more (MPU-6050, LSM6DS3)."""
+FASTEST = 0.05
+"""Oscillators without a crystal are off by some per cent: 1 % in a microcontroller after calibration, 10 %
+without (ATmega328P), 5 % in an IMU (LSM6DS3)."""
+_PARTS = 20  # of a log, in each of which the message that took least to arrive tells how its clock goes
+
+
 @dataclass(frozen=True, eq=False)
 class Stamps:
     """Stamps of one sensor in order.
@@ -246,6 +255,20 @@ def _refuse_batches(sizes: Rows, room: Array, length: float, place: str) -> None
     if crowded + (room > 1.1 * _ROOM[1]).mean() > _UNSTEADY:
         message = f"from {sizes.min()} to {sizes.max()} whatever time has passed, expected a steady number"
         raise InputError(f"{seen}, {message}", hint)
+
+
+def rate_by_arrival(t: Array, arrival: Array) -> float:
+    """Return by how much the clock of stamps (N,) runs too slowly against their times of arrival [-].
+
+    0 where these do not tell it to a third of `CRYSTAL`. Messages are late by chance, and never early.
+    """
+    parts = np.array_split(arrival - t, _PARTS)
+    if len(t) < _PARTS * _FEWEST or not (span := float(t[-1] - t[0])) > 0:
+        return 0.0
+    late = np.array([part.min() for part in parts])
+    middle = np.arange(_PARTS) / _PARTS
+    (slope, _), ((variance, _), _) = np.polyfit(middle, late, 1, cov=True)
+    return float(slope) / span if math.sqrt(variance) / span < CRYSTAL / 3.0 else 0.0
 
 
 def ticks_too_rarely(t: Array) -> bool:
