@@ -20,7 +20,7 @@ from benchmarks.real_logs_page import Delay, Delays, page, run_table
 from granite_lab.errors import LabError
 from granite_lab.files import write_text
 from granite_lab.logs import Excerpt, read_trial
-from granite_lab.logs.sensors.stamps import spread_of
+from granite_lab.logs.counters import mad_std
 from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.streams import WINDOW, slope_of_line
 from granite_lab.logs.trial import Trial
@@ -138,7 +138,7 @@ def pathfinder(data: Path) -> LogSet:
 def gps_noise(run: Velocities) -> float:
     """Std of a speed by GPS [m/s], from its changes against the wheels: a steady slip leaves none in them."""
     beside = (run.truth - run.wheels)[::WINDOW]  # windows that share no fix are WINDOW samples apart
-    return float(spread_of(np.diff(beside), 0.0) / np.sqrt(2.0))
+    return float(mad_std(np.diff(beside), 0.0) / np.sqrt(2.0))
 
 
 def husky(data: Path, soil: str = FIRM) -> LogSet:

@@ -23,7 +23,6 @@ from granite_lab.estimation.rest import named_rests
 from granite_lab.estimation.smoother import Solution
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.sensors import mounting
-from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.imu import mounted
 from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.sensors.two_clocks import together
@@ -77,7 +76,7 @@ def correct(trial: Trial, robot: Robot, *, soil: Soil | None = None) -> tuple[Tr
         *unclosed(motion, problem.open_ends),
     )  # fmt: skip
     limits = [doubt for doubt in (*trial.doubts, *problem.doubts) if doubt.grade != "good"]
-    motion = with_radius(guard(motion, soil, (*limits, *solved.limits, *unsure)), robot)
+    motion = with_radius(guard(motion, soil, (*limits, *unsure)), robot)
     offset = replace(motion.clock_offset, value=motion.clock_offset.value + moved)
     return clean, replace(motion, clock_offset=offset, clock_applied=motion.clock_applied + moved)
 
@@ -88,12 +87,10 @@ class Solved:
 
     Attributes:
         problem, solution: what the filter was given, and what the smoother found.
-        limits: what limits the grade without a warning, beside the doubts of the problem.
     """
 
     problem: Problem
     solution: Solution
-    limits: tuple[Doubt, ...] = ()
 
 
 def solve(
@@ -113,7 +110,7 @@ def solve(
     problem = stages.slip_and_noise(problem, clock, soil)
     problem = replace(problem, doubts=(*problem.doubts, *doubt_closure(problem, clock.near)))
     solution = stages.smoothed(problem, clock, soil, _tape(trial, problem.rolling))
-    return Solved(problem, solution, stages.lacking(problem, clock.expected))
+    return Solved(problem, solution)
 
 
 def finish(trial: Trial, robot: Robot, solved: Solved) -> tuple[Trial, Motion]:

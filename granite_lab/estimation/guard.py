@@ -40,11 +40,6 @@ UNFIT = 4.0
 HALF = 0.5
 """Slip ratio that wheels seem to have at least whose angles are two or more times too large."""
 
-UNMATCHED = Doubt(
-    "the ramps of the wheels are not found in the IMU: their clocks may be apart by any time", grade="poor"
-)
-"""Also says that the time offset does not show."""
-
 
 def guard(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) -> Motion:
     """Return the motion with the grade, and the std, that everything known beside the filter allows.
@@ -54,7 +49,7 @@ def guard(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) -> Motion:
         soil: what the robot drives on; its slip ratio counts where the soil states one.
         limits: what was put right or could not be judged while the motion was estimated.
     """
-    doubts = [*limits, *_doubts(motion, soil, clocks=UNMATCHED not in limits)]
+    doubts = [*limits, *_doubts(motion, soil)]
     if not doubts:
         return motion
     order: tuple[Grade, ...] = ("poor", "fair", "good")
@@ -121,12 +116,10 @@ def unclosed(motion: Motion, open_ends: Sequence[str]) -> Iterator[Doubt]:
         yield Doubt(f"{seen}: no standstill at the {' and '.join(open_ends)} tells which", std=changes)
 
 
-def _doubts(motion: Motion, soil: Soil, *, clocks: bool) -> Iterator[Doubt]:
-    """Yield what contradicts an estimate of body velocity; `clocks`: their offset is judged, too."""
+def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
+    """Yield what contradicts an estimate of body velocity."""
     if not np.isfinite(motion.v).any():
         return
-    if clocks and motion.distance_wheels.value and not math.isfinite(motion.clock_offset.std):
-        yield Doubt("the time offset of IMU and encoders does not show", grade="fair")
     for kind, nis in motion.health.nis.items():
         if nis > UNFIT**2:
             yield Doubt(scattering(kind, nis), grade="poor")

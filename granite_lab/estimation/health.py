@@ -14,7 +14,6 @@ from granite_lab.estimation.motion import Health
 from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.smoother import WANDERING, WANDERS, Solution, slow_excess, usual
 from granite_lab.logs.sensors.doubt import Grade
-from granite_lab.logs.sensors.faults import Faults
 from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.trial import Array
 
@@ -77,7 +76,7 @@ def assess(solution: Solution, problem: Problem) -> Health:
     # where a log moves at an end, nothing shows whether the biases are what they were
     ends = (math.inf if side in problem.open_ends else float(std[k, V]) for side, k in SIDES)
     grade, reasons, remark = judge_health(
-        kinds, rests, faults, ends=tuple(ends),
+        kinds, rests, ends=tuple(ends),
         pace=float(np.max(np.abs(nodes.w))),
         middle=float(np.median(std[nodes.moving, V])) if nodes.moving.any() else 0.0,
         shaken=noise.gyro_motion / noise.gyro if noise.gyro > 0 else 0.0,
@@ -119,7 +118,7 @@ def scattering(kind: str, nis: float) -> str:
 
 
 def judge_health(
-    kinds: dict[str, Statistics], rests: tuple[Interval, ...], faults: Faults, *,
+    kinds: dict[str, Statistics], rests: tuple[Interval, ...], *,
     ends: tuple[float, ...], pace: float, middle: float, shaken: float,
 ) -> tuple[Grade, tuple[str, ...], str]:  # fmt: skip
     """Return a grade, the reasons for it, and a remark on a good one.
@@ -144,13 +143,6 @@ def judge_health(
             )
     if shaken > SHAKEN:
         complaints.append(f"motion makes the pitch gyro {shaken:.0f} times as noisy as it is at rest")
-    lost = sum(end - begin for begin, end in faults.gaps)
-    if lost > 0:
-        complaints.append(f"{lost:.2f} s of IMU samples are missing")
-    if faults.plateaus:
-        complaints.append(f"the IMU was at its limit {len(faults.plateaus)} times")
-    if faults.restarts:
-        complaints.append("the IMU's biases changed while the robot moved")
     limit = max(ANCHORED * pace, SLOW)
     loose = [side for (side, _), std in zip(SIDES, ends, strict=True) if std > limit]
     referred = bool(kinds.keys() & {"reference_v", "reference_x"})

@@ -21,9 +21,9 @@ from granite_lab.estimation.error_model import BA, BG, BM, PD, SIZE, TAU, TH, Co
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.wheels import Rolling
+from granite_lab.logs.counters import mad_std
 from granite_lab.logs.sensors.faults import UNSEEN
 from granite_lab.logs.sensors.mounting import BodyImu
-from granite_lab.logs.sensors.stamps import spread_of
 from granite_lab.logs.sensors.standstill import COAST, GENTLE, MOVING, WINDOW, ZERO_VELOCITY
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY
@@ -338,7 +338,7 @@ def inflate(Q: Array, course: Course, problem: Problem, rest: np.ndarray) -> Non
         return
     active = ~rest & ~faults.doubt
     enough = active.sum() > 2
-    shake = spread_of(np.diff(imu.forward[active]), 0.0) if enough else 1.0
+    shake = mad_std(np.diff(imu.forward[active]), 0.0) if enough else 1.0
     turn = max(0.02, 2.0 * float(np.std(imu.pitch_rate[active])) if enough and imu.has_pitch_rate else 0.0)
 
     def shares(begin: float, end: float) -> Array:

@@ -26,9 +26,8 @@ from granite_lab.estimation.white import (
     white_below_resonance,
     white_in_motion,
 )
-from granite_lab.logs.counters import runs
+from granite_lab.logs.counters import mad_std, runs
 from granite_lab.logs.sensors.mounting import BodyImu
-from granite_lab.logs.sensors.stamps import spread_of
 from granite_lab.logs.sensors.standstill import ROUNDED, Interval, inside
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY, Robot
@@ -130,7 +129,7 @@ def stamp_noise(imu: BodyImu, moving: np.ndarray) -> float:
     shaken = step[moving[1:-1] & np.isfinite(step)]
     if shaken.size < 8:
         return 0.0
-    uneven = spread_of(np.diff(imu.t, n=2), 0.0) / np.sqrt(6.0)
+    uneven = mad_std(np.diff(imu.t, n=2), 0.0) / np.sqrt(6.0)
     return float(uneven * 0.5 * np.sqrt(np.mean(shaken**2) / period))
 
 

@@ -22,8 +22,7 @@ from granite_lab.estimation.rest import find_rests
 from granite_lab.estimation.smoother import Smoothed, Solution
 from granite_lab.estimation.straight import straightness_of
 from granite_lab.estimation.wheels import Rolling
-from granite_lab.logs.counters import Mask, integral, runs
-from granite_lab.logs.sensors.stamps import spread_of
+from granite_lab.logs.counters import Mask, integral, mad_std, runs
 from granite_lab.logs.sensors.standstill import MOVING, Interval, bridged, inside
 from granite_lab.logs.trial import Array, Series, Trial, TrialInfo
 from granite_lab.parameters import Robot, Variant, load_variants
@@ -335,7 +334,7 @@ def first_crossing(t: Array, pace: Array, rest: np.ndarray, begin: int, plateau:
         plateau: speed that is reached [m/s].
     """
     still = pace[:begin][rest[:begin]]
-    noise = spread_of(still) if still.size > 3 else 0.0
+    noise = mad_std(still) if still.size > 3 else 0.0
     level = min(max(CLEAR * noise, MOVING), 0.5 * plateau)
     over = np.flatnonzero(pace[begin:] > level)
     if over.size == 0 or begin + int(over[0]) == 0:

@@ -28,8 +28,7 @@ from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.smoother import Solution, forward, merged, nominal_of, settle, smooth
 from granite_lab.estimation.wheels import Rolling
-from granite_lab.logs.counters import joined, runs
-from granite_lab.logs.sensors.stamps import spread_of
+from granite_lab.logs.counters import joined, mad_std, runs
 from granite_lab.logs.sensors.standstill import COAST, MOVING, Interval, inside
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY
@@ -185,7 +184,7 @@ def usual_size(problem: Problem, changes: Changes) -> Array:
     where the wheels' speed changes; and of what the IMU's pitch, biases and white noise change by meanwhile.
     """
     noise, wheel = problem.noise, np.abs(changes.wheel)
-    scatter = spread_of(changes.size / changes.slower, 0.0) if changes.unsure.size else 0.0
+    scatter = mad_std(changes.size / changes.slower, 0.0) if changes.unsure.size else 0.0
     ramp = problem.slip.ramp * np.sqrt(np.abs(np.log(wheel[:, 1] / wheel[:, 0])))
     level = changes.unsure * np.abs(1.0 / changes.wheel[:, 1] - 1.0 / changes.wheel[:, 0])
     # means of a random walk over neighbouring bins differ by two thirds of its variance in a bin

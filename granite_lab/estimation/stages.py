@@ -12,7 +12,6 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.clock import Clock, agreed, find_offset, ramps, slow_offset
 from granite_lab.estimation.error_model import ANY_SLIP, FAR_FROM_REST, LOST_PITCH, SlipModel
-from granite_lab.estimation.guard import UNMATCHED
 from granite_lab.estimation.noise import identify, with_motion_noise
 from granite_lab.estimation.problem import Problem, Sensors
 from granite_lab.estimation.reference import LOST, readings_of
@@ -35,7 +34,9 @@ SPIN = 0.2
 """Random walk of the slip ratio where wheels turned in a standstill that was named: it reached 100 % once, in
 a trial of half a minute [1/sqrt(s)]."""
 
-ALONE = Doubt("without encoders, noise that only motion makes cannot be told from the motion", grade="fair")
+UNMATCHED = Doubt(
+    "the ramps of the wheels are not found in the IMU: their clocks may be apart by any time", grade="poor"
+)
 
 FEWEST = 3
 """Samples of the encoders from which on the wheels can be rolled."""
@@ -192,15 +193,6 @@ def smoothed(problem: Problem, clock: Clock, soil: Soil, distance: Estimate | No
     return solution
 
 
-def lacking(problem: Problem, offset: Estimate) -> tuple[Doubt, ...]:
-    """Return what the estimate lacks for want of wheels, or of their clock."""
-    if problem.rolling is None:
-        return (ALONE,)
-    if not problem.far and not np.isfinite(offset.std) and ramps(problem.rolling):
-        return (UNMATCHED,)
-    return ()
-
-
 def _slip_of_soil(problem: Problem, offset: float, soil: Soil) -> Problem:
     """Let slow changes of velocity follow the wheels, with the slip ratio of the soil."""
     any_slip = soil.slip_std >= ANY_SLIP
@@ -261,9 +253,7 @@ def _refuse_gaps(problem: Problem, offset: float) -> None:
 def _limits(problem: Problem, offset: Estimate) -> list[Doubt]:
     """Return what limits the estimate."""
     imu, rolling = problem.imu, problem.rolling
-    lines = [] if rolling is not None else [
-        "no encoders: no wheel velocity and no slip; standstill is judged by the IMU alone"
-    ]  # fmt: skip
+    lines = list[str]()
     if not imu.gravity:
         lines.append(
             "gravity was removed by the logger: pitch is not observable, only its changes by the gyro"
@@ -271,7 +261,14 @@ def _limits(problem: Problem, offset: Estimate) -> list[Doubt]:
     if not imu.has_pitch_rate:
         lines.append("no pitch rate was logged: pitch is taken as constant with 1 deg of doubt in motion")
     ends = [f"no standstill at the {side}: uncertainty grows towards it" for side in problem.open_ends]
-    if rolling is not None and not np.isfinite(offset.std):
-        ends.append("clock offset between IMU and encoders unobservable: taken as zero")
-    doubts = () if rolling is None else rolling.doubts
-    return [*doubts, *map(Doubt, lines), *problem.faults.doubts(), *map(Doubt, ends)]
+    doubts = [*map(Doubt, lines), *problem.faults.doubts(), *map(Doubt, ends)]
+    if rolling is None:
+        alone = (
+            "standstill is judged by the IMU alone, and noise that only motion makes is not told from motion"
+        )
+        return [Doubt(f"no encoders: no wheel velocity and no slip; {alone}", grade="fair"), *doubts]
+    if not np.isfinite(offset.std):
+        unseen = "clock offset between IMU and encoders unobservable: taken as zero"
+        by_nothing = Doubt(unseen, grade="fair" if rolling.way else "good")
+        doubts.append(by_nothing if problem.far or not ramps(rolling) else UNMATCHED)
+    return [*rolling.doubts, *doubts]

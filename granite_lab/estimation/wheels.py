@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from granite_lab.estimation.wheel_speeds import speeds_of
-from granite_lab.logs.counters import integral, joined, mean_known, runs
+from granite_lab.logs.counters import integral, joined, mad_std, mean_known, runs
 from granite_lab.logs.sensors.doubt import Doubt
-from granite_lab.logs.sensors.stamps import spread_of
 from granite_lab.logs.sensors.standstill import MOVING, bridged
 from granite_lab.logs.trial import Array, WheelStream
 from granite_lab.parameters import WHEELS, Robot
@@ -129,7 +128,7 @@ def _roll_rates(t: Array, velocity: Array, resolution: tuple[float, ...]) -> Rol
     speed = side_mean(velocity)
     finite = np.isfinite(speed)
     bend = np.abs(np.diff(np.nan_to_num(speed), n=2, prepend=0.0, append=0.0))
-    scatter = spread_of(bend[finite], 0.0) / np.sqrt(6.0) if finite.any() else 0.0
+    scatter = mad_std(bend[finite], 0.0) / np.sqrt(6.0) if finite.any() else 0.0
     floor = max(max(resolution) / np.sqrt(12.0), scatter, 1e-3)
     mean = integral(t, joined(t, t, speed) if finite.any() else np.zeros_like(speed))
     known = np.isfinite(velocity)
@@ -270,6 +269,6 @@ def stamp_scatter(t: Array, mean: Array, speed: Array, quantum: float) -> float:
     apart = tt[:, :, None] - tt[:, None, :] + np.eye(width)
     weights = np.divide.reduce(apart, axis=2, initial=1.0)
     contrast = (weights * mean[index[ok]]).sum(axis=1) / np.sqrt((weights**2).sum(axis=1))
-    scatter = spread_of(contrast, 0.0)
+    scatter = mad_std(contrast, 0.0)
     typical = float(np.median(np.abs(speed[fast])))
     return float(np.sqrt(max(scatter**2 - quantum**2 / 12.0 / 4.0, 0.0)) / typical)

@@ -101,3 +101,8 @@ def mean_known(values: Array, axis: int = 1) -> Array:
     n = np.isfinite(values).sum(axis)
     total = np.where(np.isfinite(values), values, 0.0).sum(axis)
     return np.where(n > 0, total / np.maximum(n, 1), np.nan)
+
+
+def mad_std(values: Array, centre: float | None = None) -> float:
+    """Return the std of values (N,) by their median absolute deviation, from the median by default."""
+    return 1.4826 * float(np.median(np.abs(values - (np.median(values) if centre is None else centre))))

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import Any
 
 from granite_lab.errors import InputError, at
 from granite_lab.files import is_folder
@@ -150,11 +151,11 @@ class Log:
         Where it is `unsure`, another one fits as well, and no estimate is more than poor.
         """
         self.units.update((channel, unit) for channel in channels if channel in self.columns)
-        self.doubts.append(Doubt(why, remedy="converted", grade="poor" if unsure else "good"))
+        self.doubt(why, remedy="converted", grade="poor" if unsure else "good")
 
-    def doubt(self, what: str, where: str = "", remedy: str = "", *, dead: bool = False) -> None:
-        """Add a warning, of a column or sensor, with what to do about it."""
-        self.doubts.append(Doubt(what, where, remedy, dead=dead))
+    def doubt(self, what: str, where: str = "", remedy: str = "", **limits: Any) -> None:
+        """Add a `Doubt`, of a column or sensor, with what to do about it and how it limits an estimate."""
+        self.doubts.append(Doubt(what, where, remedy, **limits))
 
     def refuse(self, channels: str | tuple[str, ...], message: str, hint: str = OUT) -> InputError:
         """Return the error that names the columns of some channels."""

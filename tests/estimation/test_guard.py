@@ -117,12 +117,6 @@ def test_a_slip_far_from_what_the_soil_states_is_poor() -> None:
     assert "contradicts the soil's 0.5 ± 2.0 %" in guard(good(), FIRM).health.verdict
 
 
-def test_a_time_offset_that_does_not_show_is_never_good() -> None:
-    unseen = replace(good(), clock_offset=Estimate(0.0))
-    assert guard(unseen, SAND).health.grade == "fair"
-    assert "time offset" in guard(unseen, SAND).health.verdict
-
-
 def test_innovations_far_beyond_their_prediction_are_poor() -> None:
     loud = replace(good(), health=replace(good().health, nis={"wheel": 25.0}))
     assert guard(loud, SAND).health.grade == "poor"

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.counters import Mask, Rows, unwrap
+from granite_lab.logs.counters import Mask, Rows, mad_std, unwrap
 from granite_lab.logs.dates import RANGES
 from granite_lab.logs.layouts import Binding
 from granite_lab.logs.quantities import DATE, ENCODERS, SENSORS
@@ -18,7 +18,6 @@ from granite_lab.logs.sensors.stamps import (
     GAP_PERIODS,
     SECONDS,
     sampling_period,
-    spread_of,
     ticks_too_rarely,
     unit_factor,
 )
@@ -204,7 +203,7 @@ def step_at(t: Array, cut: int) -> Step:
     near = np.diff(t[max(cut - _AROUND, 0) : cut + _AROUND])
     near = near[near > 0]
     period = float(np.median(near)) if len(near) else 0.0
-    std = spread_of(near, period) if len(near) else np.inf
+    std = mad_std(near, period) if len(near) else np.inf
     return Step(float(t[cut] - t[cut - 1]) - period, std, period)
 
 
@@ -223,7 +222,7 @@ def set_forward(t: Array, counts: Array) -> list[int]:
     While the counters stand, so was one over a gap that is longer than all the rest of the log.
     """
     period, steps = _usual(t), list[int]()
-    scatter = spread_of(np.diff(t), period)
+    scatter = mad_std(np.diff(t), period)
     for cut in (np.flatnonzero(np.diff(t) > GAP_PERIODS * max(period, 3.0 * scatter)) + 1).tolist():
         gap = float(t[cut] - t[cut - 1])
         near, at = np.abs(np.diff(counts[max(cut - 6, 0) : cut + 6], axis=0)), min(cut - 1, 5)

@@ -248,7 +248,7 @@ def _at_usual_rate(t: Array, angle: Array, steps: Mask) -> Array:
     middle, times, made = (t[1:] + t[:-1]) / 2, np.diff(t), np.diff(angle)
     rate = uniform_filter1d((made / times)[~steps], _OFTEN, mode="nearest")  # whole counts scatter
     usual = np.interp(middle, middle[~steps], rate) * times
-    return angle[0] + np.concatenate(([0.0], np.cumsum(np.where(steps, usual, made))))
+    return np.asarray(angle[0] + np.concatenate(([0.0], np.cumsum(np.where(steps, usual, made)))))
 
 
 def _joined(t: Array, angle: Array, wheel: Wheel, doubts: list[Doubt]) -> Array:

@@ -15,11 +15,10 @@ from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import InputError
-from granite_lab.logs.counters import Mask, runs
+from granite_lab.logs.counters import Mask, mad_std, runs
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import ACCELERATION, RATE, SENSORS, STANDARD_GRAVITY, factors, gravity_unit
 from granite_lab.logs.sensors.pitch_rate import contradicted
-from granite_lab.logs.sensors.stamps import spread_of
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, Robot
 
@@ -279,7 +278,7 @@ def rail(axis: Array) -> Mask:
         again = len(at) >= _TOUCHES and often[0] > 3 * often[1 : 1 + _TOUCHES].max(initial=1)
         if long or again:
             centre = float(np.median(finite))
-            scatter = spread_of(finite, centre)
+            scatter = mad_std(finite, centre)
             if abs(extreme - centre) > max(3.0 * float(moved.min()), 1.5 * scatter):
                 mark |= at_limit
     return mark

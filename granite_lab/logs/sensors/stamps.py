@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from granite_lab.errors import InputError
-from granite_lab.logs.counters import Mask, Rows
+from granite_lab.logs.counters import Mask, Rows, mad_std
 from granite_lab.logs.quantities import DATE, factors
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.trial import Array
@@ -161,9 +161,9 @@ def evened(t: Array) -> tuple[Array, float]:
     steps = np.diff(t)
     if len(steps) < 10 * _AHEAD:
         return t, 0.0
-    period, std = float(np.median(steps)), spread_of(steps)
+    period, std = float(np.median(steps)), mad_std(steps)
     gaps = np.flatnonzero(steps > max(GAP_PERIODS * period, period + _BEYOND * std)) + 1
-    ahead = spread_of(t[_AHEAD:] - t[:-_AHEAD])
+    ahead = mad_std(t[_AHEAD:] - t[:-_AHEAD])
     if std < _UNEVEN * period or ahead > _BOUNDED * std * math.sqrt(_AHEAD):
         return t, 0.0
     even = t.copy()
@@ -173,11 +173,6 @@ def evened(t: Array) -> tuple[Array, float]:
             line = np.polyval(np.polyfit(index, t[begin:end], 1), index)
             even[begin:end] = line + uniform_filter1d(t[begin:end] - line, round(_LINE / period) | 1)
     return even, std / math.sqrt(2.0)
-
-
-def spread_of(values: Array, centre: float | None = None) -> float:
-    """Return the std of values (N,) by the median of their distances from a centre, by default the median."""
-    return 1.4826 * float(np.median(np.abs(values - (np.median(values) if centre is None else centre))))
 
 
 def _apart(t: Array, values: Array, sensor: str, where: Where, doubts: list[Doubt], spread: bool) -> Stamps:

@@ -12,7 +12,6 @@ import numpy as np
 from granite_lab.logs.counters import integral, joined, quantum, runs
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import CURRENTS, ENCODERS, factors
-from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, WheelStream
 from granite_lab.parameters import WHEELS, Robot, Variant, load_variants
 
@@ -112,14 +111,13 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
                 more = f"in {unit} the wheels still gain {left:.2g} times the speed that the IMU gains"
                 why = "the gear ratio or the counts of a turn may be wrong instead"
                 remedy = "state the unit in a column map"
-                log.doubts.append(
-                    Doubt(f"{more}: {why}", remedy=remedy, grade="poor", rolled=math.sqrt(0.5) * (left - 1.0))
-                )
+                rolled = math.sqrt(0.5) * (left - 1.0)
+                log.doubt(f"{more}: {why}", remedy=remedy, grade="poor", rolled=rolled)
             rate = None if wheels.rate is None else wheels.rate * factor
             resolution = tuple(step * factor for step in wheels.resolution)
             return dataclasses.replace(wheels, angle=wheels.angle * factor, rate=rate, resolution=resolution)
         remedy = "check wheel radius, gear, counts per revolution and units"
-        log.doubts.append(Doubt(f"the wheels {gain}", remedy=remedy, grade="poor"))
+        log.doubt(f"the wheels {gain}", remedy=remedy, grade="poor")
     return wheels
 
 
