@@ -406,12 +406,12 @@ def wheel_updates(rolling: Rolling, nominal: Nominal, course: Course, offset: fl
         signed = np.sign(course.speed) * course.growth
         H = {V: 1.0, PD: -1.0, TAU: signed[k], S: w[k], G: w[k], C: np.gradient(course.thrust, t)[k]}
         z = speed + gained * ahead - nominal.v[course.index[k]] - course.loss[k]
-        return updates_of("wheel", k, z, H, rolling.speed_std[m] ** 2 * repeated(speed)), 0.0
+        return updates_of("wheel", k, z, H, rolling.sample_std[m] ** 2 * repeated(speed)), 0.0
     # carried to the node by the wheels' own velocity: H must not hold the stamps' noise, which
     # is the noise of z as well, or every update would pull the velocity down a little
     z = rolling.mean[m] + ahead * speed + 0.5 * ahead**2 * gained
     z -= nominal.x[course.index[k]] + course.lost[k]
-    R = rolling.mean_std[m] ** 2 + (0.5 * UNEVEN * ahead**2) ** 2 + NEAREST**2
+    R = rolling.sample_std[m] ** 2 + (0.5 * UNEVEN * ahead**2) ** 2 + NEAREST**2
     start = float(np.sqrt(R[0])) if k.size else 0.0
     still = rest & np.append(True, rest[:-1]) & np.append(rest[1:], True)
     telling = ~(still | course.spinning)[k]  # a constant reading at rest says nothing new

@@ -125,8 +125,8 @@ def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:
         none = np.zeros(t.size)
         return Pace(speed, speed, none, none, none > 0)
     path = np.interp(grid, stamps, rolling.mean[finite])
-    sample_std = rolling.speed_std * period if rolling.by_rate else rolling.mean_std
-    density = np.interp(grid, stamps, sample_std[finite]) * np.sqrt(period)
+    density = np.interp(grid, stamps, rolling.sample_std[finite]) * np.sqrt(period)
+    density *= period if rolling.by_rate else 1.0
     growth, beyond = growth_of(path, density, np.maximum(np.abs(pace), 0.1), window)
     growth *= np.where(pace < 0, -1.0, 1.0)
     # the slip ratio goes on changing for some tenths of a second after the wheels have settled

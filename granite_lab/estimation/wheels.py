@@ -41,11 +41,10 @@ class Rolling:
     t: Array  # (M,) [s]
     distance: Array  # (M, 4) rolled distance of each wheel since the first sample [m], NaN where unknown
     mean: Array  # (M,) rolled distance, mean of the left and right sides [m]
-    mean_std: Array  # (M,) std of one sample of it [m] (quantisation and stamps)
     velocity: Array  # (M, 4) circumferential velocity v_o of each wheel [m/s]
     velocity_std: Array
-    speed: Array  # (M,) velocity of `mean` [m/s]
-    speed_std: Array
+    speed: Array  # (M,) velocity of `mean` [m/s], as logged if by_rate
+    sample_std: Array  # (M,) std of one sample of `mean` [m], or of `speed` [m/s] if by_rate
     rates: Array | None  # (M, 4) velocities as logged; distances are their integrals and not measurements
     resolution: tuple[float, ...]  # (4,) of each distance [m] (of each velocity [m/s] if by_rate)
     doubts: tuple[Doubt, ...] = ()
@@ -91,7 +90,7 @@ def rolling_of(stream: WheelStream, robot: Robot) -> Rolling:
     mean[lost] = np.nan
     quantum = max(*resolution, 1e-6)
     n_live = np.maximum(np.isfinite(increment).sum(axis=1), 1)
-    rough, _ = derivative_of(t, np.nan_to_num(mean, nan=0.0), np.full(t.size, quantum / np.sqrt(12)))
+    rough = derivative_of(t, np.nan_to_num(mean, nan=0.0), np.full(t.size, quantum / np.sqrt(12)))
     jitter = stamp_scatter(t, mean, rough, quantum)
 
     period = float(np.median(np.diff(t)))
@@ -104,8 +103,8 @@ def rolling_of(stream: WheelStream, robot: Robot) -> Rolling:
         shared = np.clip(quantum / np.maximum(np.abs(pace), SLOWEST) / period, 1.0, max(SHARED / period, 1.0))
         return np.asarray(np.sqrt(quantum**2 / 12.0 * shared / wheels + (jitter * pace) ** 2))
 
-    speed, speed_std = derivative_of(t, np.nan_to_num(mean), sigma(n_live, rough))
-    mean_std = sigma(n_live, speed)
+    speed = derivative_of(t, np.nan_to_num(mean), sigma(n_live, rough))
+    sample_std = sigma(n_live, speed)
     known = np.isfinite(increment)
     known[1:-1] &= known[:-2] | known[2:]
     known[0] = np.isfinite(distance[0]) & known[1:2].any(axis=0)
@@ -115,7 +114,7 @@ def rolling_of(stream: WheelStream, robot: Robot) -> Rolling:
     first = np.nan_to_num(distance[np.isfinite(distance).argmax(axis=0), np.arange(distance.shape[1])])
     return Rolling(
         t=t, distance=np.where(np.isfinite(increment), distance - first, np.nan), mean=mean,
-        mean_std=mean_std, velocity=velocity, velocity_std=velocity_std, speed=speed, speed_std=speed_std,
+        velocity=velocity, velocity_std=velocity_std, speed=speed, sample_std=sample_std,
         rates=None, resolution=resolution, doubts=tuple(doubts),
     )  # fmt: skip
 
@@ -135,9 +134,8 @@ def _roll_rates(t: Array, velocity: Array, resolution: tuple[float, ...]) -> Rol
     distance = np.where(known, np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0), np.nan)
     smooth, smooth_std = speeds_where(known, t, velocity, np.full(speed.size, floor), rates=True)
     return Rolling(
-        t=t, distance=distance, mean=mean, mean_std=np.full(speed.size, np.nan), velocity=smooth,
-        velocity_std=smooth_std, speed=speed, speed_std=np.full(speed.size, floor), rates=velocity,
-        resolution=resolution, doubts=tuple(doubts),
+        t=t, distance=distance, mean=mean, velocity=smooth, velocity_std=smooth_std, speed=speed,
+        sample_std=np.full(speed.size, floor), rates=velocity, resolution=resolution, doubts=tuple(doubts),
     )  # fmt: skip
 
 
@@ -220,23 +218,23 @@ def side_mean(values: Array) -> Array:
     return mean_known(np.stack([mean_known(values[:, side::2]) for side in (0, 1)], axis=1))
 
 
-def derivative_of(t: Array, y: Array, sigma: Array) -> tuple[Array, Array]:
+def derivative_of(t: Array, y: Array, sigma: Array) -> Array:
     """Differentiate y (M,) by local straight lines, the window as wide as the motion allows.
 
     At each sample the windows of 5, 9 and 17 samples are tried in turn; one is kept as long as
     its confidence interval meets those of all narrower ones (Goldenshluger & Nemirovski 1997), so
-    corners stay sharp and steady motion is smooth. Also its std, by the std `sigma` (M,) of the samples.
+    corners stay sharp and steady motion is smooth. `sigma` (M,) is the std of the samples.
     """
     m = t.size
     low, high = np.full(m, -np.inf), np.full(m, np.inf)
-    best, best_std = np.full(m, np.nan), np.full(m, np.nan)
+    best = np.full(m, np.nan)
     going = np.ones(m, dtype=bool)
     for half in (2, 4, 8):
         value, std = _line(t, y, sigma, min(half, m - 1))
         low, high = np.maximum(low, value - MEET * std), np.minimum(high, value + MEET * std)
         going &= low <= high
-        best, best_std = np.where(going, value, best), np.where(going, std, best_std)
-    return best, best_std
+        best = np.where(going, value, best)
+    return best
 
 
 def _line(t: Array, y: Array, sigma: Array, half: int) -> tuple[Array, Array]:
