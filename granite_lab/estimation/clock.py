@@ -22,18 +22,9 @@ from granite_lab.estimation.smoother import forward, nominal_of, settle
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import joined
 from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.ramps import LARGEST, LEAST_RAMP, STEP, changing, correlate
 from granite_lab.logs.sensors.standstill import Interval, wheels_still
-from granite_lab.logs.sensors.two_clocks import (
-    FARTHEST,
-    LARGEST,
-    LEAST_RAMP,
-    LONGEST_LAG,
-    RIVAL,
-    SEEN,
-    STEP,
-    changing,
-    correlate,
-)
+from granite_lab.logs.sensors.two_clocks import FARTHEST, LONGEST_LAG, RIVAL, SEEN
 from granite_lab.logs.trial import Array
 
 WIDE, FINE = 0.02, 0.01

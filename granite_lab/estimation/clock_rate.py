@@ -19,9 +19,9 @@ from granite_lab.estimation.smoother import nominal_of
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import joined
 from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.ramps import LARGEST, STEP, changing, correlate
 from granite_lab.logs.sensors.stamps import FASTEST
 from granite_lab.logs.sensors.standstill import Interval
-from granite_lab.logs.sensors.two_clocks import LARGEST, STEP, changing, correlate
 
 SLOW, FULL = 0.1, 0.9
 """A ramp lies between these shares of the constant speed."""

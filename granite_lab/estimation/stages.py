@@ -227,8 +227,7 @@ def _orient(
 ) -> mounting.BodyImu:
     """Level the axes at standstill and turn x to where the wheels accelerate the robot."""
     levelled = mounting.level(stream, inside(imu.t, still), imu.rotation)
-    acceleration = np.gradient(np.nan_to_num(rolling.speed), rolling.t)
-    rotation = mounting.find_forward(stream, levelled, rolling.t, acceleration)
+    rotation = mounting.find_forward(stream, levelled, rolling.t, rolling.speed)
     return mounting.to_body(stream, rotation, levelled=True)
 
 

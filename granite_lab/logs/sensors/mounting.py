@@ -10,7 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
+from granite_lab.logs.counters import joined
 from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.ramps import STEP, gain_of
 from granite_lab.logs.sensors.standstill import step_of
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, Robot
@@ -165,30 +167,21 @@ def level(imu: ImuStream, still: np.ndarray, rotation: Rotation) -> Rotation:
     return Rotation.align_vectors([[0.0, 0.0, 1.0]], [rotation.apply(up / size)])[0] * rotation
 
 
-def find_forward(imu: ImuStream, levelled: Rotation, wheel_t: Array, wheel_acceleration: Array) -> Rotation:
+def find_forward(imu: ImuStream, levelled: Rotation, wheel_t: Array, wheel_speed: Array) -> Rotation:
     """Turn levelled axes about z until x points where the wheels accelerate the robot to.
 
-    The horizontal specific force is regressed on the wheels' acceleration (M,) [m/s^2] over all lags within
-    the largest clock offset; the direction of the regression vector is forward.
+    The horizontal specific force is regressed on the acceleration of the wheels, whose speed is (M,) [m/s];
+    the direction of the regression vector is forward.
 
     Raises:
         EstimateError: nothing accelerates, or the direction is not clear.
     """
-    dt, width = 0.01, 9
-    grid = np.arange(imu.t[0], imu.t[-1], dt)
-    flat = [np.interp(grid, imu.t, axis) for axis in levelled.apply(imu.specific_force)[:, :2].T]
-    wheel = np.interp(grid, wheel_t, wheel_acceleration, left=0, right=0)
-    kernel = np.ones(width) / width
-    x, y, wheel = (np.convolve(v, kernel, "same") for v in (*(v - np.median(v) for v in flat), wheel))
-    horizontal, square = np.stack([x, y], axis=1), max(float(wheel @ wheel), 1e-12)
-    vectors = [np.roll(wheel, lag) @ horizontal / square for lag in range(-40, 41)]
-    vector = max(vectors, key=lambda product: float(np.linalg.norm(product)))
-    best = max(float(np.linalg.norm(vector)), 1e-12)
-    across = horizontal @ np.array([-vector[1], vector[0]]) / best
-    std = float(np.std(across)) / best * np.sqrt(width / square)
-    if best < 0.2 or std > np.radians(15):
+    grid = np.arange(imu.t[0], imu.t[-1], STEP)
+    flat = levelled.apply(imu.specific_force)[:, :2].T
+    gain = gain_of([np.interp(grid, imu.t, axis) for axis in flat], joined(grid, wheel_t, wheel_speed))
+    if np.hypot(*gain.vector) < 0.2 or gain.std > np.radians(15):
         raise EstimateError(
             "the IMU's forward axis cannot be found: no clear acceleration phase in common with the wheels",
             "give it in the robot's file: [imu] rotation = [roll, pitch, yaw], forward = 'given'",
         )
-    return Rotation.from_euler("z", -np.arctan2(vector[1], vector[0])) * levelled
+    return Rotation.from_euler("z", -np.arctan2(gain.vector[1], gain.vector[0])) * levelled

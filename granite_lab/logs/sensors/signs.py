@@ -11,21 +11,19 @@ from granite_lab.errors import EstimateError
 from granite_lab.logs.counters import joined, mean_known
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.ramps import LARGEST, SMOOTH, STEP, gain_of
 from granite_lab.logs.sensors.standstill import MOVING
 from granite_lab.logs.trial import Array, WheelStream
 from granite_lab.parameters import WHEELS, Robot
-
-STEP = 0.01
-"""Spacing of the grid on which wheels and IMU are compared [s]."""
-
-REACH = 40
-"""Lags searched to either side, for the clocks may be that far apart [steps]."""
 
 ALIKE = 0.9
 """Wheels whose velocities correlate this much, up to the sign, drive straight (or turn in place)."""
 
 CLEAR = 0.4
 """Correlation with the IMU from which on a direction counts as seen."""
+
+LEAST_POWER = 0.01
+"""Wheels whose squared acceleration adds up to less than this tell no direction [m^2/s^3]."""
 
 RIVAL = 0.5
 """A peak of a correlation that is not twice as high as the next one is not told from it (as in PIV)."""
@@ -54,7 +52,7 @@ def check_signs(
     """
     grid, speed = _speeds(wheels, robot)
     live = np.flatnonzero(np.nan_to_num(np.abs(speed)).max(axis=0, initial=0.0) > MOVING)
-    if live.size == 0 or grid.size < 4 * REACH:
+    if live.size == 0 or grid.size < 4 * LARGEST / STEP:
         return wheels, ()
     judge = imu if forward_given else None
     doubts: list[Doubt] = []
@@ -100,7 +98,7 @@ def _speeds(wheels: WheelStream, robot: Robot) -> tuple[Array, Array]:
     for i, angle in enumerate(wheels.angle.T):
         if grid.size > 1 and np.isfinite(angle).sum() > 2:
             rate = np.gradient(joined(grid, wheels.t, angle), STEP)
-            speed[:, i] = uniform_filter1d(rate, 9) * robot.wheels.radius
+            speed[:, i] = uniform_filter1d(rate, round(SMOOTH / STEP)) * robot.wheels.radius
     return grid, speed
 
 
@@ -159,28 +157,10 @@ def _forward_gain(imu: BodyImu, grid: Array, speed: Array) -> tuple[Array, float
     Also how clear the matter is: the share of the force that it explains, and nothing where the opposite
     direction explains more than `RIVAL` of that at another lag, as where a log begins amid an acceleration.
     """
-    wheel = _without_trend(np.gradient(speed, STEP))
     axes = (v if np.isfinite(v).any() else np.zeros(v.size) for v in (imu.forward, imu.left))
-    force = [_without_trend(joined(grid, imu.t, values)) for values in axes]
-    power = float(wheel @ wheel)
-    if power * STEP < 0.01:
-        return np.zeros(2), 0.0
-    lags = range(-REACH, REACH + 1)
-    padded = np.pad(wheel, REACH)  # what a lag moves beyond the log's end does not come back at its start
-    late = [padded[REACH - lag : padded.size - REACH - lag] for lag in lags]
-    gains = np.array([[float(shifted @ f) / power for f in force] for shifted in late])
-    best = gains[int(np.argmax(np.hypot(*gains.T)))]
-    along = best / max(float(np.hypot(*best)), 1e-12)
-    if float((-gains @ along).max()) > RIVAL * float(np.hypot(*best)):
-        return best, 0.0
-    common = along[0] * force[0] + along[1] * force[1]
-    return best, float(np.hypot(*best) * np.sqrt(power / max(float(common @ common), 1e-12)))
-
-
-def _without_trend(signal: Array) -> Array:
-    """Smooth over 0.1 s, and leave out what is slower than a ramp (pitch on slopes)."""
-    smooth = uniform_filter1d(signal, round(0.1 / STEP), mode="nearest")
-    return np.asarray(smooth - uniform_filter1d(smooth, round(3.0 / STEP), mode="nearest"))
+    gain = gain_of([joined(grid, imu.t, values) for values in axes], speed)
+    seen = gain.power * STEP >= LEAST_POWER and gain.opposite <= RIVAL
+    return gain.vector, gain.explained if seen else 0.0
 
 
 def _correlation(a: Array, b: Array) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from granite_lab.estimate import Estimate
 from granite_lab.logs.counters import joined
@@ -13,20 +12,15 @@ from granite_lab.logs.sensors import mounting
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.imu import despike, mounted
 from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.ramps import LARGEST, LEAST_RAMP, STEP, changing, correlate
 from granite_lab.logs.trial import Array, Correction, Trial, WheelStream
 from granite_lab.parameters import Robot
 
-LARGEST, FARTHEST = 0.4, 1.0
-"""Offsets up to this are searched for [s]; the latter where odometry was smoothed."""
-
-STEP = 0.005
-"""Spacing of the correlation [s]."""
+FARTHEST = 1.0
+"""Offsets up to this are searched for where odometry was smoothed [s]."""
 
 GIVEN = 1.0e-3
 """Std of an offset that was given [s]."""
-
-LEAST_RAMP = 0.1
-"""Wheels that never accelerate by this much show no offset [m/s^2]."""
 
 LONGEST_LAG = 0.25
 """The body follows the wheels on sand by up to a quarter of a second, and never leads them [s]."""
@@ -121,25 +115,3 @@ def _common_rate(grid: Array, wheels: WheelStream) -> Array:
     rates = np.gradient(np.stack(turned), STEP, axis=1)
     weights = np.linalg.eigh(rates @ rates.T)[1][:, -1]
     return np.asarray(weights @ rates / np.abs(weights).sum())
-
-
-def correlate(force: Array, wheel: Array, reach: int) -> tuple[Array, int, float]:
-    """Correlate specific force with the wheels' acceleration, both (M,) on one grid.
-
-    Returns:
-        (2 reach + 1,) the correlation at each lag of the force; the place of its largest value, and that
-        value in shares of what it can be, 0 at the end of the reach.
-    """
-    size = 2 ** int(np.ceil(np.log2(2 * force.size)))
-    values = np.fft.irfft(np.fft.rfft(force, size) * np.conj(np.fft.rfft(wheel, size)), size)
-    values = values[np.arange(-reach, reach + 1)]
-    best = int(np.argmax(values))
-    inner = best not in (0, values.size - 1)
-    whole = float(np.sqrt(np.sum(force**2) * np.sum(wheel**2)))
-    return values, best, float(values[best]) / max(whole, 1e-300) if inner else 0.0
-
-
-def changing(acceleration: Array) -> Array:
-    """(K,) acceleration on the grid without vibration, and without what is slower than a ramp."""
-    smooth = uniform_filter1d(acceleration, max(round(0.08 / STEP), 1))
-    return np.asarray(smooth - uniform_filter1d(smooth, round(3.0 / STEP), mode="nearest"))
