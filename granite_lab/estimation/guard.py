@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,7 +49,7 @@ def guard(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) -> Motion:
         soil: what the robot drives on; its slip ratio counts where the soil states one.
         limits: what was put right or could not be judged while the motion was estimated.
     """
-    doubts = [*limits, *_doubts(motion, soil)]
+    doubts = [*limits, *(_doubts(motion, soil) if np.isfinite(motion.v).any() else ())]
     if not doubts:
         return motion
     order: tuple[Grade, ...] = ("poor", "fair", "good")
@@ -116,121 +116,114 @@ def unclosed(motion: Motion, open_ends: Sequence[str]) -> Iterator[Doubt]:
         yield Doubt(f"{seen}: no standstill at the {' and '.join(open_ends)} tells which", std=changes)
 
 
+@dataclass(frozen=True, eq=False)
+class Steadily:
+    """How wheels and body go while the wheels turn steadily, and which slip ratios wheels and soil allow.
+
+    Attributes:
+        wheels, body, std: (M,) means over `FOLLOWS` of both speeds, and of the std of the body's [m/s].
+        low: the least slip ratio of driven wheels: below 0 where the robot drives downhill.
+        usual: the soil's slip ratio, or that of sand where it is not `stated`.
+    """
+
+    wheels: Array
+    body: Array
+    std: Array
+    low: float
+    usual: float
+    stated: bool
+
+
 def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
     """Yield what contradicts an estimate of body velocity."""
-    if not np.isfinite(motion.v).any():
-        return
+    stated = soil.slip_std < 1.0
+    low = -SlipModel.per_acceleration * GRAVITY * max(_downhill(motion), 0.0)
+    usual = soil.slip if stated else SlipModel.steady
+    steadily = Steadily(*_speeds(motion, _in_phase(motion, "steady")), low, usual, stated)
     for kind, nis in motion.health.nis.items():
         if nis > UNFIT**2:
             yield Doubt(scattering(kind, nis), grade="poor")
-    if odd := _odd_wheel(motion):
-        yield odd
-    stated = soil.slip_std < 1.0
-    usual = soil.slip if stated else SlipModel.steady
+    yield from _odd_wheel(motion)
     if motion.slip_ratio.std > TELLING:
         vague = f"the slip ratio is known to ± {100 * motion.slip_ratio.std:.0f} points only"
         yield Doubt(vague, grade="fair")
-    low = -SlipModel.per_acceleration * GRAVITY * max(_downhill(motion), 0.0)
-    steady = _in_phase(motion, "steady")
-    if surge := _surging(motion, steady, low, usual):
-        yield surge
-    if swing := _swinging(motion, steady):
-        yield swing
-    if not stated and (geared := _geared(motion, steady, usual)):
-        yield geared
+    yield from _surging(steadily)
+    yield from _swinging(steadily)
+    yield from _geared(motion, steadily)
     for slip, where in slips_of(motion):
-        beyond = max(low - slip.value, slip.value - 1.0)
-        if beyond > CONTRADICTS * math.hypot(slip.std, RADIUS):
-            yield Doubt(
-                f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % {where} is outside of what "
-                "rolling wheels allow",
-                grade="poor", std=0.5 * abs(slip.value - usual),
-            )  # fmt: skip
+        seen = f"a slip ratio of {100 * slip.value:.1f} ± {100 * slip.std:.1f} % {where}"
+        wrong = 0.5 * abs(slip.value - usual)
+        if max(low - slip.value, slip.value - 1.0) > CONTRADICTS * math.hypot(slip.std, RADIUS):
+            seen = f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % {where}"
+            yield Doubt(f"{seen} is outside of what rolling wheels allow", grade="poor", std=wrong)
         elif low - slip.value > CONTRADICTS * slip.std:
-            yield Doubt(
-                f"a slip ratio of {100 * slip.value:.1f} ± {100 * slip.std:.1f} % {where}: wheels that drive "
-                "do not slip backward, so that radius or counts of a turn are not those of the robot's file",
-                remedy="roll ten turns on a hard floor", grade="fair", std=RADIUS,
-            )  # fmt: skip
+            why = "radius or counts of a turn are not those of the robot's file"
+            seen = f"{seen}: wheels that drive do not slip backward, so that {why}"
+            yield Doubt(seen, remedy="roll ten turns on a hard floor", grade="fair", std=RADIUS)
         elif stated and abs(slip.value - usual) > CONTRADICTS * math.hypot(slip.std, soil.slip_std):
-            yield Doubt(
-                f"a slip ratio of {100 * slip.value:.1f} ± {100 * slip.std:.1f} % {where} contradicts the "
-                f"soil's {100 * soil.slip:.1f} ± {100 * soil.slip_std:.1f} %",
-                grade="poor", std=0.5 * abs(slip.value - usual),
-            )  # fmt: skip
+            states = f"{100 * soil.slip:.1f} ± {100 * soil.slip_std:.1f} %"
+            yield Doubt(f"{seen} contradicts the soil's {states}", grade="poor", std=wrong)
 
 
-def _surging(motion: Motion, steady: Mask, low: float, usual: float) -> Doubt | None:
-    """Return the doubt about a body that is faster, or goes the other way, than its steady wheels allow.
+def _surging(steadily: Steadily) -> Iterator[Doubt]:
+    """Yield the doubt about a body that is faster, or goes the other way, than its steady wheels allow.
 
     The slip ratio over all may look usual while vibration that the IMU folds to slow frequencies, or a bias
     that changes, swings the velocity. It is judged over `FOLLOWS`, from `low` to 1 within its std.
     """
-    wheels, body, std = _speeds(motion, steady)
-    rolls = np.abs(wheels) > MOVING  # not where they are unknown
-    if np.count_nonzero(rolls) < FEWEST:
-        return None
-    slip, unsure = 1.0 - body[rolls] / wheels[rolls], std[rolls] / np.abs(wheels[rolls])
-    beyond = np.maximum(low - slip, slip - 1.0)
+    rolls = np.abs(steadily.wheels) > MOVING  # not where they are unknown
+    wheels = steadily.wheels[rolls]
+    slip, unsure = 1.0 - steadily.body[rolls] / wheels, steadily.std[rolls] / np.abs(wheels)
+    beyond = np.maximum(steadily.low - slip, slip - 1.0)
     contradicted = beyond > CONTRADICTS * np.hypot(unsure, RADIUS)
-    if np.count_nonzero(contradicted) <= OUTLIERS * contradicted.size:
-        return None
-    worst = float(slip[np.argmax(beyond)])
-    seen = f"the slip ratio reaches {100 * worst:.0f} % while the wheels turn steadily"
-    why = "which rolling wheels do not allow"
-    return Doubt(f"{seen}, {why}", grade="poor", std=0.5 * abs(worst - usual))
+    if slip.size >= FEWEST and np.count_nonzero(contradicted) > OUTLIERS * slip.size:
+        worst = float(slip[np.argmax(beyond)])
+        seen = f"the slip ratio reaches {100 * worst:.0f} % while the wheels turn steadily"
+        why = "which rolling wheels do not allow"
+        yield Doubt(f"{seen}, {why}", grade="poor", std=0.5 * abs(worst - steadily.usual))
 
 
-def _swinging(motion: Motion, steady: Mask) -> Doubt | None:
-    """Return the doubt about a body that goes faster and slower on steady wheels than uneven sand makes it.
+def _swinging(steadily: Steadily) -> Iterator[Doubt]:
+    """Yield the doubt about a body that goes faster and slower on steady wheels than uneven sand makes it.
 
     Vibration that is folded to a slow frequency looks like that. It also leaves an error of the velocity that
     does not change, since the body stood when it began: of any size up to the swing, so that the rms of the
     swing is the std. A jump of the slip swings once: the median of all accelerations tells.
     """
-    wheels, body = mean_known(motion.v_wheel), motion.v
-    slip_velocity, pace = (_means(motion, x, steady) for x in (wheels - body, np.abs(wheels)))
+    slip_velocity = steadily.wheels - steadily.body
     gained = np.abs(np.diff(slip_velocity))
-    if gained.size < FEWEST or not float(np.median(gained)) > UNEVEN * FOLLOWS:
-        return None
-    swing = float(np.std(slip_velocity) / max(float(np.mean(pace)), MOVING))
-    seen = f"the slip ratio swings by ± {100 * swing:.0f} points while the wheels turn steadily"
-    why = "uneven ground, or vibration that is folded to slow frequencies"
-    remedy = "mount the IMU stiffly, with its low-pass on, and log it faster"
-    return Doubt(f"{seen}: {why}", remedy=remedy, grade="fair", std=swing)
+    if gained.size >= FEWEST and float(np.median(gained)) > UNEVEN * FOLLOWS:
+        swing = float(np.std(slip_velocity) / max(float(np.mean(np.abs(steadily.wheels))), MOVING))
+        seen = f"the slip ratio swings by ± {100 * swing:.0f} points while the wheels turn steadily"
+        why = "uneven ground, or vibration that is folded to slow frequencies"
+        remedy = "mount the IMU stiffly, with its low-pass on, and log it faster"
+        yield Doubt(f"{seen}: {why}", remedy=remedy, grade="fair", std=swing)
 
 
-def _geared(motion: Motion, steady: Mask, usual: float) -> Doubt | None:
-    """Return the doubt about wheels that seem to slip by half at least, whenever they turn steadily.
+def _geared(motion: Motion, steadily: Steadily) -> Iterator[Doubt]:
+    """Yield the doubt about wheels that seem to slip by half at least, whenever they turn steadily.
 
     Angles that are too large by a whole number, by a gear or by the edges of a count, look like that. Wheels
     that slip so much by themselves grip now and then, or turn while the body stands; those that never do are
     as likely to be the one as the other.
     """
-    slip = motion.slip_ratio
-    if not slip.value + CONTRADICTS * slip.std > HALF or _spins_at_rest(motion):
-        return None
-    wheels, body, std = _speeds(motion, steady)
-    grips = np.sign(wheels) * body - CONTRADICTS * std > (1.0 - HALF) * np.maximum(np.abs(wheels), MOVING)
-    factor = round((1.0 - usual) / max(1.0 - slip.value, 1e-3))
+    slip, wheels = motion.slip_ratio, steadily.wheels
+    at_rest = np.abs(np.nan_to_num(mean_known(motion.v_wheel)))[_in_phase(motion, "rest")]
+    if steadily.stated or not slip.value + CONTRADICTS * slip.std > HALF or (at_rest > MOVING).any():
+        return
+    surely = np.sign(wheels) * steadily.body - CONTRADICTS * steadily.std
+    grips = surely > (1.0 - HALF) * np.maximum(np.abs(wheels), MOVING)
+    factor = round((1.0 - steadily.usual) / max(1.0 - slip.value, 1e-3))
     if factor < 2 or np.count_nonzero(grips) > OUTLIERS * grips.size:
-        return None
-    seen = (
-        f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % whenever the wheels turn steadily"
-    )
+        return
+    seen = f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % whenever wheels turn steadily"
     why = f"or gear ratio, counts of a turn or unit are wrong by a factor, such as {factor}"
     remedy = "roll ten turns on a hard floor; if the wheels do slip so much, state it in the soil's file"
-    return Doubt(f"{seen}, {why}", remedy=remedy, grade="poor", rolled=math.sqrt(0.5) * (factor - 1))
+    yield Doubt(f"{seen}, {why}", remedy=remedy, grade="poor", rolled=math.sqrt(0.5) * (factor - 1))
 
 
-def _spins_at_rest(motion: Motion) -> bool:
-    """Whether wheels turn while the body stands."""
-    pace = np.abs(np.nan_to_num(mean_known(motion.v_wheel)))
-    return bool((pace[_in_phase(motion, "rest")] > MOVING).any())
-
-
-def _odd_wheel(motion: Motion) -> Doubt | None:
-    """Return the doubt about a wheel that rolls another way than three that agree, in the steady part.
+def _odd_wheel(motion: Motion) -> Iterator[Doubt]:
+    """Yield the doubt about a wheel that rolls another way than three that agree, in the steady part.
 
     They agree within the std of their radii, and it is beyond three of these: over all, or over `FOLLOWS`
     now and then, by which it adds up to more than the std of the slip ratio. Three wheels alike show that the
@@ -238,19 +231,18 @@ def _odd_wheel(motion: Motion) -> Doubt | None:
     """
     inside = (motion.t >= motion.steady[0]) & (motion.t <= motion.steady[1])
     if not inside.any() or not np.isfinite(motion.v_wheel[inside]).all():
-        return None
-    why = "its encoder counts wrongly, or it slips by itself"
-    whole = _odd_share(np.sum(motion.v_wheel[inside], axis=0, keepdims=True))
-    if (far := float(whole.sum())) != 0.0:
-        wheel, way = int(np.argmax(np.abs(whole))), "more" if far > 0 else "less"
-        seen = f"wheel {WHEELS[wheel]} rolls {100 * abs(far):.0f} % {way} than the others, which agree"
-        return Doubt(f"{seen}: {why}", grade="fair", rolled=abs(far) / len(WHEELS))
-    far_of = np.abs(_odd_share(_means(motion, motion.v_wheel, inside)))
-    wheel, share = int(np.argmax(far_of)), float(np.max(far_of, initial=0.0))
-    if share <= len(WHEELS) * motion.slip_ratio.std:
-        return None
-    seen = f"wheel {WHEELS[wheel]} rolls {100 * share:.0f} % unlike the others, which agree, in some moments"
-    return Doubt(f"{seen}: {why}", grade="fair", rolled=share / len(WHEELS))
+        return
+    far = _odd_share(np.sum(motion.v_wheel[inside], axis=0, keepdims=True))
+    how = f"{'more' if far.sum() > 0 else 'less'} than the others, which agree"
+    if not far.any():
+        far = _odd_share(_means(motion, motion.v_wheel, inside))
+        far *= np.abs(far) > len(WHEELS) * motion.slip_ratio.std
+        how = "unlike the others, which agree, in some moments"
+    if far.any():
+        wheel, share = int(np.argmax(np.abs(far))), float(np.max(np.abs(far)))
+        seen = f"wheel {WHEELS[wheel]} rolls {100 * share:.0f} % {how}"
+        why = "its encoder counts wrongly, or it slips by itself"
+        yield Doubt(f"{seen}: {why}", grade="fair", rolled=share / len(WHEELS))
 
 
 def _odd_share(ways: Array) -> Array:
