@@ -236,6 +236,9 @@ def _counted_on(t: Array, angle: Array, step: float, wheel: Wheel, doubts: list[
     dt, steps = np.diff(t), np.diff(angle)
     rates = np.append(steps[:1] / dt[:1], steps / dt)
     stops = _strayed(t, rates, step / float(np.median(dt)), wheel.radius)[1:] & (steps == 0.0)
+    for a, b in runs(stops):
+        beside = np.sign(np.concatenate([steps[max(a - _OFTEN, 0) : a], steps[b : b + _OFTEN]]))
+        stops[a:b] = abs(beside.sum()) == 2 * _OFTEN  # it turns on, the same way
     if not stops.any():
         return angle
     seen = in_words(stops, t[1:], "reading", "without a count between two at full speed")
