@@ -53,7 +53,7 @@ def test_the_std_holds_at_corners_and_between_them(counts: int, rate: int) -> No
         for corner, here in ((True, at_corner), (False, steady)):
             off[corner].append(found[here] - speed[here, None])
             share[corner].append(off[corner][-1] / std[here, None])
-        lines.append(derivative_of(t, distance[:, 0], sigma)[0][at_corner] - speed[at_corner])
+        lines.append(derivative_of(t, distance[:, 0], sigma)[at_corner] - speed[at_corner])
     assert 0.6 < rms(np.concatenate(share[True])) < 1.4
     assert 0.4 < rms(np.concatenate(share[False])) < 1.4
     assert rms(np.concatenate(off[True])) < 0.6 * rms(np.concatenate(lines))  # they round the corners
