@@ -145,8 +145,9 @@ def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
             yield Doubt(scattering(kind, nis), grade="poor")
     yield from _odd_wheel(motion)
     if motion.slip_ratio.std > TELLING:
-        vague = f"the slip ratio is known to ± {100 * motion.slip_ratio.std:.0f} points only"
-        yield Doubt(vague, grade="fair")
+        points = 100.0 * motion.slip_ratio.std
+        known = f"known to ± {points:.0f} points only" if points < 100.0 else "not known at all"
+        yield Doubt(f"the slip ratio is {known}", grade="fair")
     yield from _surging(steadily)
     yield from _swinging(steadily)
     yield from _geared(motion, steadily)

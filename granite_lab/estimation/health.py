@@ -12,7 +12,7 @@ from scipy.special import gammaincc
 from granite_lab.estimation.error_model import BA, BG, V
 from granite_lab.estimation.motion import Health
 from granite_lab.estimation.problem import Problem
-from granite_lab.estimation.smoother import WANDERING, WANDERS, Solution, slow_excess, usual
+from granite_lab.estimation.smoother import REFERENCES, WANDERING, WANDERS, Solution, slow_excess, usual
 from granite_lab.logs.sensors.doubt import Grade
 from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.trial import Array
@@ -130,13 +130,13 @@ def judge_health(
     median in motion [m/s], `pace` the largest wheel speed [m/s], `shaken` the white noise of the pitch gyro
     in motion over that at rest.
     """
-    complaints = []
+    complaints, referred = [], bool(kinds.keys() & {*REFERENCES})
     for kind, statistics in kinds.items():
         if statistics.nis > max(3.0, usual(statistics.count)):
             complaints.append(scattering(kind, statistics.nis))
         elif statistics.wild > 0.02:
             complaints.append(f"{WHAT[kind]} has {100 * statistics.wild:.0f} % outliers")
-        elif kind in WANDERING and statistics.slow > WANDERS:
+        elif kind in WANDERING and not referred and statistics.slow > WANDERS:
             known = "the slip model" if kind == "wheel" else "the IMU's grade"
             complaints.append(
                 f"slow changes of {WHAT[kind]} are larger than {known} explains, and the std is widened"
@@ -145,12 +145,11 @@ def judge_health(
         complaints.append(f"motion makes the pitch gyro {shaken:.0f} times as noisy as it is at rest")
     limit = max(ANCHORED * pace, SLOW)
     loose = [side for (side, _), std in zip(SIDES, ends, strict=True) if std > limit]
-    referred = bool(kinds.keys() & {"reference_v", "reference_x"})
     anchored = _anchor(rests, loose, referred=referred)
     nothing_anchors = not rests and not referred
     if nothing_anchors or middle > VAGUE * max(pace, SLOW):
         if not nothing_anchors:
-            complaints.append(f"the velocity is known to {1e3 * middle:.3g} mm/s only")
+            complaints.append(f"the velocity is known to {middle:.2g} m/s only")
         return "poor", (anchored, *complaints), ""
     if complaints or loose:
         return "fair", (anchored, *complaints), ""
