@@ -134,9 +134,7 @@ def assemble(
         parts: tries the parts that the verdict does not need, and keeps what fails.
     """
     search, judgement, tolerance = outcome.search, outcome.judgement, limits.discrepancy
-    base, after, power = search.model(()), judgement.model.fit, outcome.power
-    assert base is not None
-    before = base.fit
+    before, after, power = search.alone.fit, judgement.model.fit, outcome.power
     late = _latency(search.best.fit, problem, readings.clock_applied)
     terms = _terms(problem, judgement, late, limits.latency, effects)
     none: list[Discrepancy] = []
@@ -186,9 +184,8 @@ def _detailed(
     parts: Attempts,
 ) -> Finding:
     """Add gaps, intervals, candidates and residuals; `missing` is without and with the effects."""
-    base, judgement, tolerance = outcome.search.model(()), outcome.judgement, finding.tolerance
-    assert base is not None
-    fits, (without, with_effects) = (base.fit, judgement.model.fit), missing
+    judgement, tolerance = outcome.judgement, finding.tolerance
+    fits, (without, with_effects) = (outcome.search.alone.fit, judgement.model.fit), missing
     return replace(
         finding,
         gap=parts.of("the gap", lambda: _gap(problem, judgement, *fits, tolerance), finding.gap),
@@ -373,8 +370,7 @@ def _candidates(
     problem: Problem, search: Search, judgement: Judgement, tolerance: float
 ) -> tuple[Candidate, ...]:
     """Return every candidate as it fared beside the model alone, the likeliest first."""
-    alone, competition = search.model(()), judgement.competition or by_evidence(search)
-    assert alone is not None
+    alone, competition = search.alone, judgement.competition or by_evidence(search)
     named = {n.id for n in judgement.named}
     described = {n.id for n in judgement.described}
     twins = {t for n in judgement.named for t in n.twins}

@@ -46,8 +46,8 @@ def remainder(
     Returns:
         the judgement with the description, and the ceiling; None where nothing remains to be closed.
     """
-    alone = search.model(())
-    if alone is None or judgement.verdict == "none":
+    alone = search.alone
+    if judgement.verdict == "none":
         return judgement, None
     if judgement.named and good(problem, judgement.model.fit, tolerance):
         return judgement, None
@@ -91,8 +91,8 @@ def savable(problem: Problem, search: Search, judgement: Judgement, tolerance: f
         search: the search in the library.
         judgement: of it.
     """
-    alone = search.model(())
-    if alone is None or judgement.named:
+    alone = search.alone
+    if judgement.named:
         return judgement
     by_files = filed(problem, alone.fit)
     if not worse(carried(problem, judgement.model.fit, tolerance), by_files, tolerance):

@@ -120,8 +120,7 @@ def nothing_missing(search: Search) -> float:
     A candidate that was not fitted counts by what its screen promises. One that makes the model likelier, and
     was not chosen, does not matter.
     """
-    alone = search.model(())
-    assert alone is not None
+    alone = search.alone
     logs: dict[str, float] = {}
     for look in (k for k in search.looks.get((), ()) if not k.tolerated):
         for score in look.scores:

@@ -68,6 +68,11 @@ class Search:
         return next(m for m in self.models if m.effects not in self.small)
 
     @property
+    def alone(self) -> Model:
+        """The model without effects, which is always fitted."""
+        return next(m for m in self.models if not m.effects)
+
+    @property
     def beside(self) -> tuple[str, ...]:
         """The effects that are likely beside the best set, and too small to matter."""
         likelier = self.models[: self.models.index(self.best)]
@@ -421,7 +426,8 @@ class _Steps:
         starts = [
             (look.point, best.fit.scales)
             for key, look in looks.items()
-            if key not in self.models or self.promises_more(self.models[key], look)
+            if key not in self.models
+            or under(self.problem, look, look.scales).evidence > self.models[key].fit.evidence + WORTH
         ]
         self.fitting(set_of(point) for point, _ in starts)
         for key, refit in attempts(self.problem, starts).items():
@@ -432,10 +438,6 @@ class _Steps:
             return False
         self.path(self.likeliest())
         return True
-
-    def promises_more(self, known: Model, look: Fit) -> bool:
-        """Tell whether a set is likelier, linear about another point, than its fit has found."""
-        return under(self.problem, look, look.scales).evidence > known.fit.evidence + WORTH
 
     def likeliest(self) -> Model:
         """Return the likeliest set all of whose effects matter."""

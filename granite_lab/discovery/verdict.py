@@ -214,8 +214,7 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
         problem, search, tolerance: as in `judge`.
         differ: channel to how far repetitions differ; empty where that is little.
     """
-    alone = search.model(())
-    assert alone is not None
+    alone = search.alone
     alone = replace(alone, fit=under(problem, alone.fit, search.best.fit.scales))
     together, best = problem.bench.side_by_side, search.best
     predictions = _Predictions(problem, best.fit.scales, tolerance)
@@ -373,8 +372,7 @@ def _named(
         if likely:
             twins.append(rival)
             probability += share
-    alone = search.model(())
-    assert alone is not None
+    alone = search.alone
     every = prediction_change(problem, alone.fit, best.fit)
     return Named(
         id_, tuple(twins), min(probability, 1.0), closes, speeds, strained_numbers(problem, best.fit, id_),

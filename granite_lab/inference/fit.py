@@ -283,8 +283,7 @@ def _descended(
     """
     goal = _Goal.of(problem, state.point, least)
     pace, before = _Pace(), np.inf  # `before`: what the last step promised
-    since, stalled = np.inf, 0  # what the derivatives have brought; how often they brought nothing
-    each = False  # differences at each trial, not at the centre of each command
+    since, stalled, each = np.inf, 0, False  # what derivatives brought, how often nothing; one set a trial
     for _ in range(rounds):
         here, aim, promised = _promise(problem, state, scales, pace.damping)
         loud = scales.loud and not goal.fine
