@@ -170,8 +170,8 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int | None =
     columns = {i: problem.columns(i, fit.point, fit.slopes) for i, _ in enumerate(problem.trials)}
     if order:
         columns = {i: np.column_stack([table, changes.pop(i)[:, order]]) for i, table in columns.items()}
-    further = Further.numbered(len(order), len(order) - len(shared))
-    normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=further, given=columns, keep=False)
+    further = Further.computed(columns, len(order), len(order) - len(shared))
+    normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=further, keep=False)
     first = [everyone[0] for everyone in problem.commands]
     raw = {i: columns[i] for i in first}
     return Screen(

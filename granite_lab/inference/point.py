@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -119,16 +119,18 @@ class Further:
         each: number of the last ones, which each trial has of its own.
         counts: per command the number of the others, where each command has its own; empty where all commands
             share them.
+        columns: trial to all its columns, `Problem.columns` and these, where they were computed already.
     """
 
     changes: tuple[Array, ...]
     each: int = 0
     counts: tuple[int, ...] = ()
+    columns: Mapping[int, Array] = field(default_factory=dict)
 
     @classmethod
-    def numbered(cls, count: int, each: int) -> Self:
+    def computed(cls, columns: Mapping[int, Array], count: int, each: int) -> Self:
         """Return `count` changes whose columns are known already, so that only their number matters."""
-        return cls((np.zeros((0, 0, count)),), each)
+        return cls((np.zeros((0, 0, count)),), each, columns=columns)
 
     def places(self, command: int) -> npt.NDArray[np.int64]:
         """Return the places of a command's columns among all that are not of single trials."""

@@ -354,7 +354,6 @@ class Problem:
         *,
         apart: bool = False,
         further: Further | None = None,
-        given: Mapping[int, Array] | None = None,
         keep: bool = True,
     ) -> Normal:
         """Return the normal equations at a point.
@@ -366,10 +365,8 @@ class Problem:
             apart: each trial has a discrepancy of its own instead of sharing it with its repetitions.
             further: columns behind those of the parameters; those that each trial has of its own become a
                 column a trial, behind the others.
-            given: trial to its `columns`, of the trials for which they were computed already.
             keep: keep the rows, which only other residuals need.
         """
-        given = given or {}
         white = self.white(residuals)
         first = np.cumsum([0, *(x.size for x in point.trials)])
         local = int(first[-1])
@@ -386,7 +383,8 @@ class Problem:
                 shared = np.append(shared, p + further.places(command))
             for i in everyone:
                 private, candidates = np.arange(first[i], first[i + 1]), end + i * each + np.arange(each)
-                columns = given[i] if i in given else self.columns(i, point, slopes, further)
+                columns = further.columns.get(i) if further else None
+                columns = self.columns(i, point, slopes, further) if columns is None else columns
                 rows[i] = np.concatenate([private, shared, candidates]), self.whiten(i, columns)
             traces = self._traces(point, slopes, command)
             for some in [(i,) for i in everyone] if apart else [everyone]:
