@@ -169,7 +169,6 @@ def assemble(
         soil=problem.bench.world.soil,
         active=terms.active,
         virtual=all(t.info.virtual for t in readings.trials),
-        runs=problem.bench.runs,
         detectable=(*power[0], *_clock_detectable(late, limits.latency, effects)) if power else (),
         confusion=power[1] if power else None,
     )

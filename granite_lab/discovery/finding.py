@@ -385,7 +385,7 @@ class Finding(Shown):
     soil: Soil
     active: tuple[Active, ...]
     virtual: bool
-    runs: int
+    runs: int = 0
     failures: tuple[str, ...] = field(default=())
     tracebacks: tuple[str, ...] = field(default=())
     origin: Origin = NOWHERE

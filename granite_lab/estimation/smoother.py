@@ -38,7 +38,10 @@ WANDERS = 3.0
 STEADY_SLIP, GYRO_SCALE = "steady slip that no standstill shows", "scale error of the gyro"
 """Sources of errors that the filter leaves out."""
 
-NOISY = ("wheel", "specific_force", "zero_rate", "reference_v", "reference_x")
+REFERENCES = ("reference_v", "reference_x")
+"""Measurements of the body by an external reference."""
+
+NOISY = ("wheel", "specific_force", "zero_rate", *REFERENCES)
 """Measurements whose noise grows where they miss their prediction. A standstill or a tape is exact: there the
 prediction is to blame."""
 
@@ -46,9 +49,6 @@ WANDERING = ("wheel", "specific_force", "zero_rate")
 """Measurements whose slow innovations count, too: of wheels that wander against the IMU, of biases that drift
 faster than their grade says. A reference bounds what these do to the velocity; its own errors are slow by
 nature."""
-
-REFERENCES = ("reference_v", "reference_x")
-"""Measurements of the body by an external reference."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -402,12 +402,11 @@ def mismatch(came: Innovations) -> dict[str, float]:
 
 def widening(came: Innovations) -> float:
     """Factor on all variances, by the kind of measurement that misses its prediction most."""
-    sizes = mismatch(came)
+    sizes, wander = mismatch(came), 0.0
     if not sizes.keys() & {*REFERENCES}:
         ratio = came.value / np.sqrt(came.variance)
         wander = max(slow_excess(ratio[came.fresh(kind)]) for kind in WANDERING)
-        sizes["slow"] = wander if wander > WANDERS else 1.0
-    return max([1.0, *sizes.values()])
+    return max([*sizes.values(), wander if wander > WANDERS else 1.0])
 
 
 def slow_excess(ratio: Array) -> float:

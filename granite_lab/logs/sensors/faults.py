@@ -42,17 +42,21 @@ class Faults:
         if self.gaps:
             total = sum(end - begin for begin, end in self.gaps)
             count = plural(len(self.gaps), "gap")
-            doubts.append(Doubt(f"{count} in the IMU's samples, {total:.3f} s in all", "", grows, "fair"))
+            doubts.append(
+                Doubt(f"{count} in the IMU's samples, {total:.3f} s in all", remedy=grows, grade="fair")
+            )
         if self.plateaus:
             times = plural(len(self.plateaus), "time")
-            doubts.append(Doubt(f"the IMU stands at its limit {times}", "", grows, "fair"))
+            doubts.append(Doubt(f"the IMU stands at its limit {times}", remedy=grows, grade="fair"))
         if self.spikes.any():
             n = int(np.count_nonzero(self.spikes))
             thrown = f"{plural(n, 'single reading')} of the IMU thrown off"
             doubts.append(Doubt(thrown, remedy="replaced"))
         for restart in self.restarts:
             place = f"in the gap at {restart.begin:.2f} s" if restart.gap else f"after {restart.begin:.2f} s"
-            doubts.append(Doubt(f"the IMU's biases changed {place}, as after a restart", "", grows, "fair"))
+            doubts.append(
+                Doubt(f"the IMU's biases changed {place}, as after a restart", remedy=grows, grade="fair")
+            )
         return doubts
 
     def hide(self, begin: float, end: float) -> bool:
