@@ -14,7 +14,8 @@ from granite_lab.discovery.leaders import Look, Promise, leaders, origins, scree
 from granite_lab.discovery.relevance import good, made, needed, shows, strained, unexplained
 from granite_lab.discovery.sets import attempts, fit_sets, set_of, where_alone
 from granite_lab.inference.constants import DRAWS, EFFECT_ODDS, FEW, LEFT, RIVAL, TOLERANCE, TRIED, WORTH
-from granite_lab.inference.fit import LEAST, ROUNDS, Fit, under
+from granite_lab.inference.descent import LEAST
+from granite_lab.inference.fit import ROUNDS, Fit, under
 from granite_lab.inference.gap import prediction_change
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point

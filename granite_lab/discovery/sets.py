@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.errors import EstimateError
-from granite_lab.inference.fit import LEAST_OF_ROUGH, ROUNDS, Fit, fit
+from granite_lab.inference.descent import LEAST_OF_ROUGH
+from granite_lab.inference.fit import ROUNDS, Fit, fit
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem

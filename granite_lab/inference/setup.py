@@ -17,7 +17,8 @@ from granite_lab.inference.constants import (
     REST_SHARE,
     UPDATES,
 )
-from granite_lab.inference.fit import LEAST, LEAST_OF_ROUGH, Fit, fit
+from granite_lab.inference.descent import LEAST, LEAST_OF_ROUGH
+from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.noise import FAST, FLOOR, NOMINAL, Whitener, at_rest, errors, identify, white
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.observation import bin_width, observe

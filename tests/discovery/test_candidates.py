@@ -9,7 +9,8 @@ from granite_lab.discovery.candidates import around, scores, screen, sizes
 from granite_lab.discovery.search import Model, _Steps
 from granite_lab.inference.bench import ACCURACY, Task, World
 from granite_lab.inference.constants import FEW, TOLERANCE, WORTH
-from granite_lab.inference.fit import LEAST_OF_ROUGH, fit
+from granite_lab.inference.descent import LEAST_OF_ROUGH
+from granite_lab.inference.fit import fit
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 from granite_lab.model.instants import instants

@@ -21,8 +21,9 @@ from granite_lab.discovery.verdict import OPEN, Judgement, Named, by_posterior, 
 from granite_lab.discovery.words import provisional, sentence
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import REST_SHARE, WORTH
+from granite_lab.inference.descent import LEAST_OF_ROUGH
 from granite_lab.inference.discrepancy import MOTION, REST
-from granite_lab.inference.fit import LEAST_OF_ROUGH, Fit, fit, taken
+from granite_lab.inference.fit import Fit, fit, taken
 from granite_lab.inference.noise import white
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point

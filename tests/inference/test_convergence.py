@@ -11,7 +11,8 @@ import pytest
 from granite_lab.chain import corrected
 from granite_lab.effects import get
 from granite_lab.inference.bench import SAND, Bench, World
-from granite_lab.inference.fit import LEAST, NO_FURTHER, Fit, fit
+from granite_lab.inference.descent import LEAST, NO_FURTHER
+from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.priors import centre_of
 from granite_lab.inference.problem import Problem

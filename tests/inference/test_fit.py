@@ -9,7 +9,8 @@ from granite_lab.errors import EstimateError
 from granite_lab.inference import noise
 from granite_lab.inference.bench import RAKED, SAND
 from granite_lab.inference.constants import PSEUDO_TRIALS
-from granite_lab.inference.fit import Fit, _aim, _linear, fit, simulated, under
+from granite_lab.inference.descent import _aim, _linear, simulated
+from granite_lab.inference.fit import Fit, fit, under
 from granite_lab.inference.gap import discrepancies
 from granite_lab.inference.noise import FLOOR
 from granite_lab.inference.normal import Scales
