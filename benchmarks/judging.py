@@ -18,7 +18,7 @@ from granite_lab.hidden.scoring import Score, score
 T = TypeVar("T")
 
 
-def side_by_side(judge: Callable[[T], Line], sets: Sequence[T], minutes: float, jobs: int) -> Iterator[Line]:
+def parallel(judge: Callable[[T], Line], sets: Sequence[T], minutes: float, jobs: int) -> Iterator[Line]:
     """Yield the lines of sets as they are judged, each in a process; none is begun after so many minutes."""
     end, waiting, running = time.monotonic() + 60 * minutes, list(sets), set[Future[Line]]()
     with ProcessPoolExecutor(jobs) as pool:

@@ -24,7 +24,7 @@ from benchmarks.against_truth import table
 from benchmarks.blind_code import ROOT, code_hash, commit
 from benchmarks.blind_page import current, every_stated
 from benchmarks.intervals import wilson
-from benchmarks.judging import short, side_by_side, stated
+from benchmarks.judging import parallel, short, stated
 from benchmarks.lines import Line, add, of_code, read, show
 from benchmarks.reliability import section, write_diagram
 from granite_lab.errors import EstimateError, LabError
@@ -155,7 +155,7 @@ def main() -> None:
     done = {x["key"] for x in lines}
     seeds = range(options.first, options.first + options.count)
     waiting = [s for s in seeds if f"{s}/{options.lab}" not in done]
-    judged = side_by_side(partial(one, lab=options.lab), waiting, options.minutes, options.jobs)
+    judged = parallel(partial(one, lab=options.lab), waiting, options.minutes, options.jobs)
     add(options.results, lines, judged, version)
     show(lines, page, options.out)
     if options.out is not None:

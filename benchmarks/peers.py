@@ -30,15 +30,15 @@ import numpy as np
 
 import granite_lab
 from benchmarks.blind_code import ROOT, code_hash, commit
-from benchmarks.judging import short, side_by_side
+from benchmarks.judging import parallel, short
 from benchmarks.lines import Line, add, of_code, read, show
 from benchmarks.mixtures import task
 from benchmarks.peers_learn import INPUTS, PEERS, Places, Table, measured, residuals_without, simulated
 from benchmarks.peers_page import GROUPS, page
 from granite_lab.discovery import discover
 from granite_lab.discovery.heldout import Equations, by_others, closed, gaps
-from granite_lab.discovery.search import Search
-from granite_lab.discovery.verdict import Judgement, judge, whole_of
+from granite_lab.discovery.models import Search
+from granite_lab.discovery.verdict import Judgement, judge, performance_of
 from granite_lab.errors import LabError
 from granite_lab.estimate import Estimate
 from granite_lab.inference.fit import Fit
@@ -69,7 +69,7 @@ def compared(logs: Sequence[Path]) -> Line:
         "seconds": round(time.process_time() - start, 1),
     }  # fmt: skip
     problem, search, judgement, tolerance = seen[-1]
-    gap = whole_of(judgement.before, judgement.after).gap
+    gap = performance_of(judgement.before, judgement.after).gap
     if judgement.verdict == "none" or not gap.sum() > 0:
         return line | {"status": "no gap"}
     own = {key: told(finding.closed[key]) for key in ("trials", "speeds")}
@@ -191,7 +191,7 @@ def main() -> None:
     done, only = {x["key"] for x in lines}, set(filter(None, options.only.split(",")))
     every = sets(options.outside, options.mixtures, options.blind)
     names = [n for n in every if Path(n).name not in done and (not only or Path(n).name in only)]
-    judged = side_by_side(one, names, options.minutes, options.jobs)
+    judged = parallel(one, names, options.minutes, options.jobs)
     add(options.results, lines, judged, version)
     show(lines, partial(page, of=len(every)), options.out)
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from granite_lab.estimation.motion import Motion
-from granite_lab.inference.bench import RAKED, SIGNALS
 from granite_lab.inference.fit import Fit
+from granite_lab.inference.pool import SAND_PER_TRIAL, SIGNALS
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import velocities_at
@@ -85,7 +85,7 @@ def simulated(problem: Problem, base: Fit) -> list[Array]:
     assert responses is not None, "a fit has a solution"
     for t, response, x in zip(problem.trials, responses, base.point.trials, strict=True):
         wheel = t.radius * np.gradient((response[front] + response[rear]) / 2, t.t)
-        at = t.observation.t - x[RAKED]
+        at = t.observation.t - x[SAND_PER_TRIAL]
         rows = (wheel, wheel - response[body], np.gradient(response[body], t.t))
         found.append(_inputs(at, t.observation.variant, [np.interp(at, t.t, row) for row in rows]))
     return found

@@ -226,7 +226,7 @@ def find_effect(
             NO_SLIP, "granite-lab ingest shows how well the slip ratio of each trial is known"
         )
     from granite_lab.discovery.assemble import a_theta_views  # noqa: PLC0415, heavy
-    from granite_lab.discovery.discover import Simulating, discover  # noqa: PLC0415, heavy
+    from granite_lab.discovery.discover import SimulationOptions, discover  # noqa: PLC0415, heavy
     from granite_lab.discovery.finding import Limits  # noqa: PLC0415, heavy
     from granite_lab.running.simulations import effects_of_search, on_cluster  # noqa: PLC0415, heavy
 
@@ -249,7 +249,7 @@ def find_effect(
         finding = discover(
             trials, motions, robot, soil, library(options.effects),
             Limits(options.tolerance, options.latency),
-            Simulating(execution.jobs or os.cpu_count() or 1, respond, progress),
+            SimulationOptions(execution.jobs or os.cpu_count() or 1, respond, progress),
         )  # fmt: skip
     law = law or law_by_slip(trials, motions, robot, soil)
     finding = replace(finding, a_theta=a_theta_views(finding, law), simulates=_simulated(finding))

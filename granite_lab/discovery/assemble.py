@@ -26,22 +26,22 @@ from granite_lab.discovery.finding import (
     Status,
     Verdict,
 )
+from granite_lab.discovery.models import Model, Search
 from granite_lab.discovery.power import POWER
 from granite_lab.discovery.resampling import SUREST, by_evidence
-from granite_lab.discovery.search import Model, Search
-from granite_lab.discovery.verdict import OPEN, Judgement, Named, at_bounds, holding
+from granite_lab.discovery.verdict import OPEN, EffectEvidence, Judgement, at_bounds, holding
 from granite_lab.discovery.where import disagreements
 from granite_lab.discovery.words import notes, provisional, sentence
 from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit, View, views_of
 from granite_lab.fitting.k92 import SHARED_AS
-from granite_lab.inference.bench import RAKED, SAND
 from granite_lab.inference.constants import FORMULA_ERROR
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import Discrepancy, beyond, discrepancies
 from granite_lab.inference.observation import CHANNELS, UNITS
 from granite_lab.inference.point import SHARED
+from granite_lab.inference.pool import SAND, SAND_PER_TRIAL
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.dictionary import is_term
@@ -52,7 +52,7 @@ T = TypeVar("T")
 
 
 @dataclass
-class Attempts:
+class OptionalParts:
     """Parts of the analysis after the search: what fails costs nothing of the others.
 
     Attributes:
@@ -63,7 +63,7 @@ class Attempts:
     lines: list[str] = field(default_factory=list)
     tracebacks: list[str] = field(default_factory=list)
 
-    def of(self, part: str, make: Callable[[], T], otherwise: T) -> T:
+    def attempt(self, part: str, make: Callable[[], T], otherwise: T) -> T:
         """Return what a part gives, or a value in its place where a defect ends it.
 
         Args:
@@ -80,7 +80,7 @@ class Attempts:
 
 
 @dataclass(frozen=True)
-class Readings:
+class SearchedTrials:
     """The trials of a search.
 
     Attributes:
@@ -118,28 +118,28 @@ class Outcome:
 def assemble(
     problem: Problem,
     outcome: Outcome,
-    readings: Readings,
+    trials: SearchedTrials,
     effects: Mapping[str, Effect],
     limits: Limits,
-    parts: Attempts,
+    parts: OptionalParts,
 ) -> Finding:
     """Gather what was found.
 
     Args:
         problem: the trials.
         outcome: of the search.
-        readings: from which the problem was made.
+        trials: from which the problem was made.
         effects: all effects by id.
         limits: what is no missing effect.
         parts: tries the parts that the verdict does not need, and keeps what fails.
     """
     search, judgement, tolerance = outcome.search, outcome.judgement, limits.discrepancy
-    before, after, power = search.alone.fit, judgement.model.fit, outcome.power
-    late = _latency(search.best.fit, problem, readings.clock_applied)
+    before, after, power = search.baseline.fit, judgement.model.fit, outcome.power
+    late = _latency(search.best.fit, problem, trials.clock_applied)
     terms = _terms(problem, judgement, late, limits.latency, effects)
     none: list[Discrepancy] = []
-    lacking = parts.of("the discrepancy", lambda: discrepancies(problem, before), none)
-    missing = parts.of("what is left of it", lambda: discrepancies(problem, after), none)
+    lacking = parts.attempt("the discrepancy", lambda: discrepancies(problem, before), none)
+    missing = parts.attempt("what is left of it", lambda: discrepancies(problem, after), none)
     reasons = provisional(problem)
     finding = Finding(
         verdict=terms.verdict,
@@ -163,12 +163,12 @@ def assemble(
         ground_wave=judgement.ground_wave,
         trials_left_out=_trials_left_out(problem, judgement),
         speeds_left_out=_speeds_left_out(problem, judgement),
-        dropped=readings.dropped,
+        dropped=trials.dropped,
         notes=notes(problem, judgement, terms.named),
-        robot=problem.bench.world.robot,
-        soil=problem.bench.world.soil,
+        robot=problem.pool.scenario.robot,
+        soil=problem.pool.scenario.soil,
         active=terms.active,
-        virtual=all(t.info.virtual for t in readings.trials),
+        virtual=all(t.info.virtual for t in trials.trials),
         detectable=(*power[0], *_clock_detectable(late, limits.latency, effects)) if power else (),
         confusion=power[1] if power else None,
     )
@@ -180,21 +180,21 @@ def _detailed(
     problem: Problem,
     outcome: Outcome,
     missing: tuple[list[Discrepancy], list[Discrepancy]],
-    parts: Attempts,
+    parts: OptionalParts,
 ) -> Finding:
     """Add gaps, intervals, candidates and residuals; `missing` is without and with the effects."""
     judgement, tolerance = outcome.judgement, finding.tolerance
-    fits, (without, with_effects) = (outcome.search.alone.fit, judgement.model.fit), missing
+    fits, (without, with_effects) = (outcome.search.baseline.fit, judgement.model.fit), missing
     return replace(
         finding,
-        gap=parts.of("the gap", lambda: _gap(problem, judgement, *fits, tolerance), finding.gap),
+        gap=parts.attempt("the gap", lambda: _gap(problem, judgement, *fits, tolerance), finding.gap),
         gaps=tuple(_gap_of(c, *missing, tolerance) for c in _channels(problem)),
-        where=parts.of("where they disagree", lambda: disagreements(problem, without, tolerance), ()),
-        left=parts.of("what is left", lambda: disagreements(problem, with_effects, tolerance), ()),
-        candidates=parts.of(
+        where=parts.attempt("where they disagree", lambda: disagreements(problem, without, tolerance), ()),
+        left=parts.attempt("what is left", lambda: disagreements(problem, with_effects, tolerance), ()),
+        candidates=parts.attempt(
             "the list of candidates", lambda: _candidates(problem, outcome.search, judgement, tolerance), ()
         ),
-        residuals=parts.of("the residuals", lambda: tuple(_residuals(problem, fits, missing)), ()),
+        residuals=parts.attempt("the residuals", lambda: tuple(_residuals(problem, fits, missing)), ()),
     )
 
 
@@ -259,8 +259,10 @@ def _clock_detectable(late: Estimate, limit: float, effects: Mapping[str, Effect
     return (Detectable("clock_offset", "offset", "s", limit + (2 + POWER) * late.std, "tolerance", ()),)
 
 
-def _effect(problem: Problem, model: Model, named: Named, effects: Mapping[str, Effect]) -> EffectFinding:
-    effect = problem.bench.world.effects.get(named.id) or effects[named.id]
+def _effect(
+    problem: Problem, model: Model, named: EffectEvidence, effects: Mapping[str, Effect]
+) -> EffectFinding:
+    effect = problem.pool.scenario.effects.get(named.id) or effects[named.id]
     numbers = _numbers(problem, model.fit, named.id) if named.id in model.effects else ()
     return EffectFinding(
         named.id, effect.title, effect.equation, numbers, named.twins, named.probability, named.closes,
@@ -268,7 +270,9 @@ def _effect(problem: Problem, model: Model, named: Named, effects: Mapping[str, 
     )  # fmt: skip
 
 
-def _small(problem: Problem, search: Search, named: Named, effects: Mapping[str, Effect]) -> EffectFinding:
+def _small(
+    problem: Problem, search: Search, named: EffectEvidence, effects: Mapping[str, Effect]
+) -> EffectFinding:
     model = next(m for m in search.models if named.id in m.effects)
     return _effect(problem, model, named, effects)
 
@@ -282,13 +286,13 @@ def _strained(problem: Problem, judgement: Judgement) -> tuple[str, ...]:
     of_effects = [f"{n.id}.{name}" for n in named for name in n.strained]
     point = judgement.model.fit.point
     sand = zip(SAND, point.shared, problem.sand_std, strict=False)
-    every: dict[str, list[float]] = {}
+    by_name: dict[str, list[float]] = {}
     for t, x in zip(problem.trials, point.trials, strict=True):
         for slack, value in zip(t.slacks, x, strict=False):
             if slack.learnt:
-                every.setdefault(slack.name, []).append(float(value))
+                by_name.setdefault(slack.name, []).append(float(value))
     first = problem.learnt_std
-    of_trials = [name for name, values in every.items() if abs(np.mean(values)) > 2 * first[name]]
+    of_trials = [name for name, values in by_name.items() if abs(np.mean(values)) > 2 * first[name]]
     return (*of_effects, *dict.fromkeys([*(n for n, value, std in sand if abs(value) > 2 * std), *of_trials]))
 
 
@@ -318,7 +322,7 @@ def _numbers(problem: Problem, fit: Fit, id_: str) -> tuple[FittedParameter, ...
 
 def _active(problem: Problem, fit: Fit) -> tuple[Active, ...]:
     """Return the effects as a simulation takes them, see `_typical` for what each trial has of its own."""
-    point, effects = fit.point, problem.bench.world.effects
+    point, effects = fit.point, problem.pool.scenario.effects
     typical = _typical(problem, fit)
     return tuple(
         Active(effects[id_], values)
@@ -338,7 +342,7 @@ def _typical(problem: Problem, fit: Fit) -> Array:
     square = np.asarray(np.mean(np.square(rows), axis=0))
     place = {(id_, p.name): k for k, (id_, p) in enumerate(private)}
     for id_ in fit.point.effects:
-        for pair in problem.bench.world.effects[id_].circles:
+        for pair in problem.pool.scenario.effects[id_].circles:
             c, s = (place[id_, name] for name in pair)
             typical[c], typical[s] = min(float(np.sqrt(square[c] + square[s])), private[c][1].high), 0.0
     return typical
@@ -368,37 +372,37 @@ def _ratio(values: Sequence[float], floor: float) -> tuple[float, float]:
 def _candidates(
     problem: Problem, search: Search, judgement: Judgement, tolerance: float
 ) -> tuple[Candidate, ...]:
-    """Return every candidate as it fared beside the model alone, the likeliest first."""
-    alone, competition = search.alone, judgement.competition or by_evidence(search)
-    named = {n.id for n in judgement.named}
-    described = {n.id for n in judgement.described}
-    twins = {t for n in judgement.named for t in n.twins}
-    small = {n.id for n in judgement.small}
-    left, floor = beyond(problem, alone.fit, tolerance)
-    gains: dict[str, float] = {}
-    for look in (k for k in search.looks.get((), ()) if not k.tolerated):
-        for score in look.scores:
-            gains[score.candidate] = max(gains.get(score.candidate, -np.inf), score.gain)
+    """Return every candidate as it fared as the only effect, the likeliest first."""
+    baseline, competition = search.baseline, judgement.competition or by_evidence(search)
+    misfit, floor = beyond(problem, baseline.fit, tolerance)
     candidates = []
-    no_bounds: tuple[str, ...] = ()
-    for id_, gain in gains.items():
+    for id_, gain in search.screened_gains().items():
         model = search.model((id_,))
-        probability = competition.probability(holding(id_))
-        closes, bounds = float("nan"), no_bounds
-        status: Status = "screened"
+        closes, bounds = float("nan"), _NO_BOUNDS
         if model is not None:
-            gain = model.fit.evidence - alone.fit.evidence  # noqa: PLW2901, the full fit replaces the screen
-            status, bounds = "less likely", at_bounds(problem, model.fit, id_)
-            if left > floor:
-                closes = (left - beyond(problem, model.fit, tolerance)[0]) / (left - floor)
-        if bounds and id_ not in named:
-            status = "at a bound"
-        fates: tuple[tuple[Status, set[str]], ...] = (
-            ("named", named), ("twin", twins), ("described", described), ("small", small),
-        )  # fmt: skip
-        status = next((fate for fate, ids in fates if id_ in ids), status)
+            gain = model.fit.evidence - baseline.fit.evidence  # noqa: PLW2901, the full fit replaces the screen
+            bounds = at_bounds(problem, model.fit, id_)
+            if misfit > floor:
+                closes = (misfit - beyond(problem, model.fit, tolerance)[0]) / (misfit - floor)
+        status = _status(judgement, id_, "screened" if model is None else "less likely", bounds)
+        probability = competition.probability(holding(id_))
         candidates.append(Candidate(id_, gain, probability, closes, status, bounds))
     return tuple(sorted(candidates, key=lambda c: (-c.probability, -c.gain)))
+
+
+_NO_BOUNDS: tuple[str, ...] = ()
+
+
+def _status(judgement: Judgement, id_: str, otherwise: Status, bounds: tuple[str, ...]) -> Status:
+    """Return what became of a candidate, `otherwise` if the judgement does not mention it."""
+    statuses: tuple[tuple[Status, set[str]], ...] = (
+        ("named", {e.id for e in judgement.named}),
+        ("twin", {twin for e in judgement.named for twin in e.twins}),
+        ("described", {e.id for e in judgement.described}),
+        ("small", {e.id for e in judgement.small}),
+    )
+    unmentioned: Status = "at a bound" if bounds else otherwise
+    return next((status for status, ids in statuses if id_ in ids), unmentioned)
 
 
 def _residuals(
@@ -442,11 +446,11 @@ def _sand(fit: Fit) -> dict[str, Estimate]:
 
 
 def _sand_of(problem: Problem, fit: Fit, i: int) -> tuple[str, dict[str, float]]:
-    soil = problem.bench.world.soil
-    base = {"a_theta": load_paper().a_theta} | {n: float(getattr(soil, n)) for n in SAND[1:RAKED]}
-    ratio = np.exp(fit.point.shared[:RAKED] + fit.point.trials[i][:RAKED])
+    soil = problem.pool.scenario.soil
+    base = {"a_theta": load_paper().a_theta} | {n: float(getattr(soil, n)) for n in SAND[1:SAND_PER_TRIAL]}
+    ratio = np.exp(fit.point.shared[:SAND_PER_TRIAL] + fit.point.trials[i][:SAND_PER_TRIAL])
     return problem.trials[i].observation.name, {
-        n: base[n] * float(r) for n, r in zip(SAND[:RAKED], ratio, strict=True)
+        n: base[n] * float(r) for n, r in zip(SAND[:SAND_PER_TRIAL], ratio, strict=True)
     }
 
 

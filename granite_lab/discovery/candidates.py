@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from granite_lab.inference.bench import Task
 from granite_lab.inference.constants import LINEAR, MEMORY, NOTHING, RIVAL
 from granite_lab.inference.fit import Fit
-from granite_lab.inference.normal import Normal, Posterior, posterior
+from granite_lab.inference.normal import NormalEquations, Posterior, posterior
 from granite_lab.inference.point import Further, Point, stacked
+from granite_lab.inference.pool import Task
 from granite_lab.inference.priors import width_of
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.shelf import Shelved
+from granite_lab.inference.spill import Spillable
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 
@@ -54,7 +54,7 @@ class Screen:
             those of `per_trial`, then the residual.
         marginal: the normal equations it is of, and the log determinant of the discrepancy.
         trials: number of trials.
-        large: `normal` and `raw`.
+        spillable: `normal` and `raw`.
     """
 
     probes: tuple[Probe, ...]
@@ -62,12 +62,12 @@ class Screen:
     posterior: Posterior
     marginal: tuple[Array, float]
     trials: int
-    large: Shelved[tuple[Normal, Mapping[int, Array]]]
+    spillable: Spillable[tuple[NormalEquations, Mapping[int, Array]]]
 
     @property
-    def normal(self) -> Normal:
+    def normal(self) -> NormalEquations:
         """Equations from which `posterior` and `marginal` follow under other scales."""
-        return self.large.value[0]
+        return self.spillable.value[0]
 
     @property
     def raw(self) -> Mapping[int, Array]:
@@ -75,19 +75,19 @@ class Screen:
 
         They are by the trial's own parameters, the shared ones, `probes`, then `per_trial` of the trial.
         """
-        return self.large.value[1]
+        return self.spillable.value[1]
 
     def columns_of(self, trial: int) -> Array:
         """Return the places of the candidates' columns that a trial has, in the order of `raw`."""
-        each = sum(len(group) for group in self.per_trial.values())
-        behind = len(self.probes) + trial * each + np.arange(each)
+        count = sum(len(group) for group in self.per_trial.values())
+        behind = len(self.probes) + trial * count + np.arange(count)
         return np.asarray(np.concatenate([np.arange(len(self.probes)), behind]))
 
     def places_per_trial(self, id_: str) -> Array:
         """Return the (trials, o) places of the columns of such a candidate."""
-        each = [p for group in self.per_trial.values() for p in group]
-        first = [k for k, p in enumerate(each) if p.candidate == id_]
-        return np.asarray(len(self.probes) + np.arange(self.trials)[:, None] * len(each) + np.array(first))
+        probes = [p for group in self.per_trial.values() for p in group]
+        first = [k for k, p in enumerate(probes) if p.candidate == id_]
+        return np.asarray(len(self.probes) + np.arange(self.trials)[:, None] * len(probes) + np.array(first))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +124,8 @@ def sizes(p: EffectParameter) -> tuple[float, ...]:
     least = max(low, LINEAR * high)
     if p.linear:
         return (float(np.sqrt(least * high)),)
-    every = (least / 2, float(np.sqrt(least * high)), high, 4 * high)
-    return tuple(size for size in every if p.neutral + size <= p.high)
+    expected = (least / 2, float(np.sqrt(least * high)), high, 4 * high)
+    return tuple(size for size in expected if p.neutral + size <= p.high)
 
 
 def probes_of(problem: Problem, id_: str, most: int | None = None) -> list[Probe]:
@@ -157,7 +157,7 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int | None =
     sound = np.ones(len(probes), dtype=bool)
     changes: dict[int, Array] = {}
     for number, everyone in enumerate(problem.inputs):  # the responses of all would take gigabytes
-        base, *stepped = problem.bench.run(_tasks(problem, fit, probes, number), keep=False)
+        base, *stepped = problem.pool.run(_tasks(problem, fit, probes, number), keep=False)
         sound &= np.array([base is not None and run is not None for run in stepped], dtype=bool)
         if base is None:
             break
@@ -167,11 +167,11 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int | None =
         per_trial.setdefault(probes[k].candidate, []).append(k)
     shared = [k for k in np.flatnonzero(sound).tolist() if not probes[k].parameter.per_trial]
     order = [*shared, *(k for group in per_trial.values() for k in group)]
-    columns = {i: problem.columns(i, fit.point, fit.slopes) for i, _ in enumerate(problem.trials)}
+    columns = {i: problem.columns(i, fit.point, fit.derivatives) for i, _ in enumerate(problem.trials)}
     if order:
         columns = {i: np.column_stack([table, changes.pop(i)[:, order]]) for i, table in columns.items()}
     further = Further.computed(columns, len(order), len(order) - len(shared))
-    normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=further, keep=False)
+    normal = problem.normal(fit.point, fit.derivatives, fit.residuals, further=further, keep=False)
     first = [everyone[0] for everyone in problem.commands]
     raw = {i: columns[i] for i in first}
     return Screen(
@@ -179,7 +179,7 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int | None =
         {id_: tuple(probes[k] for k in group) for id_, group in per_trial.items()},
         *_reduced(problem, normal, fit),
         len(problem.trials),
-        Shelved((normal, raw)),
+        Spillable((normal, raw)),
     )
 
 
@@ -219,7 +219,7 @@ def rescreened(problem: Problem, screened: Screen, fit: Fit) -> Screen:
     return replace(screened, posterior=after, marginal=marginal)
 
 
-def _reduced(problem: Problem, normal: Normal, fit: Fit) -> tuple[Posterior, tuple[Array, float]]:
+def _reduced(problem: Problem, normal: NormalEquations, fit: Fit) -> tuple[Posterior, tuple[Array, float]]:
     std, mean = problem.prior(fit.point, fit.scales)
     marginal = normal.marginal(fit.scales)
     return posterior(*marginal, std**-2.0, mean - fit.point.vector), marginal
@@ -312,23 +312,23 @@ def rivals(screened: Screen, id_: str) -> list[str]:
     best: dict[str, tuple[float, int, float]] = {}
     for k, p in enumerate(screened.probes):
         variance = (width_of(p.parameter) / p.size) ** 2
-        alone, _ = gain(rest, [k], np.array([variance]))
-        best[p.candidate] = max(best.get(p.candidate, (-np.inf, k, variance)), (alone, k, variance))
+        single, _ = gain(rest, [k], np.array([variance]))
+        best[p.candidate] = max(best.get(p.candidate, (-np.inf, k, variance)), (single, k, variance))
     if id_ not in best:
         return []
     reference, first, variance = best[id_]
     names = []
-    for other, (alone, k, wide) in best.items():
-        if other != id_ and alone >= RIVAL * reference:
+    for other, (single, k, wide) in best.items():
+        if other != id_ and single >= RIVAL * reference:
             both, _ = gain(rest, [first, k], np.array([variance, wide]))
-            names += [other] if both - reference < alone / 2 else []
+            names += [other] if both - reference < single / 2 else []
     return names
 
 
 def others_of(problem: Problem) -> list[list[int]]:
     """Return, command by command, the trials of all others; all trials where there is one command."""
-    every = [i for repetitions in problem.commands for i in repetitions]
-    return [[i for i in every if i not in repetitions] or every for repetitions in problem.commands]
+    trials = [i for repetitions in problem.commands for i in repetitions]
+    return [[i for i in trials if i not in repetitions] or trials for repetitions in problem.commands]
 
 
 def _per_trial(problem: Problem, screened: Screen, id_: str) -> Score:
@@ -347,8 +347,8 @@ def _per_trial(problem: Problem, screened: Screen, id_: str) -> Score:
         variances = np.tile((scale * width / size) ** 2, screened.trials)
         _, mean = gain(screened.posterior.rest, _listed(places), variances)
         value = min(
-            gain(screened.posterior.rest, _listed(places[some]), variances[: places[some].size])[0]
-            for some in others_of(problem)
+            gain(screened.posterior.rest, _listed(places[trials]), variances[: places[trials].size])[0]
+            for trials in others_of(problem)
         )
         if value > best.gain:
             trial_values = mean.reshape(places.shape) * size

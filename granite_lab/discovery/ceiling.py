@@ -15,16 +15,16 @@ from scipy.special import ndtri
 from granite_lab.discovery.finding import Ceiling, Push
 from granite_lab.discovery.pushes import Places, Pushes
 from granite_lab.discovery.where import intervals
-from granite_lab.inference.constants import CLOSE, CREDIBLE, NOTHING, TINY, UNSEEN
+from granite_lab.inference.constants import CREDIBLE, NEGLIGIBLE, NOTHING, TINY, UNSEEN
 from granite_lab.inference.fit import ROUNDS, Fit
 from granite_lab.inference.gap import beyond, tolerated
-from granite_lab.inference.normal import Normal, Posterior, posterior
+from granite_lab.inference.normal import NormalEquations, Posterior, posterior
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.latent import PUSHES
 
 
-def ceiling(problem: Problem, alone: Fit, pushes: Pushes, tolerance: float) -> Ceiling:
+def ceiling(problem: Problem, baseline: Fit, pushes: Pushes, tolerance: float) -> Ceiling:
     """Return how much of the gap any force could close beside the fit that was pushed.
 
     Forces are not credited with what they take up of the noise: each direction that the trials determine
@@ -33,16 +33,16 @@ def ceiling(problem: Problem, alone: Fit, pushes: Pushes, tolerance: float) -> C
 
     Args:
         problem: the trials.
-        alone: the fit without effects; what it leaves beyond noise and tolerance is the gap.
+        baseline: the fit without effects; what it leaves beyond noise and tolerance is the gap.
         pushes: about the likeliest model.
         tolerance: discrepancy that is taken for granted, as a share of a channel's rms.
     """
     fit = pushes.fit
-    misfits = [beyond(problem, f, tolerance) for f in (alone, fit)]
+    misfits = [beyond(problem, f, tolerance) for f in (baseline, fit)]
     left = misfits[1][0]
     gap = misfits[0][0] - min(floor for _, floor in misfits)
     kind = np.concatenate(pushes.kind)
-    normal = problem.normal(fit.point, fit.slopes, fit.residuals, further=pushes.further, keep=False)
+    normal = problem.normal(fit.point, fit.derivatives, fit.residuals, further=pushes.further, keep=False)
     solve = _Solver(problem, fit, normal, tolerance, kind)
     sizes = solve.learnt()
     fitted, value = solve.closed(sizes)
@@ -76,7 +76,9 @@ class _Solver:
         kind: (K,) quantity of each push.
     """
 
-    def __init__(self, problem: Problem, fit: Fit, normal: Normal, tolerance: float, kind: Places) -> None:
+    def __init__(
+        self, problem: Problem, fit: Fit, normal: NormalEquations, tolerance: float, kind: Places
+    ) -> None:
         self.kind = kind
         scales = tolerated(fit.scales, tolerance)
         self.M, self.logdet = normal.marginal(scales)
@@ -112,7 +114,7 @@ class _Solver:
                 ]
             )
             new = np.clip(new, UNSEEN, 1)
-            done = bool(np.all(np.abs(np.log(new / sizes)) < CLOSE))
+            done = bool(np.all(np.abs(np.log(new / sizes)) < NEGLIGIBLE))
             sizes = new
             if done:
                 break
@@ -127,7 +129,7 @@ def _shown(problem: Problem, pushes: Pushes, amplitudes: Array) -> dict[str, flo
         felt = pushes.changes[problem.input_of[repetitions[0]]] @ amplitudes[pushes.further.places(command)]
         shown = trial.effect_columns(felt[..., None], x, pushes.fit.point.sensors)
         for c, row in zip(trial.channels, shown.reshape(len(trial.channels), -1), strict=True):
-            size, moving = problem.size_of(command, c)
+            size, moving = problem.rms_of(command, c)
             if size > 0:
                 rms = float(np.sqrt(np.mean(row[moving] ** 2))) / size
                 largest[c] = max(largest.get(c, 0.0), rms)

@@ -46,14 +46,14 @@ def forces(problem: Problem, pushes: Pushes, number: int, terms: Sequence[Term])
     Raises:
         EstimateError: the run has no solution.
     """
-    world = problem.bench.world
+    scenario = problem.pool.scenario
     task = problem.centre(pushes.fit.point, number)
-    p, effects = world.parameters(task), world.active(task)
+    p, effects = scenario.parameters(task), scenario.active(task)
     factors = [t for t in terms if QUANTITIES[t.quantity].factor and not t.groups]
     sizes = [np.zeros(len(factors)), *(LINEAR * np.eye(len(factors)))]
     others = [[activate(t, {"a": float(a)}) for t, a in zip(factors, row, strict=True)] for row in sizes]
     names = tuple(dict.fromkeys(name.format(axle) for axle in "fr" for name in OF_AXLE))
-    plain, *changed = along(p, effects, others, names, world.accuracy)
+    plain, *changed = along(p, effects, others, names, scenario.accuracy)
     row = {name: k for k, name in enumerate(names)}
     by_factor = {t.quantity: (after - plain) / LINEAR for t, after in zip(factors, changed, strict=True)}
     i = problem.inputs[number][0]
@@ -138,7 +138,7 @@ class Screened:
         self.problem, self.fit, self.terms = problem, pushes.fit, tuple(terms)
         fit = self.fit
         self.normal = problem.normal(
-            fit.point, fit.slopes, fit.residuals, apart=True, further=pushes.further, keep=False
+            fit.point, fit.derivatives, fit.residuals, apart=True, further=pushes.further, keep=False
         )
         acting = [forces(problem, pushes, k, terms) for k, _ in enumerate(problem.inputs)]
         self._acting = [acting[problem.input_of[i]] for repetitions in problem.commands for i in repetitions]

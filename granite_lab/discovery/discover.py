@@ -8,25 +8,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from granite_lab.discovery.assemble import Attempts, Outcome, Readings, assemble
+from granite_lab.discovery.assemble import OptionalParts, Outcome, SearchedTrials, assemble
 from granite_lab.discovery.candidates import screen
 from granite_lab.discovery.finding import USUAL, Ceiling, Confusion, Detectable, Finding, Limits
+from granite_lab.discovery.fitted_sets import MOST
 from granite_lab.discovery.ground_waves import ground_wave
+from granite_lab.discovery.models import Search
 from granite_lab.discovery.orders import lugs
 from granite_lab.discovery.power import detectable
 from granite_lab.discovery.remainder import remainder, savable
-from granite_lab.discovery.search import MOST, Search, search
+from granite_lab.discovery.search import search
 from granite_lab.discovery.verdict import Judgement, by_posterior, judge, with_ground_wave
 from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.drive import drives, goes_by_command
-from granite_lab.inference.bench import Bench, Respond, World
 from granite_lab.inference.conditions import under_conditions
 from granite_lab.inference.constants import FEW, OUTLIER
 from granite_lab.inference.fit import Fit
+from granite_lab.inference.pool import Respond, Scenario, SimulationPool
 from granite_lab.inference.priors import sand_std
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.setup import at_first, baseline, clocks, nominal, trial_models
+from granite_lab.inference.setup import baseline, clock_choices, initial_point, nominal, trial_models
 from granite_lab.logs.trial import Trial
 from granite_lab.model.dictionary import dictionary
 from granite_lab.model.effect import Effect
@@ -43,7 +45,7 @@ these, predictions, and what the trials could show. A search that names fewer ef
 
 
 @dataclass(frozen=True)
-class Simulating:
+class SimulationOptions:
     """How a search simulates.
 
     Attributes:
@@ -57,7 +59,7 @@ class Simulating:
     progress: Progress = lambda *_: None
 
 
-HERE = Simulating()
+IN_PROCESS = SimulationOptions()
 """In this process, without a word."""
 
 
@@ -68,7 +70,7 @@ def discover(
     soil: Soil,
     effects: Mapping[str, Effect],
     limits: Limits = USUAL,
-    simulating: Simulating = HERE,
+    simulating: SimulationOptions = IN_PROCESS,
 ) -> Finding:
     """Find out whether the model explains trials, and if not, what is missing.
 
@@ -88,26 +90,26 @@ def discover(
     order = sorted(range(len(trials)), key=lambda i: trials[i].name)
     trials, motions = [trials[i] for i in order], [motions[i] for i in order]
     library, unobservable = _observable(motions, effects)
-    world = World(robot, soil, (), library | dictionary() | {LatentForce.id: LatentForce()})
+    scenario = Scenario(robot, soil, (), library | dictionary() | {LatentForce.id: LatentForce()})
     with one_thread(), ExitStack() as stack:
         watch = _Watch(simulating.progress)
 
-        def opened(world: World) -> Bench:
-            bench = Bench(world, simulating.jobs, watch.tick, simulating.respond)
-            return stack.enter_context(bench)
+        def opened(scenario: Scenario) -> SimulationPool:
+            pool = SimulationPool(scenario, simulating.jobs, watch.tick, simulating.respond)
+            return stack.enter_context(pool)
 
         watch.tell("fitting the model without effects", 0)
-        start = _fitted_alone(trials, motions, world, opened)
+        start = _fit_baseline(trials, motions, scenario, opened)
         count = lugs(start.problem, start.fit, robot.wheels.lugs)
         if count != robot.wheels.lugs:
-            start.problem.bench = opened(_with_lugs(start.problem.bench.world, count))
+            start.problem.pool = opened(_with_lugs(start.problem.pool.scenario, count))
         searched = search(
             start.problem, start.fit, tuple(library), limits.discrepancy,
             lambda text, named: watch.tell(text, 1 + named),
         )  # fmt: skip
-        parts = Attempts()
+        parts = OptionalParts()
         outcome = _judged(start, searched, tuple(library), limits.discrepancy, parts, watch.tell)
-        finding = assemble(start.problem, outcome, start.readings, effects, limits, parts)
+        finding = assemble(start.problem, outcome, start.searched, effects, limits, parts)
     finding = _noting_lugs(finding, robot, count)
     return replace(
         finding, notes=(*finding.notes, *unobservable), failures=tuple(parts.lines),
@@ -141,32 +143,35 @@ class _Start:
 
     problem: Problem
     fit: Fit
-    readings: Readings
+    searched: SearchedTrials
 
 
-def _fitted_alone(
-    trials: Sequence[Trial], motions: Sequence[Motion], world: World, opened: Callable[[World], Bench]
+def _fit_baseline(
+    trials: Sequence[Trial],
+    motions: Sequence[Motion],
+    scenario: Scenario,
+    opened: Callable[[Scenario], SimulationPool],
 ) -> _Start:
     """Fit the model without effects, by the clocks that it explains better, and leave out what nothing fits.
 
     Raises:
         InputError, EstimateError: as `discover`.
     """
-    ways = clocks(trials, motions)
-    models = [trial_models(some, world.robot, seen) for some, seen in ways]
-    plain = replace(world, variants=models[0][1])
-    worlds = [under_conditions(plain, some, m) for (some, _), (m, _) in zip(ways, models, strict=True)]
-    bench, std = opened(worlds[0]), sand_std(world.soil)
-    possible = [_possible(Problem(m, bench, std)) for m, _ in models]
-    fits = [at_first(problem)[1] for problem, _ in possible] if len(possible) > 1 else [0.0]
-    chosen = int(np.argmin(fits))
+    choices = clock_choices(trials, motions)
+    models = [trial_models(t, scenario.robot, m) for t, m in choices]
+    plain = replace(scenario, variants=models[0][1])
+    scenarios = [under_conditions(plain, t, m) for (t, _), (m, _) in zip(choices, models, strict=True)]
+    pool, std = opened(scenarios[0]), sand_std(scenario.soil)
+    possible = [_possible(Problem(m, pool, std)) for m, _ in models]
+    misfits = [initial_point(problem)[1] for problem, _ in possible] if len(possible) > 1 else [0.0]
+    chosen = int(np.argmin(misfits))
     problem, dropped = possible[chosen]
     base = baseline(problem)
     problem, outliers = _without(problem, _outliers(problem, base))
     if outliers:
         base = baseline(problem)
-    trials, motions = ways[chosen]
-    return _Start(problem, base, Readings(tuple(trials), tuple(motions), (*dropped, *outliers)))
+    trials, motions = choices[chosen]
+    return _Start(problem, base, SearchedTrials(tuple(trials), tuple(motions), (*dropped, *outliers)))
 
 
 def _judged(
@@ -174,7 +179,7 @@ def _judged(
     searched: Search,
     library: Sequence[str],
     tolerance: float,
-    parts: Attempts,
+    parts: OptionalParts,
     tell: Callable[[str, int], None],
 ) -> Outcome:
     """Judge what a search has fitted, describe what it leaves, and say what the trials could show.
@@ -183,27 +188,27 @@ def _judged(
     """
     problem = start.problem
     tell("predicting trials that are left out", STEPS - 2)
-    judged = parts.of(
+    judged = parts.attempt(
         "predictions of trials that are left out",
         lambda: judge(problem, searched, tolerance),
         by_posterior(problem, searched),
     )
-    judged = parts.of("what may be saved", lambda: savable(problem, searched, judged, tolerance), judged)
+    judged = parts.attempt("what may be saved", lambda: savable(problem, searched, judged, tolerance), judged)
     nothing: tuple[Judgement, Ceiling | None] = (judged, None)
-    judgement, limit = parts.of(
+    judgement, limit = parts.attempt(
         "what the library leaves",
         lambda: remainder(problem, searched, judged, tolerance, lambda text: tell(text, STEPS - 2)),
         nothing,
     )
-    judgement = parts.of(
+    judgement = parts.attempt(
         "waves of the ground",
         lambda: with_ground_wave(
-            judgement, ground_wave(problem, judgement.model.fit, start.readings.motions, tolerance)
+            judgement, ground_wave(problem, judgement.model.fit, start.searched.motions, tolerance)
         ),
         judgement,
     )
     tell("checking what these trials could show", STEPS - 1)
-    power = parts.of(
+    power = parts.attempt(
         "what these trials could show", lambda: _power(problem, searched, judged, library, tolerance), None
     )
     return Outcome(searched, judgement, limit, power)
@@ -215,12 +220,12 @@ def _without(problem: Problem, reasons: Mapping[int, str]) -> tuple[Problem, tup
         return problem, ()
     kept = [t for i, t in enumerate(problem.trials) if i not in reasons]
     names = tuple((problem.trials[i].observation.name, why) for i, why in reasons.items())
-    return Problem(kept, problem.bench, tuple(problem.sand_std.tolist())), names
+    return Problem(kept, problem.pool, tuple(problem.sand_std.tolist())), names
 
 
-def _with_lugs(world: World, count: float) -> World:
+def _with_lugs(scenario: Scenario, count: float) -> Scenario:
     """Return what simulations share, for wheels with another number of lugs."""
-    return replace(world, robot=replace(world.robot, wheels=replace(world.robot.wheels, lugs=count)))
+    return replace(scenario, robot=replace(scenario.robot, wheels=replace(scenario.robot.wheels, lugs=count)))
 
 
 def _noting_lugs(finding: Finding, robot: Robot, count: float) -> Finding:
@@ -267,9 +272,9 @@ def _power(
 ) -> tuple[tuple[Detectable, ...], Confusion]:
     """Return what the trials could show beside the named effects, by the stored screen where there is one."""
     model = judgement.model
-    looks = searched.looks.get(model.effects, ())
+    screenings = searched.screenings.get(model.effects, ())
     rest = [c for c in library if c not in model.effects]
-    screened = next((k.screened for k in looks if k.screened), None) or screen(
+    screened = next((k.screened for k in screenings if k.screened), None) or screen(
         problem, model.fit, rest, most=FEW
     )
     return detectable(problem, model.fit, screened, tolerance)
@@ -282,7 +287,7 @@ def _possible(problem: Problem) -> tuple[Problem, tuple[tuple[str, str], ...]]:
         EstimateError: that holds for all.
     """
     neutral = problem.neutral()
-    runs = problem.bench.run([problem.centre(neutral, c) for c in range(len(problem.inputs))])
+    runs = problem.pool.run([problem.centre(neutral, c) for c in range(len(problem.inputs))])
     out = {i for served, run in zip(problem.inputs, runs, strict=True) if run is None for i in served}
     if len(out) == len(problem.trials):
         raise EstimateError(

@@ -18,7 +18,7 @@ from granite_lab.discovery.finding import GroundWave
 from granite_lab.discovery.lines import SHOWN_BY, line_amplitude, table_of_gains, without_the_loudest
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
-from granite_lab.inference.constants import WORTH
+from granite_lab.inference.constants import LEAST_GAIN
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import remaining
 from granite_lab.inference.observation import UNITS
@@ -62,7 +62,7 @@ def ground_wave(problem: Problem, fit: Fit, motions: Sequence[Motion], tolerance
     table = table_of_gains(problem, left, place, numbers)
     whole = without_the_loudest(table)
     k, best = np.unravel_index(int(np.argmax(whole)), whole.shape)
-    worth = WORTH + math.log(whole.size)
+    worth = LEAST_GAIN + math.log(whole.size)
     rivals = [(time, _numbers(time)), (turns, np.arange(1, math.floor(orders[-1]) + 1))]
     others = [without_the_loudest(table_of_gains(problem, left, x, n)).max() for x, n in rivals]
     if whole[k, best] <= max(0.0, *others) + worth:
@@ -111,7 +111,7 @@ def _sizes(
     for command, repetitions in enumerate(problem.commands):
         for i in repetitions:
             channels = problem.trials[i].channels
-            size = problem.size_of(command, channel)[0] if channel in channels else 0.0
+            size = problem.rms_of(command, channel)[0] if channel in channels else 0.0
             if size > 0:
                 row = left[i][channels.index(channel)]
                 amplitude = line_amplitude(2 * np.pi * place[i] / wavelength, row)

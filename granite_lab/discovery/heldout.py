@@ -61,7 +61,7 @@ class Equations:
 
     def __init__(self, problem: Problem, fit: Fit, pinned: Sequence[int] = ()) -> None:
         self.fit = fit
-        self.normal = problem.normal(fit.point, fit.slopes, fit.residuals, apart=True, keep=False)
+        self.normal = problem.normal(fit.point, fit.derivatives, fit.residuals, apart=True, keep=False)
         std, mean = problem.prior(fit.point, fit.scales)
         first = std.size - fit.point.common.size
         neutral = [p.neutral for _, p in problem.parameters(fit.point.effects, per_trial=False)]
@@ -100,11 +100,11 @@ def _predict(problem: Problem, equations: Equations, tolerance: float) -> Predic
     n = len(order)
     parts = {i: k for k, i in enumerate(order)}
     in_fit, left, speed, expected = (np.full(n, np.nan) for _ in range(4))
-    everyone = shared_step(equations, tolerance, list(range(n)))
+    held = shared_step(equations, tolerance, list(range(n)))
     flexible = shared_step(equations, DISCREPANCIES[-1], list(range(n)))
     for i in range(n):
         k = parts[i]
-        in_fit[i] = _misfit(equations, k, i, tolerance, everyone)
+        in_fit[i] = _misfit(equations, k, i, tolerance, held)
         expected[i] = _misfit(equations, k, i, DISCREPANCIES[-1], flexible)
         expected[i] += equations.determined_by_prior(k, tolerance) - equations.determined_by_prior(
             k, DISCREPANCIES[-1]
@@ -114,8 +114,8 @@ def _predict(problem: Problem, equations: Equations, tolerance: float) -> Predic
     for out in problem.commands if len(problem.commands) > 1 else ():
         speed[list(out)] = by_others(problem, equations, tolerance, out)
     whole = _density(equations, tolerance, range(n))
-    rest = [[k for k, i in enumerate(order) if i not in out] for out in units(problem)]
-    losses = [whole - _density(equations, tolerance, some) if some else (np.nan, np.nan) for some in rest]
+    others = [[k for k, i in enumerate(order) if i not in out] for out in units(problem)]
+    losses = [whole - _density(equations, tolerance, rest) if rest else (np.nan, np.nan) for rest in others]
     loss, squares = np.array(losses).T
     return Predicted(in_fit, left, speed, expected, loss, squares)
 
@@ -137,9 +137,9 @@ def by_others(problem: Problem, equations: Equations, tolerance: float, out: Seq
     """
     order = [i for repetitions in problem.commands for i in repetitions]
     rest = [k for k, i in enumerate(order) if i not in out]
-    given = _density(equations, tolerance, rest)
+    of_rest = _density(equations, tolerance, rest)
     parts = [order.index(i) for i in out]
-    return np.array([(_density(equations, tolerance, [*rest, k]) - given)[1] for k in parts])
+    return np.array([(_density(equations, tolerance, [*rest, k]) - of_rest)[1] for k in parts])
 
 
 def shared_step(equations: Equations, share: float, only: Sequence[int]) -> Array:

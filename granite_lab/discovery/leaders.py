@@ -9,14 +9,14 @@ import numpy as np
 
 from granite_lab.discovery.candidates import Score, Screen, rescreened, rivals, scores, screen
 from granite_lab.errors import EstimateError
-from granite_lab.inference.constants import FEW, RIVAL, TOLERANCE, TRIED, WORTH
-from granite_lab.inference.fit import Fit, fit, taken
+from granite_lab.inference.constants import FEW, LEAST_GAIN, RIVAL, TOLERANCE, TRIED
+from granite_lab.inference.fit import Fit, fit, with_scales
 from granite_lab.inference.gap import tolerated
 from granite_lab.inference.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class Screening:
     """A screen of all candidates.
 
     Attributes:
@@ -38,7 +38,7 @@ def origins(problem: Problem, result: Fit) -> list[Fit]:
 
     Where much is missing, sand and sensors have moved to stand in for it.
     """
-    if not result.scales.loud and result.scales.largest <= 2 * TOLERANCE:
+    if not result.scales.poor_fit and result.scales.largest <= 2 * TOLERANCE:
         return [result]
     try:
         return [result, fit(problem, result.point.at_files(), result.scales, rounds=0)]
@@ -48,24 +48,24 @@ def origins(problem: Problem, result: Fit) -> list[Fit]:
 
 def screened(
     problem: Problem, origin: Fit, candidates: Sequence[str], sizes: int | None, tolerance: float | None
-) -> list[Look]:
+) -> list[Screening]:
     """Return the screens about a fit: with the scales as learnt, and with a tolerated discrepancy.
 
     In the latter trials differ as the files say: what all have in common may have widened what was learnt.
     """
     columns = screen(problem, origin, candidates, most=sizes)
-    looks = [Look(origin, columns, tuple(scores(problem, columns)))]
+    screenings = [Screening(origin, columns, tuple(scores(problem, columns)))]
     if tolerance is not None:
         learnt = problem.learnt_std
         priors = {name: std for name, std in origin.scales.priors.items() if name not in learnt}
-        fixed = taken(problem, origin, replace(tolerated(origin.scales, tolerance), priors=priors))
+        fixed = with_scales(problem, origin, replace(tolerated(origin.scales, tolerance), priors=priors))
         other = rescreened(problem, columns, fixed)
-        looks.append(Look(fixed, other, tuple(scores(problem, other)), True))
-    return looks
+        screenings.append(Screening(fixed, other, tuple(scores(problem, other)), True))
+    return screenings
 
 
 @dataclass(frozen=True, eq=False)
-class Promise:
+class Prospect:
     """What a candidate would bring at most over some screens: its gain, its score there, and where to start.
 
     A gain is linear about its screen's origin and does not tell from where a fit ends best: from sand that
@@ -77,54 +77,57 @@ class Promise:
     starts: tuple[tuple[Fit, Score], ...]
 
 
-def _promises(looks: Sequence[Look]) -> dict[str, Promise]:
+def _prospects(screenings: Sequence[Screening]) -> dict[str, Prospect]:
     """Return candidate to what it promises."""
-    first = looks[0].origin.posterior.evidence
+    first = screenings[0].origin.posterior.evidence
     every: dict[str, list[tuple[Fit, Score]]] = {}
-    for look in looks:
-        for score in look.scores:
-            every.setdefault(score.candidate, []).append((look.origin, score))
-    promises = {}
+    for screening in screenings:
+        for score in screening.scores:
+            every.setdefault(score.candidate, []).append((screening.origin, score))
+    prospects = {}
     for id_, entries in every.items():
         gains = [origin.posterior.evidence + score.gain - first for origin, score in entries]
         best = int(np.argmax(gains))
-        promises[id_] = Promise(gains[best], entries[best][1], tuple(entries))
-    return promises
+        prospects[id_] = Prospect(gains[best], entries[best][1], tuple(entries))
+    return prospects
 
 
-def _promising(promises: Mapping[str, Promise], most: int) -> list[Promise]:
+def _best_prospects(prospects: Mapping[str, Prospect], most: int) -> list[Prospect]:
     """Return what is promised by the candidates to be fitted.
 
     They are the `most` best. A rival must promise `RIVAL` of what the best one does: the screen is linear,
     and full fits have changed the order of candidates by factors of up to two.
     """
-    least = max(WORTH, RIVAL * max((p.gain for p in promises.values()), default=0.0))
-    ranked = sorted((p for p in promises.values() if p.gain > least), key=lambda p: -p.gain)
+    least = max(LEAST_GAIN, RIVAL * max((p.gain for p in prospects.values()), default=0.0))
+    ranked = sorted((p for p in prospects.values() if p.gain > least), key=lambda p: -p.gain)
     return ranked[:most]
 
 
-def _best_and_rivals(looks: Sequence[Look], most: int) -> list[Promise]:
+def _best_and_rivals(screenings: Sequence[Screening], most: int) -> list[Prospect]:
     """Return what is promised by the best candidate and its rivals.
 
     What adds to the best candidate in place of being its rival has its turn beside it.
     """
-    ranked = _promising(_promises(looks), most)
+    ranked = _best_prospects(_prospects(screenings), most)
     if not ranked or ranked[0].score.trial_values is not None:
         return ranked
     first = ranked[0].score.candidate
-    close = {first, *(c for look in looks if look.screened for c in rivals(look.screened, first))}
+    close = {
+        first,
+        *(c for screening in screenings if screening.screened for c in rivals(screening.screened, first)),
+    }
     return [p for p in ranked if p.score.candidate in close]
 
 
-def leaders(looks: Sequence[Look]) -> list[Promise]:
+def leaders(screenings: Sequence[Screening]) -> list[Prospect]:
     """Return the candidates of some screens that are fitted in full.
 
     They are `TRIED` under the scales as learnt, which come first, and `FEW` under the tolerated ones.
     """
-    promises = _best_and_rivals([k for k in looks if not k.tolerated], TRIED)
-    if tolerated := [k for k in looks if k.tolerated]:
-        promises += _best_and_rivals(tolerated, FEW)
-    first: dict[str, Promise] = {}
-    for promise in promises:
-        first.setdefault(promise.score.candidate, promise)
+    prospects = _best_and_rivals([k for k in screenings if not k.tolerated], TRIED)
+    if tolerated := [k for k in screenings if k.tolerated]:
+        prospects += _best_and_rivals(tolerated, FEW)
+    first: dict[str, Prospect] = {}
+    for prospect in prospects:
+        first.setdefault(prospect.score.candidate, prospect)
     return list(first.values())

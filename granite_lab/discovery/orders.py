@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from granite_lab.discovery.lines import table_of_gains, without_the_loudest
-from granite_lab.inference.constants import WORTH
+from granite_lab.inference.constants import LEAST_GAIN
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import remaining
 from granite_lab.inference.nuisances import TrialModel
@@ -68,5 +68,5 @@ def standing_out(table: Array, filed: float) -> float:
     possible = np.where(LUGS[0] <= ORDERS, whole, -np.inf)
     way, best = np.unravel_index(int(np.argmax(possible)), whole.shape)
     at_file = max(float(whole[:, round(filed) == ORDERS].max(initial=0.0)), 0.0)
-    worth = WORTH + math.log(whole.size)
+    worth = LEAST_GAIN + math.log(whole.size)
     return float(ORDERS[best]) if possible[way, best] > at_file + worth else filed

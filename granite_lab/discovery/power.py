@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from granite_lab.discovery.candidates import Probe, Screen, others_of
 from granite_lab.discovery.finding import Confusion, Detectable
-from granite_lab.inference.constants import CREDIBLE, DRAWS, SAME, TINY, WORTH
+from granite_lab.inference.constants import CREDIBLE, DRAWS, LEAST_GAIN, SAME, TINY
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import posterior
 from granite_lab.inference.priors import width_of
@@ -48,7 +48,7 @@ def detectable(
     per_trial = screened.per_trial
     gram = screened.posterior.rest[:-1, :-1]
     visible = _visible(problem, fit, screened)
-    needed = WORTH + np.log(CREDIBLE / (1 - CREDIBLE))
+    needed = LEAST_GAIN + np.log(CREDIBLE / (1 - CREDIBLE))
     limits = {
         k: (
             _by_noise(float(gram[k, k]), (width_of(p.parameter) / p.size) ** 2, needed),
@@ -76,7 +76,7 @@ def detectable(
     for id_, group in per_trial.items():
         places = screened.places_per_trial(id_)
         power = np.diag(gram)[places]
-        circles = problem.bench.world.effects[id_].circles
+        circles = problem.pool.scenario.effects[id_].circles
         for circle in circles or [(p.parameter.name,) for p in group]:
             at = [k for k, p in enumerate(group) if p.parameter.name in circle]
             most = _reach(group[at[0]])
@@ -209,7 +209,7 @@ def _visible(problem: Problem, fit: Fit, screened: Screen) -> Array:
         trace[:, screened.columns_of(i)] = raw[:, mine.size :]
         left = trace - raw[:, : mine.size] @ follow[mine]
         for name, bins in problem.rows[i].items():
-            size, moving = problem.size_of(command, name)
+            size, moving = problem.rms_of(command, name)
             if size > 0:
                 alone, beside = (np.mean(change[bins][moving] ** 2, axis=0) for change in (trace, left))
                 counted = np.where(per_trial, np.fmin(alone, beside), beside)
@@ -237,7 +237,7 @@ def _confusion(
         b = FACTOR * sizes[n] * G[row][:, None] + root @ rng.standard_normal((len(ids), DRAWS))
         gains = 0.5 * b**2 / (power + 1 / variance)[:, None] - 0.5 * np.log1p(power * variance)[:, None]
         first = gains.argmax(axis=0)
-        seen = gains.max(axis=0) > WORTH
+        seen = gains.max(axis=0) > LEAST_GAIN
         matrix[row] = [np.mean(seen & (first == k)) for k in range(len(ids))]
         missed[row] = float(np.mean(~seen))
     return Confusion(ids, cosines[np.ix_(place, place)], matrix, missed, FACTOR, DRAWS)

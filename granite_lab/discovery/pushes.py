@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab.inference.bench import SIGNALS, Task
 from granite_lab.inference.constants import LINEAR, MEMORY, REACH
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.point import Further, stacked
+from granite_lab.inference.pool import SIGNALS, Task
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration
@@ -65,7 +65,7 @@ def pushed(problem: Problem, fit: Fit) -> Pushes | None:
     A run carries pushes of one quantity a `PERIOD` apart; what the sensors show from one on until the next
     is the response to it.
     """
-    sizes = sizes_of(problem.bench.world.robot)
+    sizes = sizes_of(problem.pool.scenario.robot)
     phases: Array = SPACING * np.arange(round(PERIOD / SPACING), dtype=float)
     tasks: list[Task] = []
     if sum(_count(problem, number) for number, _ in enumerate(problem.inputs)) > LARGEST:
@@ -79,7 +79,7 @@ def pushed(problem: Problem, fit: Fit) -> Pushes | None:
                 values[q] = LINEAR * float(sizes[q])
                 setting = (*centre.setting, (LatentForce.id, tuple(values)))
                 tasks.append(replace(centre, setting=setting))
-    runs = problem.bench.run(tasks, keep=False)
+    runs = problem.pool.run(tasks, keep=False)
     responses = [r for r in runs if r is not None]
     if len(responses) < len(runs):
         return None

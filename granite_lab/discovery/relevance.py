@@ -8,21 +8,21 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.inference.constants import FORMULA_ERROR, LEAST_SHARE
-from granite_lab.inference.fit import Fit, taken, under
+from granite_lab.inference.fit import Fit, with_priors, with_scales
 from granite_lab.inference.gap import largest_discrepancies, prediction_change, tolerated
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.problem import Problem
 
 
-def good(problem: Problem, result: Fit, tolerance: float) -> bool:
+def is_adequate(problem: Problem, result: Fit, tolerance: float) -> bool:
     """Tell whether a fit leaves no discrepancy beyond the tolerance and no louder noise."""
     return (
         max(largest_discrepancies(problem, result).values(), default=0.0) <= tolerance
-        and not result.scales.loud
+        and not result.scales.poor_fit
     )
 
 
-def strained(problem: Problem, result: Fit) -> bool:
+def has_strained_trials(problem: Problem, result: Fit) -> bool:
     """Tell whether numbers of the trials stand in for something that is missing.
 
     Their scale is then two standard deviations beyond what it was taken for.
@@ -31,13 +31,15 @@ def strained(problem: Problem, result: Fit) -> bool:
     return any(now.get(n, std) > np.exp(2) * std for n, std in first.items())
 
 
-def matters(problem: Problem, alone: Fit, best: Fit, tolerance: float) -> bool:
+def anything_matters(problem: Problem, baseline: Fit, best: Fit, tolerance: float) -> bool:
     """Tell whether the model alone leaves, or another model changes, more than the tolerance in a channel."""
-    changed = max(prediction_change(problem, alone, best).values(), default=0.0)
-    return changed > tolerance or not good(problem, under(problem, alone, best.scales), tolerance)
+    changed = max(prediction_change(problem, baseline, best).values(), default=0.0)
+    return changed > tolerance or not is_adequate(
+        problem, with_priors(problem, baseline, best.scales), tolerance
+    )
 
 
-def needed(
+def left_without(
     problem: Problem, without: Fit, scales: Scales, id_: str, changes: Mapping[str, float], tolerance: float
 ) -> Mapping[str, float]:
     """Return channel to what is left without an effect where all else may be as wrong as it may be.
@@ -68,12 +70,14 @@ def unexplained(problem: Problem, result: Fit, scales: Scales, tolerance: float)
         scales: say how trials differ.
         tolerance: as in `search`.
     """
-    alone = under(problem, result, scales)
-    worst = replace(tolerated(alone.scales, tolerance), formula=FORMULA_ERROR[1])
-    return largest_discrepancies(problem, taken(problem, alone, worst))
+    baseline = with_priors(problem, result, scales)
+    worst = replace(tolerated(baseline.scales, tolerance), formula=FORMULA_ERROR[1])
+    return largest_discrepancies(problem, with_scales(problem, baseline, worst))
 
 
-def made(changes: Mapping[str, float], whole: Mapping[str, float], tolerance: float) -> dict[str, float]:
+def share_made(
+    changes: Mapping[str, float], whole: Mapping[str, float], tolerance: float
+) -> dict[str, float]:
     """Return channel to the share that an effect makes of what its set changes there, beyond the tolerance.
 
     Args:
@@ -83,7 +87,7 @@ def made(changes: Mapping[str, float], whole: Mapping[str, float], tolerance: fl
     return {c: change / max(whole[c], change) for c, change in changes.items() if change > tolerance}
 
 
-def shows(made: Mapping[str, float], scales: Scales) -> bool:
+def exceeds_formula_errors(made: Mapping[str, float], scales: Scales) -> bool:
     """Tell whether an effect makes so much of a channel's change that errors of formulas do not.
 
     That is `LEAST_SHARE`, and two standard deviations of those errors, which are not known at their limit.

@@ -7,19 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from granite_lab.discovery.carrying import carried, filed, worse
 from granite_lab.discovery.ceiling import ceiling
 from granite_lab.discovery.description import described, lacking
 from granite_lab.discovery.finding import Ceiling
 from granite_lab.discovery.heldout import closed, predict, predicts_better
+from granite_lab.discovery.models import Model, Search
 from granite_lab.discovery.pushes import Pushes, pushed
-from granite_lab.discovery.relevance import good
-from granite_lab.discovery.search import Model, Search
-from granite_lab.discovery.verdict import Judgement, Named, strained_numbers, whole_of
+from granite_lab.discovery.relevance import is_adequate
+from granite_lab.discovery.saved_model import loss_of_files, loss_of_model, predicts_worse
+from granite_lab.discovery.verdict import EffectEvidence, Judgement, performance_of, strained_numbers
 from granite_lab.estimate import Estimate
-from granite_lab.inference.bench import SAND
-from granite_lab.inference.constants import LEFT
-from granite_lab.inference.fit import Fit, fit, under
+from granite_lab.inference.constants import MAX_REMAINDER
+from granite_lab.inference.fit import Fit, fit, with_priors
+from granite_lab.inference.pool import SAND
 from granite_lab.inference.problem import Problem
 from granite_lab.model.dictionary import is_term
 
@@ -46,38 +46,40 @@ def remainder(
     Returns:
         the judgement with the description, and the ceiling; None where nothing remains to be closed.
     """
-    alone = search.alone
+    baseline = search.baseline
     if judgement.verdict == "none":
         return judgement, None
-    if judgement.named and good(problem, judgement.model.fit, tolerance):
+    if judgement.named and is_adequate(problem, judgement.model.fit, tolerance):
         return judgement, None
     pushes: Pushes | None = None
-    if not judgement.remainder <= LEFT**2:
+    if not judgement.remainder <= MAX_REMAINDER**2:
         tell("describing what the library leaves")
         names = tuple(n.id for n in judgement.named)
         bases = [m for m in (search.model(names), judgement.model) if m is not None]
         for base in {m.effects: m for m in bases}.values():
             pushes = pushed(problem, base.fit)
             extended = described(problem, pushes, tolerance) if pushes else None
-            if extended is not None and _better(problem, alone.fit, judgement.model.fit, extended, tolerance):
-                judgement, pushes = _with_terms(problem, alone.fit, judgement, extended, tolerance), None
+            if extended is not None and _better(
+                problem, baseline.fit, judgement.model.fit, extended, tolerance
+            ):
+                judgement, pushes = _with_terms(problem, baseline.fit, judgement, extended, tolerance), None
                 break
-    if good(problem, judgement.model.fit, tolerance):
+    if is_adequate(problem, judgement.model.fit, tolerance):
         return judgement, None
     tell("computing what any force could close")
     if pushes is None or pushes.fit is not judgement.model.fit:
         pushes = pushed(problem, judgement.model.fit)
-    return judgement, ceiling(problem, alone.fit, pushes, tolerance) if pushes else None
+    return judgement, ceiling(problem, baseline.fit, pushes, tolerance) if pushes else None
 
 
-def _better(problem: Problem, alone: Fit, before: Fit, after: Fit, tolerance: float) -> bool:
+def _better(problem: Problem, baseline: Fit, before: Fit, after: Fit, tolerance: float) -> bool:
     """Tell whether a model predicts what was left out better, and its simulations no worse."""
-    same = under(problem, before, after.scales)
+    same = with_priors(problem, before, after.scales)
     if not predicts_better(predict(problem, same, tolerance), predict(problem, after, tolerance)):
         return False
-    simulated = carried(problem, after, tolerance)
-    others = carried(problem, before, tolerance), filed(problem, alone)
-    return not any(worse(simulated, other, tolerance) for other in others)
+    simulated = loss_of_model(problem, after, tolerance)
+    others = loss_of_model(problem, before, tolerance), loss_of_files(problem, baseline)
+    return not any(predicts_worse(simulated, other, tolerance) for other in others)
 
 
 def savable(problem: Problem, search: Search, judgement: Judgement, tolerance: float) -> Judgement:
@@ -91,13 +93,13 @@ def savable(problem: Problem, search: Search, judgement: Judgement, tolerance: f
         search: the search in the library.
         judgement: of it.
     """
-    alone = search.alone
+    baseline = search.baseline
     if judgement.named:
         return judgement
-    by_files = filed(problem, alone.fit)
-    if not worse(carried(problem, judgement.model.fit, tolerance), by_files, tolerance):
+    by_files = loss_of_files(problem, baseline.fit)
+    if not predicts_worse(loss_of_model(problem, judgement.model.fit, tolerance), by_files, tolerance):
         return judgement
-    plain = fit(problem, alone.fit.point.at_files(len(SAND)), alone.fit.scales, rounds=0)
+    plain = fit(problem, baseline.fit.point.at_files(len(SAND)), baseline.fit.scales, rounds=0)
     nothing = Estimate(0.0, 0.0) if np.isfinite(judgement.closed.value) else judgement.closed
     return replace(
         judgement,
@@ -111,17 +113,17 @@ def savable(problem: Problem, search: Search, judgement: Judgement, tolerance: f
 
 
 def _with_terms(
-    problem: Problem, alone: Fit, judgement: Judgement, extended: Fit, tolerance: float
+    problem: Problem, baseline: Fit, judgement: Judgement, extended: Fit, tolerance: float
 ) -> Judgement:
     """Return the judgement with a model that holds terms; what is named stays as it is."""
-    before = predict(problem, under(problem, alone, extended.scales), tolerance)
+    before = predict(problem, with_priors(problem, baseline, extended.scales), tolerance)
     after = predict(problem, extended, tolerance)
-    whole = whole_of(before, after)
+    whole = performance_of(before, after)
     terms = []
     for id_ in filter(is_term, extended.point.effects):
         without = lacking(problem, extended, [id_], tolerance)
         terms.append(
-            Named(
+            EffectEvidence(
                 id_, (), 1.0, closed(without.unseen, after.unseen, whole.gap),
                 closed(without.speed_left_out, after.speed_left_out, whole.gap_speeds),
                 strained_numbers(problem, extended, id_),

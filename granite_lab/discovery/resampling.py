@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from granite_lab.discovery.heldout import Predicted, units
-from granite_lab.discovery.search import Model, Search
+from granite_lab.discovery.models import Model, Search
 from granite_lab.inference.constants import DRAWS, EFFECT_ODDS, FEWEST_SPEEDS, TINY, TRIED
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
@@ -120,12 +120,8 @@ def nothing_missing(search: Search) -> float:
     A candidate that was not fitted counts by what its screen promises. One that makes the model likelier, and
     was not chosen, does not matter.
     """
-    alone = search.alone
-    logs: dict[str, float] = {}
-    for look in (k for k in search.looks.get((), ()) if not k.tolerated):
-        for score in look.scores:
-            log = np.log(EFFECT_ODDS) + score.gain
-            logs[score.candidate] = max(log, logs.get(score.candidate, -np.inf))
+    baseline = search.baseline
+    logs = {id_: np.log(EFFECT_ODDS) + gain for id_, gain in search.screened_gains().items()}
     for model in (m for m in search.models if len(m.effects) == 1):
-        logs[model.effects[0]] = model.log_posterior - alone.log_posterior
+        logs[model.effects[0]] = model.log_posterior - baseline.log_posterior
     return 1 / (1 + float(np.sum([np.exp(log) for log in logs.values() if log < 0])))

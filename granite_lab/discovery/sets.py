@@ -32,23 +32,32 @@ def fit_sets(
         others: fits of other sets.
         rounds: most steps of a fit.
     """
-    fits = attempts(problem, starts, rounds=rounds)
-    again: dict[tuple[str, ...], tuple[Point, Scales]] = {}
+    fits = best_fits(problem, starts, rounds=rounds)
+    missed = []
     for key, effects in {set_of(start): start.effects for start, _ in starts}.items():
-        parts = [f for k, f in {**others, **fits}.items() if set(k) < set(key)]
-        part = max(parts, key=lambda f: f.evidence, default=None)
+        part = _best_part({**others, **fits}, key)
         if part is not None and not (key in fits and fits[key].evidence > part.evidence):
-            point = part.point
-            for id_ in (e for e in effects if e not in point.effects):
-                point = problem.with_effect(point, id_, [p.neutral for p in problem.parameters_of(id_)])
-            again[key] = point, part.scales
-    for key, other in attempts(problem, list(again.values()), rounds=rounds).items():
-        if key not in fits or other.evidence > fits[key].evidence:
-            fits[key] = other
+            missed.append((_with_neutral(problem, part.point, effects), part.scales))
+    for key, again in best_fits(problem, missed, rounds=rounds).items():
+        if key not in fits or again.evidence > fits[key].evidence:
+            fits[key] = again
     return fits
 
 
-def attempts(
+def _best_part(fits: Mapping[tuple[str, ...], Fit], effects: Sequence[str]) -> Fit | None:
+    """Return the likeliest fit of a set that lacks some of the effects and holds no others."""
+    parts = (fit for key, fit in fits.items() if set(key) < set(effects))
+    return max(parts, key=lambda fit: fit.evidence, default=None)
+
+
+def _with_neutral(problem: Problem, point: Point, effects: Sequence[str]) -> Point:
+    """Return a point with further effects switched on at their neutral values."""
+    for id_ in (e for e in effects if e not in point.effects):
+        point = problem.with_effect(point, id_, [p.neutral for p in problem.parameters_of(id_)])
+    return point
+
+
+def best_fits(
     problem: Problem,
     starts: Sequence[tuple[Point, Scales]],
     least: float = LEAST_OF_ROUGH,
@@ -63,7 +72,7 @@ def attempts(
             return None
 
     best: dict[tuple[str, ...], Fit] = {}
-    for (start, _), f in zip(starts, problem.bench.side_by_side(attempt, len(starts)), strict=True):
+    for (start, _), f in zip(starts, problem.pool.parallel(attempt, len(starts)), strict=True):
         key = set_of(start)
         if f is not None and (key not in best or f.evidence > best[key].evidence):
             best[key] = f
@@ -75,7 +84,7 @@ def set_of(point: Point) -> tuple[str, ...]:
     return tuple(sorted(point.effects))
 
 
-def where_alone(problem: Problem, point: Point, fits: Mapping[tuple[str, ...], Fit]) -> Point:
+def from_best_part(problem: Problem, point: Point, fits: Mapping[tuple[str, ...], Fit]) -> Point:
     """Return a point with the sand, offsets and gains of the best fit of a part of its effects.
 
     There these numbers already compensate for the effects that the point lacks.
@@ -85,8 +94,8 @@ def where_alone(problem: Problem, point: Point, fits: Mapping[tuple[str, ...], F
         point: with the effects.
         fits: sets to their fits.
     """
-    parts = [f for k, f in fits.items() if set(k) < set(point.effects)]
-    part = max(parts, key=lambda f: f.evidence).point
-    pairs = zip(problem.trials, point.trials, part.trials, strict=True)
-    trials = tuple(np.concatenate([theirs[: t.size], x[t.size :]]) for t, x, theirs in pairs)
-    return replace(point, shared=part.shared, trials=trials)
+    part = _best_part(fits, point.effects)
+    assert part is not None  # the model without effects is always fitted
+    rows = zip(problem.trials, point.trials, part.point.trials, strict=True)
+    trials = tuple(np.concatenate([of_part[: t.size], x[t.size :]]) for t, x, of_part in rows)
+    return replace(point, shared=part.point.shared, trials=trials)

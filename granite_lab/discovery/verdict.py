@@ -9,21 +9,27 @@ import numpy as np
 
 from granite_lab.discovery.finding import GroundWave, Verdict
 from granite_lab.discovery.heldout import Predicted, closed, gaps, predict
-from granite_lab.discovery.relevance import good, made, matters, needed, shows
+from granite_lab.discovery.models import Model, Search
+from granite_lab.discovery.relevance import (
+    anything_matters,
+    exceeds_formula_errors,
+    is_adequate,
+    left_without,
+    share_made,
+)
 from granite_lab.discovery.resampling import Competition, by_evidence, compete, nothing_missing
-from granite_lab.discovery.search import Model, Search
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import (
     CERTAIN,
     CREDIBLE,
     LEAST_SHARE,
-    LEFT,
+    MAX_REMAINDER,
     NOTHING,
     RELEVANT,
-    STANDS_IN,
+    SUBSTITUTE,
     TRIED,
 )
-from granite_lab.inference.fit import Fit, under
+from granite_lab.inference.fit import Fit, with_priors
 from granite_lab.inference.gap import prediction_change, scatter
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.priors import width_of
@@ -40,7 +46,7 @@ AT_BOUND = NOTHING
 
 
 @dataclass(frozen=True)
-class Named:
+class EffectEvidence:
     """One effect of the best set.
 
     Attributes:
@@ -51,9 +57,9 @@ class Named:
         strained: its numbers that ended at a bound, or two standard deviations outside what is expected.
         at_bound: a strength ended at a bound: its likeliest size is none that it can have.
         changes: channel to how far it moves the prediction, as a share of the channel's rms in motion.
-        made: channel to which share it makes of what the set changes there.
-        needed: channel to what the rest of the set leaves there without it, beyond errors of its formulas; a
-            share of the channel's rms in motion.
+        share_made: channel to which share it makes of what the set changes there.
+        left_without: channel to what the rest of the set leaves there without it, beyond errors of its
+            formulas; a share of the channel's rms in motion.
     """
 
     id: str
@@ -64,13 +70,13 @@ class Named:
     strained: tuple[str, ...] = ()
     at_bound: bool = False
     changes: Mapping[str, float] = field(default_factory=dict)
-    made: Mapping[str, float] = field(default_factory=dict)
-    needed: Mapping[str, float] = field(default_factory=dict)
+    share_made: Mapping[str, float] = field(default_factory=dict)
+    left_without: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def channel(self) -> tuple[str, float]:
         """The channel of which it makes the largest share of what the set changes, and that share."""
-        return max(self.made.items(), key=lambda item: item[1], default=("", float("nan")))
+        return max(self.share_made.items(), key=lambda item: item[1], default=("", float("nan")))
 
     def stands_out(self, scatter: Mapping[str, float], tolerance: float) -> bool:
         """Tell whether it changes some channel by more than repetitions differ there, and the tolerance."""
@@ -82,8 +88,8 @@ class Named:
         Trials left out must show it, and it must do more than the errors of the formulas beside it may do.
         Without it the gap must be larger by `RELEVANT`, as an rms of all channels; or in a channel of whose
         change it makes `LEAST_SHARE`, the others must leave more than the tolerance even if their formulas
-        are off by as much as they may be. An effect that shows beyond the errors as learnt, see `shows`, and
-        not beyond their limit must be certain by two standard deviations.
+        are off by as much as they may be. An effect that exceeds the errors as learnt, see
+        `exceeds_formula_errors`, and not their limit must be certain by two standard deviations.
 
         Args:
             remainder: share of the gap that the whole set leaves.
@@ -94,10 +100,10 @@ class Named:
             return False  # trials left out do not show it
         left = max(remainder, 0.0)
         closes = np.sqrt(max(left + self.closes.value, 0.0)) - np.sqrt(left)
-        channels = [c for c, share in self.made.items() if share >= LEAST_SHARE]
-        if closes >= RELEVANT or any(self.needed.get(c, 0.0) > tolerance for c in channels):
+        channels = [c for c, share in self.share_made.items() if share >= LEAST_SHARE]
+        if closes >= RELEVANT or any(self.left_without.get(c, 0.0) > tolerance for c in channels):
             return True
-        return self.probability >= CERTAIN and shows(self.made, scales)
+        return self.probability >= CERTAIN and exceeds_formula_errors(self.share_made, scales)
 
     def is_shown(self) -> bool:
         """Tell whether trials left out show it."""
@@ -113,17 +119,17 @@ class Named:
     def is_sure_beside(self, unexplained: float, scales: Scales) -> bool:
         """Tell whether it may be named although more is missing, which it could resemble.
 
-        Of what it closes and of what is left unexplained together, less than `STANDS_IN` must be left: what
+        Of what it closes and of what is left unexplained together, less than `SUBSTITUTE` must be left: what
         stands in for another cause leaves more. Speeds left out must show it. Its numbers must be as
         expected; so must the error of its formula in the channel that it changes most.
         """
         speeds = self.speeds.value >= 2 * self.speeds.std
         most = max(self.changes, key=lambda c: self.changes[c], default="")
-        more = unexplained < STANDS_IN * (self.closes.value + unexplained)
+        more = unexplained < SUBSTITUTE * (self.closes.value + unexplained)
         usual = not self.strained and scales.formula_of(most) < FORMULAS[1]
         return self.is_sure() and more and speeds and usual
 
-    def as_likely(self, unexplained: float) -> Named:
+    def as_likely(self, unexplained: float) -> EffectEvidence:
         """Return it with the probability that it acts, where it may not be named beside what is unexplained.
 
         A cause for which it stands in would close what it closes and what is unexplained: of these two, only
@@ -156,9 +162,9 @@ class Judgement:
     verdict: Verdict
     probability: float
     model: Model
-    named: tuple[Named, ...]
-    described: tuple[Named, ...]
-    small: tuple[Named, ...]
+    named: tuple[EffectEvidence, ...]
+    described: tuple[EffectEvidence, ...]
+    small: tuple[EffectEvidence, ...]
     before: Predicted
     after: Predicted
     closed: Estimate = OPEN
@@ -193,60 +199,81 @@ def judge(problem: Problem, search: Search, tolerance: float) -> Judgement:
     return replace(judgement, scatter=differ, verdict=verdict)
 
 
+@dataclass(frozen=True)
+class _Left:
+    """What the likeliest set leaves of the gap on trials left out.
+
+    Attributes:
+        share: of the gap; what a strength at its bound closes counts as left, for it has another cause.
+        explained: errors of its formulas within `FORMULA_ERROR` and the tolerance explain it.
+        little: it is less than `MAX_REMAINDER`, as an rms; or not more by two standard errors, if explained.
+    """
+
+    share: float
+    explained: bool
+    little: bool
+
+    @classmethod
+    def of(cls, whole: SetPerformance, evidence: Sequence[EffectEvidence], explained: bool) -> _Left:
+        """Return what a set leaves, by what it closes and what speaks for its effects."""
+        at_bound = sum(e.closes.value for e in evidence if e.at_bound and e.is_shown())
+        share = 1 - whole.closed.value + at_bound
+        surely_more = share - 2 * whole.closed.std > MAX_REMAINDER**2  # not where the std is not known
+        return cls(share, explained, share < MAX_REMAINDER**2 or (explained and not surely_more))
+
+    def allows(self, effect: EffectEvidence, scales: Scales) -> bool:
+        """Tell whether an effect may be named beside what is left.
+
+        Where that is not explained, the effect must close more than is left: what is missing could otherwise
+        be all that speaks for it.
+        """
+        if not effect.is_sure() or effect.at_bound:
+            return False
+        least = 0.0 if self.explained else self.share
+        return (self.little and effect.closes.value > least) or effect.is_sure_beside(self.share, scales)
+
+
 def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[str, float]) -> Judgement:
     """Decide by what repetitions share.
 
-    * ``none`` where the model alone leaves no discrepancy beyond the tolerance, the trials differing as the
-      likeliest model says, and that model changes no channel by more than the tolerance.
-    * Effects of the likeliest set are named that trials left out show, and that close at least `RELEVANT` of
-      the gap or show in a channel, see `Named.matters`, by more than the tolerance. Alone, or with at most
-      two others that cannot be told from them, they must have a probability of `CREDIBLE`.
-      One with a strength at a bound is not named, and what it closes counts as left. Where the likeliest set
-      leaves more than noise and the tolerance in a channel, each must close more than the set leaves: what is
-      missing could otherwise be all that speaks for it. Where more is missing, see `Named.is_sure_beside`.
-    * ``named`` where these are all that matters, and together leave less than `LEFT` of the gap, as an rms;
-      or not more by two standard errors, if errors of their formulas within `FORMULA_ERROR` and the tolerance
-      explain what they leave.
-    * ``partly named`` where some are named and more is missing or not sure, ``unknown`` where none is named.
-      What else trials left out show is a description.
+    * ``none`` where the model without effects leaves no discrepancy beyond the tolerance, and the likeliest
+      model changes no channel by more than the tolerance. Trials differ as the likeliest model says.
+    * An effect of the likeliest set is named if it matters (`EffectEvidence.matters`), is sure enough, and
+      what the set leaves allows it (`_Left.allows`).
+    * ``named`` where all that matter are named and little is left. ``partly named`` where some are named and
+      more is missing or not sure, ``unknown`` where none is named. What else trials left out show is a
+      description.
 
     Args:
         problem, search, tolerance: as in `judge`.
         differ: channel to how far repetitions differ; empty where that is little.
     """
-    alone = search.alone
-    alone = replace(alone, fit=under(problem, alone.fit, search.best.fit.scales))
-    together, best = problem.bench.side_by_side, search.best
-    predictions = _Predictions(problem, best.fit.scales, tolerance)
-    before, after = predictions.of((alone, best))
-    beside = _by_probability(by_evidence(search), search.beside)
-    if not matters(problem, alone.fit, best.fit, tolerance):
-        small = (*beside, *_by_probability(by_evidence(search), best.effects))
-        return Judgement("none", nothing_missing(search), alone, (), (), small, before, before)
-    whole = whole_of(before, after)
+    best, scales = search.best, search.best.fit.scales
+    baseline = replace(search.baseline, fit=with_priors(problem, search.baseline.fit, scales))
+    predictions = _Predictions(problem, scales, tolerance)
+    before, after = predictions.of((baseline, best))
+    negligible = _by_probability(by_evidence(search), search.negligible)
+    if not anything_matters(problem, baseline.fit, best.fit, tolerance):
+        small = (*negligible, *_by_probability(by_evidence(search), best.effects))
+        return Judgement("none", nothing_missing(search), baseline, (), (), small, before, before)
+    whole = performance_of(before, after)
     competition = compete(problem, search, predictions.of)
-    parts = together(
-        lambda k: _named(problem, search, best.effects[k], whole, competition, predictions), len(best.effects)
+    evidence = problem.pool.parallel(
+        lambda k: _evidence_of(problem, search, best.effects[k], whole, competition, predictions),
+        len(best.effects),
     )
-    # what only a strength at its bound explains has another cause
-    remainder = 1 - whole.closed.value + sum(n.closes.value for n in parts if n.at_bound and n.is_shown())
-    scales = best.fit.scales
-    relevant = [n for n in parts if n.matters(remainder, tolerance, scales)]
-    beyond = remainder - 2 * whole.closed.std > LEFT**2  # not so where the standard error is not known
-    explained = good(problem, best.fit, tolerance)
-    enough = remainder < LEFT**2 or (explained and not beyond)
-    least = 0.0 if explained else remainder
-    stand_out = [n for n in relevant if not differ or n.stands_out(differ, tolerance)]
-    usual = [n for n in stand_out if n.is_sure() and not n.at_bound]
-    named = [n for n in usual if (enough and n.closes.value > least) or n.is_sure_beside(remainder, scales)]
-    every = enough and len(named) == len(relevant)
-    verdict: Verdict = "unknown" if not named else "named" if every else "partly named"
-    rest = [n for n in parts if n not in named]
-    shown = [n for n in rest if verdict != "named" and n.is_shown()]
-    small = (*beside, *(n for n in rest if n not in shown))
-    described = tuple(n.as_likely(remainder) for n in shown)
+    left = _Left.of(whole, evidence, is_adequate(problem, best.fit, tolerance))
+    relevant = [e for e in evidence if e.matters(left.share, tolerance, scales)]
+    stand_out = [e for e in relevant if not differ or e.stands_out(differ, tolerance)]
+    named = [e for e in stand_out if left.allows(e, scales)]
+    complete = left.little and len(named) == len(relevant)
+    verdict: Verdict = "unknown" if not named else "named" if complete else "partly named"
+    rest = [e for e in evidence if e not in named]
+    shown = [e for e in rest if verdict != "named" and e.is_shown()]
+    small = (*negligible, *(e for e in rest if e not in shown))
+    described = tuple(e.as_likely(left.share) for e in shown)
     missing = 1 - competition.probability(lambda m: not m.effects)
-    probability = float(min((n.probability for n in named), default=missing))
+    probability = float(min((e.probability for e in named), default=missing))
     return Judgement(
         verdict, probability, best, tuple(named), described, small, before, after,
         whole.closed, whole.speeds, competition=competition,
@@ -269,7 +296,7 @@ class _Predictions:
     def of(self, models: Sequence[Model]) -> list[Predicted]:
         """Return the predictions of some sets."""
         new = [m for m in models if m.effects not in self._predicted]
-        predicted = self.problem.bench.side_by_side(lambda k: self._predict(new[k]), len(new))
+        predicted = self.problem.pool.parallel(lambda k: self._predict(new[k]), len(new))
         self._predicted |= {m.effects: p for m, p in zip(new, predicted, strict=True)}
         return [self._predicted[m.effects] for m in models]
 
@@ -278,9 +305,11 @@ class _Predictions:
         return predict(self.problem, replace(model.fit, scales=scales), self.tolerance)
 
 
-def _by_probability(competition: Competition, effects: Sequence[str]) -> tuple[Named, ...]:
+def _by_probability(competition: Competition, effects: Sequence[str]) -> tuple[EffectEvidence, ...]:
     """Return effects with their probability alone: what they close is not known."""
-    return tuple(Named(e, (), competition.probability(holding(e)), Estimate(np.nan)) for e in effects)
+    return tuple(
+        EffectEvidence(e, (), competition.probability(holding(e)), Estimate(np.nan)) for e in effects
+    )
 
 
 def by_posterior(problem: Problem, search: Search) -> Judgement:
@@ -297,7 +326,7 @@ def by_posterior(problem: Problem, search: Search) -> Judgement:
 
 
 @dataclass(frozen=True, eq=False)
-class Whole:
+class SetPerformance:
     """How the best set does on trials left out.
 
     Attributes:
@@ -315,12 +344,12 @@ class Whole:
     speeds: Estimate
 
 
-def whole_of(before: Predicted, after: Predicted) -> Whole:
+def performance_of(before: Predicted, after: Predicted) -> SetPerformance:
     """Return how a set does on trials left out, given the predictions without and with it."""
     base, left = before.unseen, after.unseen
     gap, other = gaps(before, after)
     speeds = closed(before.speed_left_out, after.speed_left_out, other)
-    return Whole(base, gap, other, after, closed(base, left, gap), speeds)
+    return SetPerformance(base, gap, other, after, closed(base, left, gap), speeds)
 
 
 def holding(id_: str, without: str = "") -> Callable[[Model], bool]:
@@ -332,53 +361,68 @@ def holding(id_: str, without: str = "") -> Callable[[Model], bool]:
     return holds
 
 
-def _named(
+def _evidence_of(
     problem: Problem,
     search: Search,
     id_: str,
-    whole: Whole,
+    whole: SetPerformance,
     competition: Competition,
     predictions: _Predictions,
-) -> Named:
-    """Return what speaks for one effect of the best set: its rivals, and what it closes.
-
-    Rivals in its place are twins where they win too often. The likeliest come first, until the set may be
-    named; a rival that holds less than a tenth of the doubt that a name may carry is no twin. Rivals are
-    twins, too, where they leave less than twice what the best set leaves of the gap, both as an rms, and
-    close nearly as much: a formula that is off by that much cannot exclude another that is off by as much
-    more.
-    """
+) -> EffectEvidence:
+    """Return what speaks for one effect of the best set: its rivals, and what it closes."""
     best, tolerance = search.best, predictions.tolerance
     rest = tuple(e for e in best.effects if e != id_)
     without = search.model(rest) or next(m for m in search.models if set(m.effects) <= set(rest))
-
     changes, (lacking,) = prediction_change(problem, without.fit, best.fit), predictions.of((without,))
     closes = closed(lacking.unseen, whole.after.unseen, whole.gap)
     speeds = closed(lacking.speed_left_out, whole.after.speed_left_out, whole.gap_speeds)
-    remainder = 1 - whole.closed.value
-    probability = competition.probability(holding(id_))
+    twins, probability = _twins(search, id_, closes.value, whole, competition, predictions)
+    of_set = prediction_change(problem, search.baseline.fit, best.fit)
+    return EffectEvidence(
+        id_, twins, min(probability, 1.0), closes, speeds, strained_numbers(problem, best.fit, id_),
+        bool(at_bounds(problem, best.fit, id_)), changes, share_made(changes, of_set, tolerance),
+        left_without(problem, without.fit, best.fit.scales, id_, changes, tolerance),
+    )  # fmt: skip
+
+
+def _twins(
+    search: Search,
+    id_: str,
+    closes: float,
+    whole: SetPerformance,
+    competition: Competition,
+    predictions: _Predictions,
+) -> tuple[tuple[str, ...], float]:
+    """Return the rivals that cannot be told from an effect, and the probability of all of them together.
+
+    The likeliest rivals come first, until effect and twins may be named together. One that holds less than a
+    tenth of the doubt that a name may carry is no twin. A rival is a twin, too, where it leaves less than
+    twice what the best set leaves of the gap, both as an rms, and closes nearly as much: a formula that is
+    off by that much cannot exclude another that is off by as much more.
+
+    Args:
+        search, whole, competition, predictions: as in `_evidence_of`.
+        id_: the effect.
+        closes: share of the gap that it closes.
+    """
+    rest = {e for e in search.best.effects if e != id_}
     rivals: list[tuple[float, str, Model]] = []
     for model in search.models:
-        other = [e for e in model.effects if e not in rest]
-        if set(rest) <= set(model.effects) and len(other) == 1 and other[0] != id_:
-            rivals.append((competition.probability(holding(other[0], id_)), other[0], model))
-    twins: list[str] = []
-    doubt = 1 - CREDIBLE
+        others = [e for e in model.effects if e not in rest]
+        if rest <= set(model.effects) and len(others) == 1 and others[0] != id_:
+            rivals.append((competition.probability(holding(others[0], id_)), others[0], model))
+    remainder, doubt = 1 - whole.closed.value, 1 - CREDIBLE
+    twins, probability = [], competition.probability(holding(id_))
     for share, rival, model in sorted(rivals, key=lambda r: r[:2], reverse=True):
-        likely = probability < CREDIBLE and share >= LEAST_SHARE * doubt
-        if not likely and remainder > 0:
-            left = 1 - closed(whole.base, predictions.of((model,))[0].unseen, whole.gap).value
-            likely = left < 2**2 * remainder and left - remainder < STANDS_IN * closes.value
-        if likely:
+        is_twin = probability < CREDIBLE and share >= LEAST_SHARE * doubt
+        if not is_twin and remainder > 0:
+            (predicted,) = predictions.of((model,))
+            left = 1 - closed(whole.base, predicted.unseen, whole.gap).value
+            is_twin = left < 2**2 * remainder and left - remainder < SUBSTITUTE * closes
+        if is_twin:
             twins.append(rival)
             probability += share
-    alone = search.alone
-    every = prediction_change(problem, alone.fit, best.fit)
-    return Named(
-        id_, tuple(twins), min(probability, 1.0), closes, speeds, strained_numbers(problem, best.fit, id_),
-        bool(at_bounds(problem, best.fit, id_)), changes, made(changes, every, tolerance),
-        needed(problem, without.fit, best.fit.scales, id_, changes, tolerance),
-    )  # fmt: skip
+    return tuple(twins), probability
 
 
 def strained_numbers(problem: Problem, fit: Fit, id_: str) -> tuple[str, ...]:

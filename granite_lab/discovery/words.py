@@ -128,17 +128,17 @@ def notes(
     if judgement.verdict == "unknown" and judgement.small:
         best = ", ".join(n.id for n in judgement.small)
         lines.append(f"The likeliest candidates ({best}) do not explain enough to be named.")
-    library = problem.bench.world.effects
+    library = problem.pool.scenario.effects
     laws = [e.id for e in effects if e.id in library and library[e.id].law]
     if laws:
         lines.append(f"The soil follows another law than the model's: {' and '.join(laws)}.")
     if judgement.scatter:
         lines.append(differing(judgement))
     if not (fit := judgement.model.fit).converged:
-        promised = np.sqrt(fit.promised)
+        std = np.sqrt(fit.predicted_drop)
         lines.append(
-            f"{UNCONVERGED}: no step reached the {promised:.1f} std that its derivatives promise. The shear "
-            "stress (10) has kinks, on both sides of which they differ."
+            f"{UNCONVERGED}: its derivatives predict an optimum {std:.1f} std away, which no step reached. "
+            "The shear stress (10) has kinks, on both sides of which they differ."
         )
     for n in judgement.named:
         if n.closes.value < LEAST_SHARE:

@@ -22,9 +22,9 @@ from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation.guard import BY_RADIUS
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import K92_BOUNDS, LEAST, FitStatus, K92Fit, Shift
-from granite_lab.inference.bench import RAKED, SAND, Bench, World
-from granite_lab.inference.constants import RAKING, SAND_STD, TOLERANCE
+from granite_lab.inference.constants import SAND_PER_TRIAL_STD, SAND_STD, TOLERANCE
 from granite_lab.inference.point import SHARED
+from granite_lab.inference.pool import SAND, SAND_PER_TRIAL, Scenario, SimulationPool
 from granite_lab.inference.priors import radius_std, sand_std
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.setup import baseline, trial_models
@@ -204,7 +204,7 @@ def _by_slip(motion: Motion, robot: Robot, soil: Soil, effects: Sequence[Active]
             ends.append((measured_more - simulated_more) / slope)
         return Shift(SHARED_AS[name], std, *ends)
 
-    for name, shown, step in zip(SAND[1:RAKED], RAKED_AS, RAKING[1:], strict=True):
+    for name, shown, step in zip(SAND[1:SAND_PER_TRIAL], RAKED_AS, SAND_PER_TRIAL_STD[1:], strict=True):
         # the mean square of the steps to either side, because (10) has a kink
         raked = shift(name, step)
         whole = math.sqrt((raked.up**2 + raked.down**2) / 2)
@@ -288,8 +288,8 @@ def _with_trajectory(
     if not np.isfinite(motion.t_start.value):
         raise EstimateError(f"{motion.trial}: the start of the motion is unknown")
     models, variants = trial_models([trial], robot, [motion], least=COARSE)
-    with one_thread(), Bench(World(robot, soil, variants, {}, tuple(effects))) as bench:
-        problem = Problem(models, bench, (WIDE, *SAND_STD[1:]))
+    with one_thread(), SimulationPool(Scenario(robot, soil, variants, {}, tuple(effects))) as pool:
+        problem = Problem(models, pool, (WIDE, *SAND_STD[1:]))
         fit = baseline(problem)
     x = fit.point.vector + fit.posterior.step
     common = fit.point.trials[0].size
@@ -301,21 +301,21 @@ def _with_trajectory(
         g[list(places)] = 1.0
         return Estimate(float(g @ x), float(np.sqrt(g @ fit.posterior.covariance @ g)))
 
-    log, start, latency = total(0, common), total(RAKED, late), total(late)
+    log, start, latency = total(0, common), total(SAND_PER_TRIAL, late), total(late)
     v, a_theta = reference_velocity(by_slip.variant), load_paper().a_theta * float(np.exp(log.value))
     k92 = math.exp(-a_theta * v)  # (5)
     std = k92 * v * a_theta * log.std if fit.converged else math.nan  # elsewhere the curvature is none
     side = "behind" if latency.value > 0 else "ahead of"
     discrepancies = {c: fit.scales.discrepancy_of(c) for c in problem.counts}
     off = [f"{c} {100 * share:.0f} %" for c, share in discrepancies.items() if share > TOLERANCE]
-    louder = [f"{c} {value:.2f}" for c, value in fit.scales.louder.items() if value > 1.0]
+    larger = [f"{c} {value:.2f}" for c, value in fit.scales.noise_factor.items() if value > 1.0]
     most = ", ".join(off or [f"less than {100 * TOLERANCE:.0f} %"])
     notes = [
         f"discrepancy of the model, as a share of a channel's rms in motion: {most}.",
         f"IMU {abs(1e3 * latency.value):.1f} ± {1e3 * latency.std:.1f} ms {side} the encoders.",
     ]
-    if louder:
-        notes.append(f"residuals over the noise: {', '.join(louder)}.")
+    if larger:
+        notes.append(f"residuals over the noise: {', '.join(larger)}.")
     if not fit.converged:
         notes.append("fit not converged.")
     if count := count_of(motion.variant):

@@ -17,7 +17,7 @@ KEPT = 2
 WHEELS, IMU, CURRENTS = 0, 1, 2
 
 SENSOR_OF = (IMU, IMU, IMU, WHEELS, WHEELS, CURRENTS, CURRENTS, WHEELS)
-"""The sensor that shows each simulated signal, in the order of `bench.SIGNALS`."""
+"""The sensor that shows each simulated signal, in the order of `pool.SIGNALS`."""
 
 
 @dataclass(frozen=True, eq=False)

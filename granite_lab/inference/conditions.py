@@ -10,8 +10,8 @@ from typing import Any
 from granite_lab.effects.library import get
 from granite_lab.effects.multi_pass import MultiPass
 from granite_lab.errors import InputError
-from granite_lab.inference.bench import Task, World
 from granite_lab.inference.nuisances import TrialModel
+from granite_lab.inference.pool import Scenario, Task
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.body import BodyLoad, BodyState
 from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
@@ -144,7 +144,7 @@ STAGING: dict[str, Effect] = {e.id: e for e in (OnABlock(), InTheRut())}
 
 
 @dataclass(frozen=True)
-class StagedWorld(World):
+class StagedScenario(Scenario):
     """A world in which each command is driven under conditions of its own.
 
     A slope of the ground changes sign for a robot that is turned round; every other effect of the
@@ -173,15 +173,15 @@ class StagedWorld(World):
         if under.wheels_up:  # on a level block
             setting.pop("ground_slope", None)
             setting[OnABlock.id] = ()
-        plain = World(robot, soil, self.variants, self.effects)
+        plain = Scenario(robot, soil, self.variants, self.effects)
         return plain.respond(dataclasses.replace(task, setting=tuple(setting.items())))
 
 
-def under_conditions(world: World, trials: Sequence[Trial], models: Sequence[TrialModel]) -> World:
+def under_conditions(scenario: Scenario, trials: Sequence[Trial], models: Sequence[TrialModel]) -> Scenario:
     """Return a world that simulates each trial under its conditions; a plain one for plain trials.
 
     Args:
-        world: of the trials without conditions.
+        scenario: of the trials without conditions.
         trials: the logs.
         models: of the logs, in their order; what drives them and their commands are numbered anew where
             conditions differ.
@@ -191,16 +191,16 @@ def under_conditions(world: World, trials: Sequence[Trial], models: Sequence[Tri
     """
     under = [conditions_of(trial) for trial in trials]
     if all(c == PLAIN for c in under):
-        return world
+        return scenario
     pairs = sorted({(m.variant, c) for m, c in zip(models, under, strict=True)})
     commands = sorted({(m.command, c) for m, c in zip(models, under, strict=True)})
     for model, conditions in zip(models, under, strict=True):
         model.variant = pairs.index((model.variant, conditions))
         model.command = commands.index((model.command, conditions))
-    return StagedWorld(
-        world.robot,
-        world.soil,
-        tuple(world.variants[variant] for variant, _ in pairs),
-        {**world.effects, **STAGING, "ground_slope": get("ground_slope")},
+    return StagedScenario(
+        scenario.robot,
+        scenario.soil,
+        tuple(scenario.variants[variant] for variant, _ in pairs),
+        {**scenario.effects, **STAGING, "ground_slope": get("ground_slope")},
         conditions=tuple(conditions for _, conditions in pairs),
     )

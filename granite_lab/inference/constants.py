@@ -19,7 +19,7 @@ UNSEEN = 1e-5
 """Share of the robot's weight, or of a prior's std, that no sensor shows. The largest trace, that of a wrong
 wheel radius, is some 10,000 times the noise."""
 
-CLOSE = 0.1
+NEGLIGIBLE = 0.1
 """Share of a std, or of what a prior leaves open, that makes no difference: an error of that size beside one
 of a whole std widens it by half a percent."""
 
@@ -100,21 +100,21 @@ REST_SHARE = FORMULA_ERROR[1]
 """Std of the discrepancy near rest, as a share of a channel's rms in motion: there a law of the model is no
 better than the roughest formula."""
 
-LEFT = FORMULA_ERROR[1]
+MAX_REMAINDER = FORMULA_ERROR[1]
 """Share that the errors of all formulas of a set may leave of what its effects explain, as an rms."""
 
 RELEVANT = FORMULA_ERROR[1]
 """Share by which the gap must grow without an effect, as an rms, for it to be named beside the others: errors
 of their formulas make no more."""
 
-STANDS_IN = FORMULA_ERROR[1]
+SUBSTITUTE = FORMULA_ERROR[1]
 """Share of the gap of a cause that an effect leaves if it only resembles the cause."""
 
 RIVAL = FORMULA_ERROR[1]
 """Share of the best candidate's gain that a rival must promise to be fitted. Gains are linear about another
 fit; full fits have changed the order of candidates by factors of up to two."""
 
-LOUD = 1 + FORMULA_ERROR[1]
+POOR_FIT = 1 + FORMULA_ERROR[1]
 """Factor of the noise above which a fit is bad: its residuals are neither smooth nor noise."""
 
 SAME = math.sqrt(1 - FORMULA_ERROR[1] ** 2)
@@ -128,7 +128,7 @@ SAND_STD = (_MODULUS, _MODULUS, _MODULUS, _MODULUS, _ANGLE, _ANGLE, _MODULUS)
 """Std of the logarithm of a_θ, k_φ, c, K, φ, n and μ_s about the soil's file. Dry sands of the literature
 differ by 10 to 20 % in moduli and by 2 to 4° in the angle of friction (Wong 2008, table 2.3)."""
 
-RAKING = (0.05, 0.08, 0.08)
+SAND_PER_TRIAL_STD = (0.05, 0.08, 0.08)
 """First value of the std of the logarithm of a_θ, k_φ and c from one raking to the next: cone indices of
 prepared sand scatter by 5 to 10 %."""
 
@@ -157,7 +157,7 @@ DRAWS = 4000
 EFFECT_ODDS = 0.05
 """Prior odds of one more effect in the model: of some 20 candidates about one is expected."""
 
-WORTH = -math.log(EFFECT_ODDS)
+LEAST_GAIN = -math.log(EFFECT_ODDS)
 """Gain of log likelihood that makes up for those odds: a candidate that promises less is not fitted."""
 
 CREDIBLE = 0.9

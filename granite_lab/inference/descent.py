@@ -7,9 +7,10 @@ from enum import Enum, auto
 
 import numpy as np
 
-from granite_lab.inference.constants import CLOSE, REACH, UPDATES, WORTH
-from granite_lab.inference.normal import Normal, Scales, least_within
-from granite_lab.inference.point import Point, Slopes
+from granite_lab.inference.constants import LEAST_GAIN, NEGLIGIBLE, REACH, UPDATES
+from granite_lab.inference.derivatives import differentiate
+from granite_lab.inference.normal import NormalEquations, Scales, least_within
+from granite_lab.inference.point import Derivatives, Point
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import change, learn_scales
 from granite_lab.logs.trial import Array
@@ -19,18 +20,18 @@ LEAST, LEAST_OF_ROUGH = 0.002, 0.2
 number is further from the optimum than 0.045 of its std. Of a rough fit, which serves to learn the noise or
 to rank sets of effects, a tenth."""
 
-NO_FURTHER = CLOSE**2
+NO_FURTHER = NEGLIGIBLE**2
 """The same where steps with new derivatives no longer lower the objective, for the integrator's errors are as
 large: no number is then further from the optimum than a tenth of its std."""
 
 STALLS = 2
 """How often new derivatives may bring nothing before a fine fit ends; a rough one ends at the first."""
 
-NO_RANK = 2 * WORTH
+NO_RANK = 2 * LEAST_GAIN
 """Drop of the objective with new derivatives below which a rough fit ends: a further effect must bring more,
 so that the rank of sets does not change."""
 
-TRUSTED, TRUSTED_ROUGH = CLOSE, 0.4
+TRUSTED, TRUSTED_ROUGH = NEGLIGIBLE, 0.4
 """How far from one the ratio of the actual to the predicted drop may be for the derivatives to be kept, far
 from the optimum; of a rough fit."""
 
@@ -38,7 +39,7 @@ NEAR = 1.0
 """Predicted drop below which a step of Gauss and Newton is taken although the objective does not fall. Within
 one std its changes show kinks of the model and derivatives at the centre of a command, not the optimum."""
 
-AS_GOOD, AS_GOOD_ROUGH = CLOSE, NEAR
+AS_GOOD, AS_GOOD_ROUGH = NEGLIGIBLE, NEAR
 """How far a fit may move, in std of the numbers, with derivatives that count as those of the point; a rough
 one."""
 
@@ -64,8 +65,8 @@ SETTLED = 0.02
 """Change of the logarithm of a scale at which scales and numbers are at their joint optimum: the numbers then
 hardly move."""
 
-NONE = Normal((), 0, 0)
-"""Normal equations of a state whose derivatives are new."""
+NONE = NormalEquations((), 0, 0)
+"""NormalEquations equations of a state whose derivatives are new."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,21 +75,21 @@ class State:
 
     Attributes:
         point: the numbers.
-        slopes: derivatives of the responses, of this point or of one nearby.
+        derivatives: derivatives of the responses, of this point or of one nearby.
         residuals: per trial (C, n) measured minus predicted.
         white: per trial (C n,) the same, whitened.
-        normal: normal equations; their columns are by `slopes`.
+        normal: normal equations; their columns are by `derivatives`.
     """
 
     point: Point
-    slopes: Slopes
+    derivatives: Derivatives
     residuals: tuple[Array, ...]
     white: tuple[Array, ...]
-    normal: Normal
+    normal: NormalEquations
 
-    def weighed(self, problem: Problem) -> State:
+    def with_equations(self, problem: Problem) -> State:
         """Return the state with the normal equations by its derivatives."""
-        return replace(self, normal=problem.normal(self.point, self.slopes, self.residuals))
+        return replace(self, normal=problem.normal(self.point, self.derivatives, self.residuals))
 
 
 @dataclass
@@ -158,7 +159,7 @@ class Goal:
 
     def stops_poor(self, scales: Scales) -> bool:
         """Tell whether the fit ends early because its model is wrong; a fine one never does."""
-        return scales.loud and not self.fine
+        return scales.poor_fit and not self.fine
 
     def no_gain(self, objective: float, scales: Scales) -> float:
         """Return the drop with new derivatives that counts as nothing, at a value of the objective."""
@@ -279,7 +280,7 @@ class Descent:
         """Learn the scales at an optimum of the numbers; tell whether they stay, which ends a fit."""
         before = self.scales
         self.learn(problem)
-        return change(before, self.scales) < (SETTLED if goal.fine else CLOSE)
+        return change(before, self.scales) < (SETTLED if goal.fine else NEGLIGIBLE)
 
     def _try(self, problem: Problem, goal: Goal, objective: float, aim: Point, predicted: float) -> _Step:
         """Simulate where the fraction of a step leads; at an optimum by derivatives of elsewhere try none."""
@@ -334,11 +335,13 @@ class Descent:
         self.stalls += self.gained < no_gain
         if self.stalls >= (STALLS if goal.fine else 1):
             return False
-        slopes = problem.slopes(self.state.point, central=goal.fine, each=self.per_trial)
-        if slopes is None:
+        derivatives = differentiate(problem, self.state.point, central=goal.fine, per_trial=self.per_trial)
+        if derivatives is None:
             return False
-        self.state = replace(self.state, slopes=slopes, normal=NONE)  # the old ones leave memory first
-        self.state, self.distance, self.gained = self.state.weighed(problem), 0.0, 0.0
+        self.state = replace(
+            self.state, derivatives=derivatives, normal=NONE
+        )  # the old ones leave memory first
+        self.state, self.distance, self.gained = self.state.with_equations(problem), 0.0, 0.0
         return True
 
 
@@ -367,7 +370,7 @@ def simulate_at(
     residuals = problem.residuals(aim, responses)
     white = problem.white(residuals)
     there = sum(state.normal.misfits(white, scales).values()) + _prior_misfit(aim, std, mean)
-    return objective - there, State(aim, state.slopes, residuals, white, state.normal.at(white))
+    return objective - there, State(aim, state.derivatives, residuals, white, state.normal.at(white))
 
 
 def simulated(problem: Problem, point: Point) -> tuple[Array, ...] | None:

@@ -21,11 +21,11 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab.inference.bench import SIGNALS
 from granite_lab.inference.constants import NOTHING, REST_SHARE, REST_SPEED, SMOOTH, TINY, TOLERANCE
 from granite_lab.inference.noise import stretches
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.observation import Mask
+from granite_lab.inference.pool import SIGNALS
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import distances_at
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.errors import EstimateError
-from granite_lab.inference.bench import RAKED, SAND
+from granite_lab.inference.derivatives import differentiate
 from granite_lab.inference.descent import (
     AS_GOOD,
     LEAST,
@@ -19,11 +19,12 @@ from granite_lab.inference.descent import (
     simulate_at,
     simulated,
 )
-from granite_lab.inference.normal import Normal, Posterior, Scales
-from granite_lab.inference.point import SHARED, Point, Slopes
+from granite_lab.inference.normal import NormalEquations, Posterior, Scales
+from granite_lab.inference.point import SHARED, Derivatives, Point
+from granite_lab.inference.pool import SAND, SAND_PER_TRIAL
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FIRST, learn_discrepancy, log_prior, per_trial_scales, posterior_at
-from granite_lab.inference.shelf import Shelved
+from granite_lab.inference.spill import Spillable
 from granite_lab.logs.trial import Array
 
 STRENGTH = ("cohesion", "friction_angle")
@@ -40,23 +41,22 @@ class Fit:
     Attributes:
         point: where.
         scales: learnt there.
-        large: derivatives of the responses near the point, and the normal equations at it.
+        spillable: derivatives of the responses near the point, and the normal equations at it.
         residuals: per trial (C, n) measured minus predicted, NaN where nothing was measured.
         posterior: of the parameters.
         evidence: logarithm of the marginal likelihood with the priors of the scales, up to a constant; at the
             point, so that nothing is credited that was not reached.
-        promised: drop of the objective, see `predict_drop`, that is predicted for an undamped step within the
-            bounds.
+        predicted_drop: of the objective by an undamped step within the bounds, see `predict_drop`.
         converged: point and scales are at their joint optimum: no drop is predicted. A rough fit never is.
     """
 
     point: Point
     scales: Scales
-    large: Shelved[tuple[Slopes, Normal]]
+    spillable: Spillable[tuple[Derivatives, NormalEquations]]
     residuals: tuple[Array, ...]
     posterior: Posterior
     evidence: float
-    promised: float
+    predicted_drop: float
     converged: bool
 
     @property
@@ -66,14 +66,14 @@ class Fit:
         return np.sqrt(np.maximum(variances[variances.size - self.point.common.size :], 0.0))
 
     @property
-    def slopes(self) -> Slopes:
+    def derivatives(self) -> Derivatives:
         """The derivatives of the responses near the point."""
-        return self.large.value[0]
+        return self.spillable.value[0]
 
     @property
-    def normal(self) -> Normal:
+    def normal(self) -> NormalEquations:
         """The normal equations at the point."""
-        return self.large.value[1]
+        return self.spillable.value[1]
 
 
 def fit(
@@ -81,7 +81,7 @@ def fit(
     start: Point,
     scales: Scales = FIRST,
     *,
-    slopes: Slopes | None = None,
+    derivatives: Derivatives | None = None,
     rounds: int = ROUNDS,
     least: float = LEAST,
 ) -> Fit:
@@ -91,16 +91,16 @@ def fit(
         problem: the trials, with the noise.
         start: where to begin.
         scales: to begin with.
-        slopes: derivatives near the start, if they are known.
+        derivatives: derivatives near the start, if they are known.
         rounds: most steps; with none the problem is made linear at the start, under the scales as given.
         least: predicted drop of the objective below which the fit has converged.
 
     Raises:
         EstimateError: a simulation at the start has no solution.
     """
-    goal, distance = Goal.of(problem, start, least), 0.0 if slopes is None else AS_GOOD
+    goal, distance = Goal.of(problem, start, least), 0.0 if derivatives is None else AS_GOOD
     scales = replace(scales, priors={**per_trial_scales(problem, start, start.vector), **scales.priors})
-    descent = Descent(_begun(problem, start, slopes, central=goal.fine), scales, distance)
+    descent = Descent(_begun(problem, start, derivatives, central=goal.fine), scales, distance)
     converged = False
     if rounds:
         descent.learn(problem, 1)
@@ -111,34 +111,34 @@ def fit(
     post = posterior_at(problem, state.point, state.normal, scales)
     evidence = post.evidence + log_prior(problem, scales, bool(state.point.effects))
     if rounds:  # nothing is credited beyond a bound, nor what the derivatives predict and was not reached
-        evidence -= post.promised / 2
+        evidence -= post.predicted_drop / 2
     return Fit(
         point=state.point,
         scales=scales,
-        large=Shelved((state.slopes, state.normal.alone())),  # rows serve only a next step
+        spillable=Spillable((state.derivatives, state.normal.without_rows())),  # rows serve only a next step
         residuals=state.residuals,
         posterior=post,
         evidence=evidence,
-        promised=predict_drop(problem, state, scales, 0.0)[2],
+        predicted_drop=predict_drop(problem, state, scales, 0.0)[2],
         converged=converged and goal.fine,
     )
 
 
-def _begun(problem: Problem, start: Point, slopes: Slopes | None, *, central: bool) -> State:
+def _begun(problem: Problem, start: Point, derivatives: Derivatives | None, *, central: bool) -> State:
     """Return the state at which a fit begins.
 
     Raises:
         EstimateError: a simulation has no solution.
     """
     responses = simulated(problem, start)
-    slopes = slopes or problem.slopes(start, central=central)
-    if slopes is None or responses is None:
+    derivatives = derivatives or differentiate(problem, start, central=central)
+    if derivatives is None or responses is None:
         raise EstimateError(
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
         )
     residuals = problem.residuals(start, responses)
-    normal = problem.normal(start, slopes, residuals)
-    return State(start, slopes, residuals, problem.white(residuals), normal)
+    normal = problem.normal(start, derivatives, residuals)
+    return State(start, derivatives, residuals, problem.white(residuals), normal)
 
 
 def _without_strength(problem: Problem, end: Descent, goal: Goal, rounds: int) -> Descent | None:
@@ -151,15 +151,20 @@ def _without_strength(problem: Problem, end: Descent, goal: Goal, rounds: int) -
     shared = np.where([name in STRENGTH for name in SHARED], 0.0, state.point.shared)
     if np.array_equal(shared, state.point.shared):
         return None
-    raked = np.array([name in STRENGTH for name in SAND[:RAKED]])
-    trials = tuple(np.concatenate([np.where(raked, 0.0, x[:RAKED]), x[RAKED:]]) for x in state.point.trials)
+    raked = np.array([name in STRENGTH for name in SAND[:SAND_PER_TRIAL]])
+    trials = tuple(
+        np.concatenate([np.where(raked, 0.0, x[:SAND_PER_TRIAL]), x[SAND_PER_TRIAL:]])
+        for x in state.point.trials
+    )
     objective, _, _ = predict_drop(problem, state, scales, 0.0)
     aim = replace(state.point, shared=shared, trials=trials)
     drop, there = simulate_at(problem, state, scales, objective, aim)
-    slopes = problem.slopes(there.point, central=True) if there is not None and drop > -NEAR else None
-    if there is None or slopes is None:
+    derivatives = (
+        differentiate(problem, there.point, central=True) if there is not None and drop > -NEAR else None
+    )
+    if there is None or derivatives is None:
         return None
-    other = Descent(replace(there, slopes=slopes).weighed(problem), scales)
+    other = Descent(replace(there, derivatives=derivatives).with_equations(problem), scales)
     converged = other.run(problem, goal, rounds)
     better = converged and _evidence(problem, other) > _evidence(problem, end)
     return other if better else None
@@ -169,10 +174,10 @@ def _evidence(problem: Problem, descent: Descent) -> float:
     """Return the logarithm of the marginal likelihood where a descent stands."""
     point, scales = descent.state.point, descent.scales
     post = posterior_at(problem, point, descent.state.normal, scales)
-    return post.evidence - post.promised / 2 + log_prior(problem, scales, bool(point.effects))
+    return post.evidence - post.predicted_drop / 2 + log_prior(problem, scales, bool(point.effects))
 
 
-def under(problem: Problem, fitted: Fit, scales: Scales) -> Fit:
+def with_priors(problem: Problem, fitted: Fit, scales: Scales) -> Fit:
     """Return a fit, linear about its point, under the scales that another model has learnt for the priors.
 
     A model that lacks something widens the priors of what stands in for it; those of a model that lacks
@@ -185,7 +190,7 @@ def under(problem: Problem, fitted: Fit, scales: Scales) -> Fit:
     return replace(fitted, scales=adopted, posterior=post, evidence=evidence)
 
 
-def taken(problem: Problem, fitted: Fit, scales: Scales) -> Fit:
+def with_scales(problem: Problem, fitted: Fit, scales: Scales) -> Fit:
     """Return a fit, linear about its point, under scales that are taken for granted."""
     return replace(
         fitted, scales=scales, posterior=posterior_at(problem, fitted.point, fitted.normal, scales)

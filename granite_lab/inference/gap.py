@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import periodogram
 
 from granite_lab.inference.discrepancy import FORMULA, MOTION
-from granite_lab.inference.fit import Fit, under
+from granite_lab.inference.fit import Fit, with_priors
 from granite_lab.inference.noise import ABOVE, CUT, FEWEST_BINS, errors
 from granite_lab.inference.normal import ChannelPart, Scales
 from granite_lab.inference.problem import Problem
@@ -58,11 +58,11 @@ def discrepancies(problem: Problem, fit: Fit, *, formulas: bool = True) -> list[
         at, names = step[part.place_in(step.size)], dict.fromkeys(c.name for c in part.channels)
         for name in names:
             channels = [c for c in part.channels if c.name == name]
-            bases = problem.bases(fit.point, fit.slopes, command, name)
+            bases = problem.bases(fit.point, fit.derivatives, command, name)
             pairs = zip(channels, bases, strict=True)
             pieces = [_posterior_of(c, b.columns, at, fit.scales, formulas) for c, b in pairs]
             value, std = map(np.concatenate, zip(*pieces, strict=True))
-            size, moving = problem.size_of(command, name)
+            size, moving = problem.rms_of(command, name)
             rows.append(Discrepancy(command, name, size, value * moving, std * moving))
     return rows
 
@@ -76,7 +76,7 @@ def _posterior_of(
     columns = basis[:, kept]
     root, inverse = c.inverse(scales)
     variance = (((columns * root[kept]) @ inverse[kept]) ** 2).sum(axis=1)
-    return columns @ amplitude[kept], scales.louder.get(c.name, 1.0) * np.sqrt(variance)
+    return columns @ amplitude[kept], scales.noise_factor.get(c.name, 1.0) * np.sqrt(variance)
 
 
 def largest_discrepancies(problem: Problem, fit: Fit) -> dict[str, float]:
@@ -97,12 +97,12 @@ def prediction_change(problem: Problem, before: Fit, after: Fit) -> dict[str, fl
     In the fit before the trials may differ from each other by no more than the fit after says: numbers of the
     trials cannot stand in for what is missing.
     """
-    alone = remaining(problem, under(problem, before, after.scales))
+    reference = remaining(problem, with_priors(problem, before, after.scales))
     largest: dict[str, float] = {}
     for command, repetitions in enumerate(problem.commands):
         for c, places in problem.places_of(repetitions).items():
-            size, moving = problem.size_of(command, c)
-            apart = np.stack([alone[i][k] - after.residuals[i][k] for i, k in places])[:, moving]
+            size, moving = problem.rms_of(command, c)
+            apart = np.stack([reference[i][k] - after.residuals[i][k] for i, k in places])[:, moving]
             apart = apart[np.isfinite(apart)]
             if apart.size and size > 0:
                 largest[c] = max(largest.get(c, 0.0), float(np.sqrt(np.mean(apart**2))) / size)
@@ -116,7 +116,7 @@ def remaining(problem: Problem, fit: Fit) -> list[Array]:
     begin = 0
     for i, (x, residual) in enumerate(zip(fit.point.trials, fit.residuals, strict=True)):
         numbers = np.concatenate([step[begin : begin + x.size], step[shared:]])
-        change = problem.columns(i, fit.point, fit.slopes) @ numbers
+        change = problem.columns(i, fit.point, fit.derivatives) @ numbers
         rows.append(residual - change.reshape(residual.shape))
         begin += x.size
     return rows
@@ -135,11 +135,11 @@ def scatter(problem: Problem, fit: Fit) -> dict[str, float]:
         fit: of them.
     """
     left = remaining(problem, fit)
-    every: dict[str, list[float]] = {}
+    by_channel: dict[str, list[float]] = {}
     for command, repetitions in enumerate(problem.commands):
         t = problem.trials[repetitions[0]].observation
         for c, places in problem.places_of(repetitions).items():
-            size, moving = problem.size_of(command, c)
+            size, moving = problem.rms_of(command, c)
             if len(places) < 2 or size <= 0 or c.startswith("wheel"):  # wheels follow the command
                 continue
             noise = errors([left[i][k] for i, k in places])
@@ -149,8 +149,8 @@ def scatter(problem: Problem, fit: Fit) -> dict[str, float]:
             if slow.size and above.size:
                 sure = slow.mean() * (1 - 2 / np.sqrt(slow.size))  # a power scatters by itself
                 more = sure - max(above.mean(), still.mean() if still.size else 0.0)
-                every.setdefault(c, []).append(float(np.sqrt(max(more, 0.0) * CUT)) / size)
-    return {c: float(np.median(values)) for c, values in every.items()}
+                by_channel.setdefault(c, []).append(float(np.sqrt(max(more, 0.0) * CUT)) / size)
+    return {c: float(np.median(values)) for c, values in by_channel.items()}
 
 
 def _powers(rows: Array, width: float, low: float, high: float) -> Array:
@@ -166,7 +166,7 @@ def _powers(rows: Array, width: float, low: float, high: float) -> Array:
 def tolerated(scales: Scales, discrepancy: float) -> Scales:
     """Return scales under which a discrepancy of some share is taken for granted, and formulas for exact."""
     return replace(
-        scales, discrepancy=discrepancy, discrepancies={}, formula=FORMULAS[0], formulas={}, louder={}
+        scales, discrepancy=discrepancy, discrepancies={}, formula=FORMULAS[0], formulas={}, noise_factor={}
     )
 
 

@@ -12,7 +12,7 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 from scipy.optimize import lsq_linear
 
-from granite_lab.inference.constants import LOUD, TINY
+from granite_lab.inference.constants import POOR_FIT, TINY
 from granite_lab.inference.discrepancy import variances
 from granite_lab.logs.trial import Array
 
@@ -35,7 +35,7 @@ class Scales:
         discrepancies: channel to that share as learnt.
         formulas: channel to the error of the formulas as learnt: one may be exact for a speed and rough for
             a pitch rate.
-        louder: channel to how many times larger its noise is than the repetitions show; above one where
+        noise_factor: channel to how many times larger its noise is than the repetitions show; above one where
             the model misses what is not smooth, so that a bad fit is not believed to the last digit.
     """
 
@@ -44,7 +44,7 @@ class Scales:
     priors: Mapping[str, float] = field(default_factory=dict)
     discrepancies: Mapping[str, float] = field(default_factory=dict)
     formulas: Mapping[str, float] = field(default_factory=dict)
-    louder: Mapping[str, float] = field(default_factory=dict)
+    noise_factor: Mapping[str, float] = field(default_factory=dict)
 
     def discrepancy_of(self, channel: str) -> float:
         """Return the discrepancy of a channel."""
@@ -60,9 +60,9 @@ class Scales:
         return max(self.discrepancies.values(), default=self.discrepancy)
 
     @property
-    def loud(self) -> bool:
+    def poor_fit(self) -> bool:
         """Whether the noise of a channel is so much louder than its repetitions show that the fit is bad."""
-        return max(self.louder.values(), default=1.0) > LOUD
+        return max(self.noise_factor.values(), default=1.0) > POOR_FIT
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,12 +110,12 @@ class ChannelPart:
 
         The last one is remembered, as each step of a fit asks for it several times.
         """
-        louder = scales.louder.get(self.name, 1.0)
+        noise_factor = scales.noise_factor.get(self.name, 1.0)
         share, formula = scales.discrepancy_of(self.name), scales.formula_of(self.name)
-        key = share, formula, louder
+        key = share, formula, noise_factor
         if (factor := self._factor.get(key)) is not None:
             return factor
-        root = np.sqrt(variances(self.kind, share, formula)) / louder
+        root = np.sqrt(variances(self.kind, share, formula)) / noise_factor
         M = root[:, None] * self.basis * root
         M.flat[:: root.size + 1] += 1
         U, failed = dpotrf(M) if root.size else (M, 0)
@@ -135,7 +135,7 @@ class ChannelPart:
         """Return the (a, a) matrix with the discrepancy integrated out, and the log determinant it brings."""
         root, U, logdet = self.factor(scales)
         X = _solved(U, root[:, None] * self.across)
-        return (self.gram - X.T @ X) / scales.louder.get(self.name, 1.0) ** 2, logdet
+        return (self.gram - X.T @ X) / scales.noise_factor.get(self.name, 1.0) ** 2, logdet
 
     def amplitudes(self, step: Array, scales: Scales) -> tuple[Array, Array]:
         """Return mean and variance of the amplitudes of the discrepancy, the parameters given.
@@ -146,8 +146,8 @@ class ChannelPart:
         """
         root, inverse = self.inverse(scales)
         mean = root * (inverse @ (inverse.T @ (root * (self.across @ step))))
-        louder = scales.louder.get(self.name, 1.0)
-        return np.asarray(mean), np.asarray((louder * root) ** 2 * (inverse**2).sum(axis=1))
+        noise_factor = scales.noise_factor.get(self.name, 1.0)
+        return np.asarray(mean), np.asarray((noise_factor * root) ** 2 * (inverse**2).sum(axis=1))
 
     def misfit(self, white: Sequence[Array], scales: Scales) -> float:
         """Return the sum of squares of other whitened residuals once the discrepancy is refitted."""
@@ -155,7 +155,7 @@ class ChannelPart:
         b = np.sum([r.basis.T @ white[r.trial][r.bins] for r in self.rows], axis=0)
         x = _solved(U, root * b)
         squares = sum(float(w @ w) for w in (white[r.trial][r.bins] for r in self.rows))
-        return (squares - float(x @ x)) / scales.louder.get(self.name, 1.0) ** 2
+        return (squares - float(x @ x)) / scales.noise_factor.get(self.name, 1.0) ** 2
 
     def at(self, white: Sequence[Array]) -> ChannelPart:
         """Return the same with other whitened residuals."""
@@ -182,7 +182,7 @@ class CommandPart:
     place: Places
     channels: tuple[ChannelPart, ...]
 
-    def alone(self) -> CommandPart:
+    def without_rows(self) -> CommandPart:
         """Return the same without the rows, which only other residuals need."""
         return replace(self, channels=tuple(replace(c, rows=()) for c in self.channels))
 
@@ -192,7 +192,7 @@ class CommandPart:
 
 
 @dataclass(frozen=True, eq=False)
-class Normal:
+class NormalEquations:
     """All commands; the columns are the parameters, then candidates, then the residual.
 
     Attributes:
@@ -206,14 +206,14 @@ class Normal:
     parameters: int
     _marginals: dict[object, tuple[Array, float]] = field(default_factory=dict, init=False, repr=False)
 
-    def at(self, white: Sequence[Array]) -> Normal:
+    def at(self, white: Sequence[Array]) -> NormalEquations:
         """Return the same with other whitened residuals."""
         parts = tuple(replace(p, channels=tuple(c.at(white) for c in p.channels)) for p in self.parts)
         return replace(self, parts=parts)
 
-    def alone(self) -> Normal:
+    def without_rows(self) -> NormalEquations:
         """Return the same without the rows, which only other residuals need."""
-        return replace(self, parts=tuple(part.alone() for part in self.parts))
+        return replace(self, parts=tuple(part.without_rows() for part in self.parts))
 
     def marginal(self, scales: Scales, only: Sequence[int] | None = None) -> tuple[Array, float]:
         """Integrate the discrepancy out.
@@ -236,7 +236,7 @@ class Normal:
 
     def _of_part(self, number: int, scales: Scales) -> tuple[Array, float]:
         """Return the matrix and the log determinant of one part; they are remembered."""
-        learnt = (*scales.louder.items(), *scales.discrepancies.items(), *scales.formulas.items())
+        learnt = (*scales.noise_factor.items(), *scales.discrepancies.items(), *scales.formulas.items())
         key = number, scales.discrepancy, scales.formula, learnt
         if key not in self._marginals:
             marginals = [channel.marginal(scales) for channel in self.parts[number].channels]
@@ -309,7 +309,7 @@ class Posterior:
         return np.asarray(self.scale[:, None] * inverse)
 
     @property
-    def promised(self) -> float:
+    def predicted_drop(self) -> float:
         """The drop of the sum of squares, priors included, from the point to the mean."""
         return float(np.sum((np.tril(self.factor).T @ (self.step / self.scale)) ** 2))
 
@@ -318,7 +318,7 @@ def posterior(M: Array, logdet: float, precision: Array, pull: Array) -> Posteri
     """Return the posterior of the parameters.
 
     Args:
-        M: of `Normal.marginal`.
+        M: of `NormalEquations.marginal`.
         logdet: of the discrepancy.
         precision: (p,) inverse variances of the priors, 0 for a flat one.
         pull: (p,) means of the priors minus the present values.
@@ -332,7 +332,7 @@ def posterior(M: Array, logdet: float, precision: Array, pull: Array) -> Posteri
     solved = scale[:, None] * cho_solve(factor, scale[:, None] * right, check_finite=False)
     rest = M[p:, p:] - right.T @ solved
     rest[-1, -1] += float(precision @ pull**2)
-    given = precision > 0
+    informative = precision > 0
     logdet_N = 2 * float(np.log(np.diag(factor[0])).sum()) - 2 * float(np.log(scale).sum())
-    evidence = -0.5 * (rest[-1, -1] + logdet + logdet_N - float(np.log(precision[given]).sum()))
+    evidence = -0.5 * (rest[-1, -1] + logdet + logdet_N - float(np.log(precision[informative]).sum()))
     return Posterior(solved[:, -1], evidence, float(rest[-1, -1]), rest, solved[:, :-1], factor[0], scale)

@@ -11,17 +11,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granite_lab.inference.bench import ACCURACY, RAKED, SAND
 from granite_lab.inference.binning import CURRENTS, IMU, WHEELS
 from granite_lab.inference.constants import (
     CURRENT_LATENCY_STD,
     LATENCY_STD,
     LOW_PASS_STD,
-    RAKING,
     REACH,
+    SAND_PER_TRIAL_STD,
     SENSOR_STD,
 )
 from granite_lab.inference.observation import Observation
+from granite_lab.inference.pool import ACCURACY, SAND, SAND_PER_TRIAL
 from granite_lab.logs.trial import Array
 from granite_lab.model.instants import instants
 from granite_lab.parameters import GRAVITY, Robot, load_grade
@@ -66,8 +66,8 @@ class Slack:
 class TrialModel:
     """How one trial depends on its own numbers.
 
-    A trial's numbers x are: the first `RAKED` of `SAND` (about the common sand), the shift of the start [s],
-    then the slacks.
+    A trial's numbers x are: the first `SAND_PER_TRIAL` of `SAND` (about the common sand), the shift of the
+    start [s], then the slacks.
 
     Args:
         observation: the trial in bins.
@@ -83,7 +83,10 @@ class TrialModel:
         self.command = variant if command is None else command
         self.channels = tuple(observation.streams)
         self.slacks = (
-            *(Slack(name, std, True) for name, std in zip(SAND[:RAKED], RAKING, strict=True)),
+            *(
+                Slack(name, std, True)
+                for name, std in zip(SAND[:SAND_PER_TRIAL], SAND_PER_TRIAL_STD, strict=True)
+            ),
             Slack("start", SENSOR_STD["start"]),
             *_slacks(observation, robot),
         )
@@ -105,7 +108,7 @@ class TrialModel:
             float(sensors[SENSORS.index(name)]) for name in ("latency", "current_latency", "low_pass")
         )
         return self.observation.binned(
-            self.t, response, float(x[RAKED]), (0.0, imu, currents), only, low_pass
+            self.t, response, float(x[SAND_PER_TRIAL]), (0.0, imu, currents), only, low_pass
         )
 
     def predict(self, response: Array, x: Array, sensors: Array) -> Array:
@@ -140,8 +143,8 @@ class TrialModel:
         """Return the derivatives of `predict`.
 
         Args:
-            changes: (8, M, 2 + RAKED + k) of the response: its `directions`, its derivatives by the sand that
-                is raked, and k others.
+            changes: (8, M, 2 + SAND_PER_TRIAL + k) of the response: its `directions`, its derivatives by the
+                sand that is raked, and k others.
             x: the trial's numbers.
             sensors: numbers of the sensors that all trials share.
 
@@ -151,11 +154,11 @@ class TrialModel:
         bins = self.bins_of(changes, x, sensors)
         shown = self._shown(bins, x)
         later = self._later(changes[..., 0], x, sensors)
-        raked, others = slice(2, 2 + RAKED), slice(2 + RAKED, None)
+        raked, others = slice(2, 2 + SAND_PER_TRIAL), slice(2 + SAND_PER_TRIAL, None)
         local = np.zeros((len(self.channels), self.observation.bins, self.size))
         by_sensor = np.zeros((*local.shape[:2], len(SENSORS)))
         for k, c in enumerate(self.channels):
-            local[k, :, :RAKED], local[k, :, RAKED] = shown[c][:, raked], later[c]
+            local[k, :, :SAND_PER_TRIAL], local[k, :, SAND_PER_TRIAL] = shown[c][:, raked], later[c]
             sensor = self.observation.streams[c].sensor
             if sensor != WHEELS:
                 by_sensor[k, :, SENSORS.index(LATENCY_OF[sensor])] = later[c]
@@ -165,7 +168,7 @@ class TrialModel:
             turning = self._shown({c: bins[c][:, 1] * (c == felt) for c in ARM_OF}, x)
             for c in ARM_OF:
                 by_sensor[self.channels.index(c), :, SENSORS.index(ARM_OF[felt])] = turning[c]
-        for n, slack in enumerate(self.slacks[RAKED + 1 :], start=RAKED + 1):
+        for n, slack in enumerate(self.slacks[SAND_PER_TRIAL + 1 :], start=SAND_PER_TRIAL + 1):
             channel, _, kind = slack.name.partition(" ")
             if slack.name == "tilt":
                 gain = 1 + self._of(x, "accel_x gain")
@@ -208,7 +211,7 @@ class TrialModel:
 
         A simulation is a chain of straight lines; where the stamps lie in them decides the derivative.
         """
-        step = _SHIFT_STEP * (np.arange(x.size) == RAKED)
+        step = _SHIFT_STEP * (np.arange(x.size) == SAND_PER_TRIAL)
         sooner, later = (self.bins_of(response, x + sign * step, sensors) for sign in (-1, 1))
         return self._shown({c: (later[c] - sooner[c]) / (2 * _SHIFT_STEP) for c in later}, x)
 

@@ -17,10 +17,10 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import EstimateError
-from granite_lab.inference.bench import SIGNALS
 from granite_lab.inference.binning import CURRENTS, Binning, Stream, at_edges_or_between
 from granite_lab.inference.constants import BIN, REACH, SMOOTH
 from granite_lab.inference.noise import FEWEST_BINS
+from granite_lab.inference.pool import SIGNALS
 from granite_lab.logs.sensors.imu import mounted
 from granite_lab.logs.sensors.stamps import GAP_PERIODS
 from granite_lab.logs.trial import Array, Trial

@@ -9,8 +9,8 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab.inference.bench import RAKED, SIMULATED, Task
 from granite_lab.inference.nuisances import SENSORS
+from granite_lab.inference.pool import SAND_PER_TRIAL, SIMULATED, Task
 from granite_lab.logs.trial import Array
 
 DIRECTIONS = 2
@@ -48,7 +48,7 @@ class Point:
 
     def at_files(self, count: int = len(SHARED)) -> Point:
         """Return the point with the first `count` of `SHARED` and the raking of the trials as filed."""
-        trials = tuple(np.append(np.zeros(RAKED), x[RAKED:]) for x in self.trials)
+        trials = tuple(np.append(np.zeros(SAND_PER_TRIAL), x[SAND_PER_TRIAL:]) for x in self.trials)
         return replace(self, shared=np.append(np.zeros(count), self.shared[count:]), trials=trials)
 
 
@@ -86,7 +86,7 @@ class Difference:
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes:
+class Derivatives:
     """Derivatives of the responses at one point.
 
     Attributes:
@@ -96,16 +96,16 @@ class Slopes:
             and shared ones.
         traces: per input (8, M, s), what each effect changes.
         private: number o of the effects' own parameters.
-        each: per trial the changes at its own numbers; empty where those at the centre of its input serve.
+        per_trial: per trial the changes at its own numbers; empty where those of its input serve.
     """
 
     response: tuple[Array, ...]
     changes: tuple[Array, ...]
     traces: tuple[Array, ...]
     private: int
-    each: tuple[Array, ...] = ()
+    per_trial: tuple[Array, ...] = ()
 
-    def simulated(self, number: int) -> Array:
+    def by_simulated(self, number: int) -> Array:
         """Return the (8, M, 9) derivatives of an input by the numbers of `SIMULATED`."""
         return self.changes[number][..., DIRECTIONS : DIRECTIONS + len(SIMULATED)]
 
@@ -116,21 +116,21 @@ class Further:
 
     Attributes:
         changes: per input (8, M, k); first those that all trials share.
-        each: number of the last ones, which each trial has of its own.
+        per_trial: number of the last ones, which each trial has of its own.
         counts: per command the number of the others, where each command has its own; empty where all commands
             share them.
         columns: trial to all its columns, `Problem.columns` and these, where they were computed already.
     """
 
     changes: tuple[Array, ...]
-    each: int = 0
+    per_trial: int = 0
     counts: tuple[int, ...] = ()
     columns: Mapping[int, Array] = field(default_factory=dict)
 
     @classmethod
-    def computed(cls, columns: Mapping[int, Array], count: int, each: int) -> Self:
+    def computed(cls, columns: Mapping[int, Array], count: int, per_trial: int) -> Self:
         """Return `count` changes whose columns are known already, so that only their number matters."""
-        return cls((np.zeros((0, 0, count)),), each, columns=columns)
+        return cls((np.zeros((0, 0, count)),), per_trial, columns=columns)
 
     def places(self, command: int) -> npt.NDArray[np.int64]:
         """Return the places of a command's columns among all that are not of single trials."""
@@ -141,7 +141,7 @@ class Further:
     @property
     def count(self) -> int:
         """The number of columns that are not of single trials."""
-        return sum(self.counts) if self.counts else self.changes[0].shape[-1] - self.each
+        return sum(self.counts) if self.counts else self.changes[0].shape[-1] - self.per_trial
 
 
 def stacked(changes: Sequence[Array], like: Array) -> Array:

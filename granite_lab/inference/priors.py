@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from granite_lab.inference.bench import SAND
-from granite_lab.inference.constants import CLOSE, LINEAR, SAND_STD
+from granite_lab.inference.constants import LINEAR, NEGLIGIBLE, SAND_STD
+from granite_lab.inference.pool import SAND
 from granite_lab.model.effect import EffectParameter
 from granite_lab.parameters import Robot, Soil
 
@@ -19,7 +19,7 @@ def step_of(p: EffectParameter, value: float) -> float:
     width = p.prior_high - p.prior_low
     h = EFFECT_STEP * width
     if p.moving:  # blows come at other times already with a little more of it
-        h = float(np.clip(LINEAR * abs(value - p.neutral), CLOSE * h, h))
+        h = float(np.clip(LINEAR * abs(value - p.neutral), NEGLIGIBLE * h, h))
     return h if value + h <= p.high else -h
 
 

@@ -1,4 +1,4 @@
-"""The least-squares problem: trials, simulations, noise and priors; the numbers come as arguments."""
+"""The least-squares problem: trials, simulations, noise and priors, as functions of the numbers."""
 
 from __future__ import annotations
 
@@ -8,34 +8,24 @@ from itertools import chain
 
 import numpy as np
 
-from granite_lab.inference.bench import RAKED, SIMULATED, Bench, Setting, Task
-from granite_lab.inference.constants import LEAD_STD, LINEAR, REACH, SAND_STD
+from granite_lab.inference.constants import LEAD_STD, REACH, SAND_STD
 from granite_lab.inference.discrepancy import FORMULA, Basis, joined, modulated, plain_bases, sizes_of
 from granite_lab.inference.noise import Filter, Whitener, stretches
-from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Places, Rows, Scales
+from granite_lab.inference.normal import ChannelPart, CommandPart, NormalEquations, Places, Rows, Scales
 from granite_lab.inference.nuisances import SENSORS, SENSORS_LEAST, SENSORS_STD, TrialModel
 from granite_lab.inference.observation import Mask
-from granite_lab.inference.point import SHARED, Difference, Further, Point, Slopes, stacked
-from granite_lab.inference.priors import centre_of, is_central, step_of, trial_scale_name, width_of
+from granite_lab.inference.point import SHARED, Derivatives, Further, Point
+from granite_lab.inference.pool import SAND_PER_TRIAL, SIMULATED, Setting, SimulationPool, Task
+from granite_lab.inference.priors import centre_of, trial_scale_name, width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
-from granite_lab.model.leading import LEADS
-
-_HALVED = ("tyre_friction", *LEADS)
-STEP = np.array([LINEAR if n == "cohesion" else 0.01 / (1 + (n in _HALVED)) for n in SIMULATED])
-"""Steps of the differences by `SIMULATED`, a tenth of their std and less: wide where little depends on a
-number, so that the integrator's errors are less than the difference, and half where a kink is near."""
-
-KINKED = ("cohesion", "shear_modulus", "friction_angle", "tyre_friction")
-"""Sand by which differences are central: (10) has a kink where the other limit of the shear stress begins to
-rule, and a difference to one side shows one of the two."""
 
 
-def _numbered(of: Sequence[int]) -> tuple[tuple[tuple[int, ...], ...], tuple[int, ...]]:
+def _numbered(numbers: Sequence[int]) -> tuple[tuple[tuple[int, ...], ...], tuple[int, ...]]:
     """Return the trials that have each of some numbers, in their order, and per trial its place there."""
-    every = sorted(set(of))
-    groups = tuple(tuple(i for i, value in enumerate(of) if value == number) for number in every)
-    return groups, tuple(every.index(value) for value in of)
+    distinct = sorted(set(numbers))
+    groups = tuple(tuple(i for i, value in enumerate(numbers) if value == number) for number in distinct)
+    return groups, tuple(distinct.index(value) for value in numbers)
 
 
 class Problem:
@@ -43,7 +33,7 @@ class Problem:
 
     Args:
         trials: in bins.
-        bench: runs the simulations.
+        pool: runs the simulations.
         sand_std: std of the common sand, as `SAND`.
 
     Attributes:
@@ -54,9 +44,9 @@ class Problem:
     """
 
     def __init__(
-        self, trials: Sequence[TrialModel], bench: Bench, sand_std: Sequence[float] = SAND_STD
+        self, trials: Sequence[TrialModel], pool: SimulationPool, sand_std: Sequence[float] = SAND_STD
     ) -> None:
-        self.trials, self.bench, self.sand_std = tuple(trials), bench, np.array(sand_std)
+        self.trials, self.pool, self.sand_std = tuple(trials), pool, np.array(sand_std)
         self.simulated_std = np.append(self.sand_std, LEAD_STD)
         self.inputs, self.input_of = _numbered([t.variant for t in trials])
         self.commands, self.command_of = _numbered([t.command for t in trials])
@@ -82,7 +72,7 @@ class Problem:
 
     def parameters_of(self, id_: str) -> tuple[EffectParameter, ...]:
         """Return the parameters of a candidate."""
-        return self.bench.world.effects[id_].parameters
+        return self.pool.scenario.effects[id_].parameters
 
     def parameters(self, ids: Sequence[str], *, per_trial: bool) -> list[tuple[str, EffectParameter]]:
         """Return the shared or the per-trial parameters of effects, each with its effect's id, in order."""
@@ -174,111 +164,27 @@ class Problem:
 
     def task(self, point: Point, trial: int) -> Task:
         """Return the simulation of one trial at its own sand."""
-        return self._middle(point, (trial,))
+        return self.mean_task(point, (trial,))
 
     def centre(self, point: Point, number: int) -> Task:
         """Return the simulation of an input at the mean of its trials' own numbers."""
-        return self._middle(point, self.inputs[number])
+        return self.mean_task(point, self.inputs[number])
 
-    def _middle(self, point: Point, some: Sequence[int]) -> Task:
+    def mean_task(self, point: Point, group: Sequence[int]) -> Task:
         """Return the simulation at the mean of the own numbers of some trials of an input."""
         numbers = point.shared[: len(SIMULATED)].copy()
-        numbers[:RAKED] += np.mean([point.trials[i][:RAKED] for i in some], axis=0)
-        setting = self.setting(point.effects, point.common, self._private_mean(point, some))
-        return self.bench.world.task(self.trials[some[0]].variant, numbers, setting)
+        numbers[:SAND_PER_TRIAL] += np.mean([point.trials[i][:SAND_PER_TRIAL] for i in group], axis=0)
+        setting = self.setting(point.effects, point.common, self.private_mean(point, group))
+        return self.pool.scenario.task(self.trials[group[0]].variant, numbers, setting)
 
-    def _private_mean(self, point: Point, some: Sequence[int]) -> Array:
-        return np.asarray(np.mean([point.trials[i][self.trials[i].size :] for i in some], axis=0))
+    def private_mean(self, point: Point, group: Sequence[int]) -> Array:
+        """Return (o,) the mean of the effects' own parameters of some trials."""
+        return np.asarray(np.mean([point.trials[i][self.trials[i].size :] for i in group], axis=0))
 
     def respond(self, tasks: Sequence[Task]) -> list[Array] | None:
         """Return the (8, M) response of each simulation; None where one has no solution."""
-        responses = [r for r in self.bench.run(tasks) if r is not None]
+        responses = [r for r in self.pool.run(tasks) if r is not None]
         return responses if len(responses) == len(tasks) else None
-
-    def slopes(
-        self, point: Point, sand_from: Slopes | None = None, *, central: bool = True, each: bool = False
-    ) -> Slopes | None:
-        """Differentiate the responses; None where a run has no solution.
-
-        Where a step leads out of the region with a solution, the opposite one alone is taken.
-
-        Args:
-            point: where.
-            sand_from: slopes whose derivatives by the sand are good enough to be kept, at the same places.
-            central: take differences to both sides where the model has kinks.
-            each: take differences at each trial's own numbers, in place of the centre of its input.
-        """
-        first = 0 if sand_from is None else len(SIMULATED)
-        places = [(i,) for i, _ in enumerate(self.trials)] if each else self.inputs
-        plans = [self._differences(point, some, central)[first:] for some in places]
-        middles = [self._middle(point, some) for some in places]
-        centres = [self.centre(point, number) for number, _ in enumerate(self.inputs)]
-        without = [self._without_each(point, number) for number, _ in enumerate(self.inputs)]
-        sides = [
-            task
-            for plan in plans
-            for d in plan
-            for task in ((d.ahead, d.behind) if d.central else (d.ahead,))
-        ]
-        tasks = list(dict.fromkeys([*centres, *middles, *chain.from_iterable(without), *sides]))
-        runs = dict(zip(tasks, self.bench.run(tasks), strict=True))
-        lost = [d.behind for plan in plans for d in plan if not d.central and runs[d.ahead] is None]
-        runs |= zip(lost, self.bench.run(lost) if lost else (), strict=True)
-        solved = {task: run for task, run in runs.items() if run is not None}
-        if not solved.keys() >= {*centres, *middles, *chain.from_iterable(without)}:
-            return None
-        shared = len(self.parameters(point.effects, per_trial=False))
-        changes = []
-        for j, (some, middle, plan) in enumerate(zip(places, middles, plans, strict=True)):
-            base = solved[middle]
-            derived = [derivative for d in plan if (derivative := d.derivative(base, runs)) is not None]
-            if len(derived) < len(plan):
-                return None
-            n = len(SIMULATED) - first
-            sand, common, private = np.split(stacked(derived, base), [n, n + shared], axis=-1)
-            sand = sand if sand_from is None else sand_from.simulated(j)
-            directions = self.trials[some[0]].directions(base)
-            changes.append(np.concatenate([directions, sand, private, common], axis=-1))
-        return Slopes(
-            response=tuple(solved[centre] for centre in centres),
-            changes=tuple(changes[served[0]] for served in self.inputs) if each else tuple(changes),
-            traces=tuple(
-                stacked([solved[centre] - solved[task] for task in left], solved[centre])
-                for centre, left in zip(centres, without, strict=True)
-            ),
-            private=len(self.parameters(point.effects, per_trial=True)),
-            each=tuple(changes) if each else (),
-        )
-
-    def _differences(self, point: Point, some: Sequence[int], central: bool) -> list[Difference]:
-        """Return the differences by the sand and by the effects' parameters, at the mean of some trials."""
-        centre, differences = self._middle(point, some), []
-        numbers, task = np.array((*centre.sand, *centre.leads)), self.bench.world.task
-        for k, name in enumerate(SIMULATED):
-            step = STEP * (np.arange(STEP.size) == k)
-            sides = [task(centre.variant, x, centre.setting) for x in (numbers + step, numbers - step)]
-            differences.append(Difference(float(STEP[k]), central and name in KINKED, *sides))
-        shared = [p for _, p in self.parameters(point.effects, per_trial=False)]
-        private = [p for _, p in self.parameters(point.effects, per_trial=True)]
-        at = np.concatenate([point.common, self._private_mean(point, some)])
-        for k, p in enumerate([*shared, *private]):
-            step, sides = step_of(p, float(at[k])), []
-            for sign in (1, -1):
-                values = at.copy()
-                values[k] += sign * step
-                setting = self.setting(point.effects, values[: len(shared)], values[len(shared) :])
-                sides.append(replace(centre, setting=setting))
-            differences.append(Difference(step, central and is_central(p, float(at[k]), step), *sides))
-        return differences
-
-    def _without_each(self, point: Point, number: int) -> list[Task]:
-        """Return the simulations of an input with one of the effects switched off."""
-        centre, tasks = self.centre(point, number), []
-        for id_ in point.effects:
-            left = self.without_effect(point, id_)
-            setting = self.setting(left.effects, left.common, self._private_mean(left, self.inputs[number]))
-            tasks.append(replace(centre, setting=setting))
-        return tasks
 
     def residuals(self, point: Point, responses: Sequence[Array]) -> tuple[Array, ...]:
         """Return per trial (C, n) measured minus predicted."""
@@ -317,19 +223,19 @@ class Problem:
 
     # --- normal equations
 
-    def weigh(self, whiteners: list[list[Whitener]], point: Point, slopes: Slopes) -> None:
+    def set_noise(self, whiteners: list[list[Whitener]], point: Point, derivatives: Derivatives) -> None:
         """Set the noise, and the size of each channel's discrepancy from the responses at a point."""
         self.whiteners = whiteners
         self._alike = {}
-        for i, mine in enumerate(whiteners):
-            for k, whitener in enumerate(mine):
+        for i, of_trial in enumerate(whiteners):
+            for k, whitener in enumerate(of_trial):
                 self._alike.setdefault(whitener, []).append((i, k))
         self._plain, self._white_plain, self._sizes = [], {}, []
         for repetitions in self.commands:
             t, x, response = (
                 self.trials[repetitions[0]],
                 point.trials[repetitions[0]],
-                slopes.response[self.input_of[repetitions[0]]],
+                derivatives.response[self.input_of[repetitions[0]]],
             )
             bins = t.bins_of(response, x, point.sensors)
             size, moving, resting = sizes_of([self.trials[i] for i in repetitions], response, bins)
@@ -337,7 +243,7 @@ class Problem:
             self._plain.append({c: plain_bases(*of, t.observation.width) for c, of in sizes.items()})
             self._sizes.append(sizes)
 
-    def size_of(self, command: int, channel: str) -> tuple[float, Mask]:
+    def rms_of(self, command: int, channel: str) -> tuple[float, Mask]:
         """Return the rms of a channel in motion, and (n,) where the robot moves."""
         return self._sizes[command][channel][:2]
 
@@ -349,18 +255,18 @@ class Problem:
     def normal(
         self,
         point: Point,
-        slopes: Slopes,
+        derivatives: Derivatives,
         residuals: Sequence[Array],
         *,
         apart: bool = False,
         further: Further | None = None,
         keep: bool = True,
-    ) -> Normal:
+    ) -> NormalEquations:
         """Return the normal equations at a point.
 
         Args:
             point: where.
-            slopes: there.
+            derivatives: there.
             residuals: (C, n) per trial there.
             apart: each trial has a discrepancy of its own instead of sharing it with its repetitions.
             further: columns behind those of the parameters; those that each trial has of its own become a
@@ -371,43 +277,48 @@ class Problem:
         first = np.cumsum([0, *(x.size for x in point.trials)])
         local = int(first[-1])
         p = local + len(SHARED) + point.common.size
-        each = further.each if further else 0
+        per_trial = further.per_trial if further else 0
         end = p + (further.count if further else 0)
-        size = end + each * len(self.trials) + 1
+        size = end + per_trial * len(self.trials) + 1
 
         parts = []
-        for command, everyone in enumerate(self.commands):
+        for command, repetitions in enumerate(self.commands):
             rows: dict[int, tuple[Places, Array]] = {}
             shared = np.arange(local, p)
             if further:
                 shared = np.append(shared, p + further.places(command))
-            for i in everyone:
-                private, candidates = np.arange(first[i], first[i + 1]), end + i * each + np.arange(each)
+            for i in repetitions:
+                private, candidates = (
+                    np.arange(first[i], first[i + 1]),
+                    end + i * per_trial + np.arange(per_trial),
+                )
                 columns = further.columns.get(i) if further else None
-                columns = self.columns(i, point, slopes, further) if columns is None else columns
+                columns = self.columns(i, point, derivatives, further) if columns is None else columns
                 rows[i] = np.concatenate([private, shared, candidates]), self.whiten(i, columns)
-            traces = self._traces(point, slopes, command)
-            for some in [(i,) for i in everyone] if apart else [everyone]:
-                at = np.unique(np.concatenate([*(rows[i][0] for i in some), [size - 1]]))
+            traces = self._traces(point, derivatives, command)
+            for group in [(i,) for i in repetitions] if apart else [repetitions]:
+                at = np.unique(np.concatenate([*(rows[i][0] for i in group), [size - 1]]))
                 channels = (
                     self._channel((command, c), places, at, rows, white, traces)
-                    for c, places in self.places_of(some).items()
+                    for c, places in self.places_of(group).items()
                 )
                 part = CommandPart(at, tuple(chain.from_iterable(channels)))
-                parts.append(part if keep else part.alone())
-        return Normal(tuple(parts), size, p)
+                parts.append(part if keep else part.without_rows())
+        return NormalEquations(tuple(parts), size, p)
 
-    def _traces(self, point: Point, slopes: Slopes, command: int) -> dict[str, list[Array]]:
+    def _traces(self, point: Point, derivatives: Derivatives, command: int) -> dict[str, list[Array]]:
         """Return channel to the (n,) trace of each effect in a command."""
         if not point.effects:
             return {}
         i = self.commands[command][0]
-        bins = self.trials[i].bins_of(slopes.traces[self.input_of[i]], point.trials[i], point.sensors)
+        bins = self.trials[i].bins_of(derivatives.traces[self.input_of[i]], point.trials[i], point.sensors)
         return {c: list(values.T) for c, values in bins.items()}
 
-    def bases(self, point: Point, slopes: Slopes, command: int, name: str) -> list[Basis]:
+    def bases(self, point: Point, derivatives: Derivatives, command: int, name: str) -> list[Basis]:
         """Return per stretch of a command the (n, m) discrepancy of a channel [unit of the channel]."""
-        return [joined(parts) for parts in self._bases(self._traces(point, slopes, command), command, name)]
+        return [
+            joined(parts) for parts in self._bases(self._traces(point, derivatives, command), command, name)
+        ]
 
     def _bases(self, traces: Mapping[str, list[Array]], command: int, name: str) -> list[list[Basis]]:
         """Return the columns per stretch, those of the errors of formulas, one effect each, the last ones."""
@@ -477,22 +388,24 @@ class Problem:
         across = B.T @ F
         return np.hstack([B, F]), np.block([[BB, across], [across.T, F.T @ F]])
 
-    def columns(self, i: int, point: Point, slopes: Slopes, further: Further | None = None) -> Array:
+    def columns(
+        self, i: int, point: Point, derivatives: Derivatives, further: Further | None = None
+    ) -> Array:
         """Return the (C n, k) derivatives of what a trial should show.
 
         Args:
             i: the trial.
             point: where.
-            slopes: there.
+            derivatives: there.
             further: changes whose columns come last.
 
         Returns:
             by the trial's own parameters, the shared ones, the further ones.
         """
         t, x, number = self.trials[i], point.trials[i], self.input_of[i]
-        changes = slopes.each[i] if slopes.each else slopes.changes[number]
+        changes = derivatives.per_trial[i] if derivatives.per_trial else derivatives.changes[number]
         local, sensors, others = t.columns(changes, x, point.sensors)
-        first, count = len(SIMULATED) - RAKED, slopes.private
+        first, count = len(SIMULATED) - SAND_PER_TRIAL, derivatives.private
         rest, private, common = np.split(others, [first, first + count], axis=1)
         more = [t.effect_columns(further.changes[number], x, point.sensors)] if further else []
-        return np.column_stack([local, private, local[:, :RAKED], rest, sensors, common, *more])
+        return np.column_stack([local, private, local[:, :SAND_PER_TRIAL], rest, sensors, common, *more])

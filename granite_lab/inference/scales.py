@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.inference.constants import (
-    CLOSE,
     FORMULA_ERROR,
+    NEGLIGIBLE,
     NOTHING,
     PSEUDO_TRIALS,
     TOLERANCE,
     UPDATES,
 )
 from granite_lab.inference.discrepancy import FORMULA, MOTION
-from granite_lab.inference.normal import Normal, Posterior, Scales, posterior
+from granite_lab.inference.normal import NormalEquations, Posterior, Scales, posterior
 from granite_lab.inference.point import Point
 from granite_lab.inference.priors import trial_scale_name, width_of
 from granite_lab.inference.problem import Problem
@@ -33,13 +33,13 @@ FIRST = Scales(2 * TOLERANCE, FORMULA_ERROR[0])
 
 def change(before: Scales, after: Scales) -> float:
     """Return the largest change of the logarithm of a scale, infinite for one that was not learnt before."""
-    names = ("discrepancies", "formulas", "louder", "priors")
+    names = ("discrepancies", "formulas", "noise_factor", "priors")
     pairs = ((getattr(before, n), getattr(after, n)) for n in names)
     ratios = [np.inf if k not in x else abs(np.log(y[k] / x[k])) for x, y in pairs for k in y]
     return float(max(ratios, default=0.0))
 
 
-def posterior_at(problem: Problem, point: Point, normal: Normal, scales: Scales) -> Posterior:
+def posterior_at(problem: Problem, point: Point, normal: NormalEquations, scales: Scales) -> Posterior:
     """Return the posterior of the numbers, linear about a point."""
     std, mean = problem.prior(point, scales)
     return posterior(*normal.marginal(scales), std**-2.0, mean - point.vector)
@@ -55,7 +55,7 @@ def log_prior(problem: Problem, scales: Scales, formula: bool) -> float:
     away = [np.log(size / (TOLERANCE / 2)) for size in scales.discrepancies.values()]
     if formula:
         away += [np.log(size / FORMULA_ERROR[0]) for size in scales.formulas.values()]
-    noise = sum(n * np.log(scales.louder.get(c, 1.0)) for c, n in problem.counts.items())
+    noise = sum(n * np.log(scales.noise_factor.get(c, 1.0)) for c, n in problem.counts.items())
     wider = np.array([scales.priors.get(name, std) / std for name, std in problem.learnt_std.items()])
     widths = PSEUDO_TRIALS * float(np.sum(np.log(wider) + (wider**-2.0 - 1) / 2))
     return -0.5 * float(np.sum(np.square(away))) - float(noise) - widths
@@ -64,7 +64,7 @@ def log_prior(problem: Problem, scales: Scales, formula: bool) -> float:
 def learn_scales(
     problem: Problem,
     point: Point,
-    normal: Normal,
+    normal: NormalEquations,
     white: Sequence[Array],
     scales: Scales,
     passes: int = UPDATES,
@@ -79,13 +79,13 @@ def learn_scales(
     for _ in range(passes):
         scales = learn_discrepancy(problem, normal, point, scales)
         left = normal.misfits(white, scales)
-        before = {c: scales.louder.get(c, 1.0) for c in problem.counts}
-        louder = {
+        before = {c: scales.noise_factor.get(c, 1.0) for c in problem.counts}
+        noise_factor = {
             c: max(1.0, before[c] * float(np.sqrt(max(left[c], 0.0) / max(n, 1))))
             for c, n in problem.counts.items()
         }
-        scales = replace(scales, louder=louder)
-        if all(abs(np.log(louder[c] / before[c])) < CLOSE for c in louder):
+        scales = replace(scales, noise_factor=noise_factor)
+        if all(abs(np.log(noise_factor[c] / before[c])) < NEGLIGIBLE for c in noise_factor):
             break
     M, logdet = normal.marginal(scales)
     for _ in range(UPDATES):
@@ -94,12 +94,12 @@ def learn_scales(
         at, variance = point.vector + post.step, np.diag(post.covariance)
         priors, old = learnt_priors(problem, point, at, variance), scales.priors
         scales = replace(scales, priors=priors)
-        if all(name in old and abs(np.log(std / old[name])) < CLOSE for name, std in priors.items()):
+        if all(name in old and abs(np.log(std / old[name])) < NEGLIGIBLE for name, std in priors.items()):
             break
     return scales
 
 
-def learn_discrepancy(problem: Problem, normal: Normal, point: Point, scales: Scales) -> Scales:
+def learn_discrepancy(problem: Problem, normal: NormalEquations, point: Point, scales: Scales) -> Scales:
     """Learn the scales of the discrepancy by Fisher scoring of their logarithms, under the priors of these.
 
     The gradient of the marginal likelihood is that of D. J. C. MacKay, Bayesian interpolation, Neural
@@ -133,7 +133,7 @@ def learn_discrepancy(problem: Problem, normal: Normal, point: Point, scales: Sc
             new[name] = float(np.clip(scale * np.exp(further), *bounds))
         discrepancies, formulas = ({c: new[kind, c] for c in names} for kind in (MOTION, FORMULA))
         scales = replace(scales, discrepancies=discrepancies, formulas=formulas)
-        if all(abs(np.log(value / old[name])) < CLOSE for name, value in new.items()):
+        if all(abs(np.log(value / old[name])) < NEGLIGIBLE for name, value in new.items()):
             break
     return scales
 

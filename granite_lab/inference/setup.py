@@ -17,6 +17,7 @@ from granite_lab.inference.constants import (
     REST_SHARE,
     UPDATES,
 )
+from granite_lab.inference.derivatives import differentiate
 from granite_lab.inference.descent import LEAST, LEAST_OF_ROUGH
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.noise import FAST, FLOOR, NOMINAL, Whitener, at_rest, errors, identify, white
@@ -32,8 +33,8 @@ QUICK = 2
 """Most steps of the first fit of one trial, whose noise follows from the fast part of its residuals."""
 
 FAR, TIMES = 1.5, 3
-"""A trial alone learns its noise again, up to so often, while a fit ends more std away from where the noise
-was learnt: there residuals were not yet noise."""
+"""The fit of a single trial learns its noise again, up to so often, while it ends more std away from where
+the noise was learnt: there residuals were not yet noise."""
 
 
 LATENCIES = LATENCY_STD * np.arange(-5, 6)
@@ -41,9 +42,10 @@ LATENCIES = LATENCY_STD * np.arange(-5, 6)
 
 
 Clocked = tuple[list[Trial], list[Motion]]
+"""Trials and motions with the same stamps."""
 
 
-def clocks(trials: Sequence[Trial], motions: Sequence[Motion]) -> tuple[Clocked, ...]:
+def clock_choices(trials: Sequence[Trial], motions: Sequence[Motion]) -> tuple[Clocked, ...]:
     """Return how the stamps of encoders and currents may stand.
 
     Estimation finds the offset of each trial for itself, within several milliseconds, and applies only one
@@ -59,18 +61,18 @@ def clocks(trials: Sequence[Trial], motions: Sequence[Motion]) -> tuple[Clocked,
     Returns:
         both with the offset in stamps and starts; where they disagree, as they are and with the common one.
     """
-    given = list(trials), list(motions)
+    as_stamped = list(trials), list(motions)
     if len(trials) < 2:
-        return (given,)
+        return (as_stamped,)
     applied = np.array([m.clock_applied for m in motions])
     std = np.array([m.clock_offset.std for m in motions])
     common = float(np.median(applied))
     alike = np.abs(applied - common) <= 2 * np.nan_to_num(std)
     if not applied.any():
-        return (given,)
+        return (as_stamped,)
     pairs = [_on_common_clock(t, m, common) for t, m in zip(trials, motions, strict=True)]
-    together = [t for t, _ in pairs], [m for _, m in pairs]
-    return (together,) if 2 * int(alike.sum()) > len(trials) else (given, together)
+    on_common = [t for t, _ in pairs], [m for _, m in pairs]
+    return (on_common,) if 2 * int(alike.sum()) > len(trials) else (as_stamped, on_common)
 
 
 def _on_common_clock(trial: Trial, motion: Motion, common: float) -> tuple[Trial, Motion]:
@@ -150,32 +152,34 @@ def baseline(problem: Problem) -> Fit:
     """Fit the model as it is: with nominal noise, then with the noise that the residuals show.
 
     Args:
-        problem: gets the noise, which is learnt twice; that of a trial alone as often as needed.
+        problem: gets the noise, which is learnt twice; that of a single trial as often as needed.
 
     Raises:
         EstimateError: the robot cannot be simulated on the soil.
     """
-    alone = len(problem.trials) == 1
-    start, _ = at_first(problem)
-    slopes = problem.slopes(start, central=False)
-    if slopes is None:
+    single = len(problem.trials) == 1
+    start, _ = initial_point(problem)
+    derivatives = differentiate(problem, start, central=False)
+    if derivatives is None:
         raise EstimateError(
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
         )
-    problem.weigh(nominal(problem), start, slopes)
-    fitted = fit(problem, start, slopes=slopes, rounds=QUICK if alone else UPDATES, least=LEAST_OF_ROUGH)
-    least = LEAST if alone else LEAST_OF_ROUGH
-    for _ in range(TIMES if alone else 2):
+    problem.set_noise(nominal(problem), start, derivatives)
+    fitted = fit(
+        problem, start, derivatives=derivatives, rounds=QUICK if single else UPDATES, least=LEAST_OF_ROUGH
+    )
+    least = LEAST if single else LEAST_OF_ROUGH
+    for _ in range(TIMES if single else 2):
         before = fitted.point.vector
-        problem.weigh(learnt(problem, fitted.residuals), fitted.point, fitted.slopes)
-        fitted = fit(problem, fitted.point, fitted.scales, slopes=fitted.slopes, least=least)
+        problem.set_noise(learnt(problem, fitted.residuals), fitted.point, fitted.derivatives)
+        fitted = fit(problem, fitted.point, fitted.scales, derivatives=fitted.derivatives, least=least)
         std = np.sqrt(np.diag(fitted.posterior.covariance))
-        if alone and np.all(np.abs(fitted.point.vector - before) < FAR * std):
+        if single and np.all(np.abs(fitted.point.vector - before) < FAR * std):
             break
     return fitted
 
 
-def at_first(problem: Problem) -> tuple[Point, float]:
+def initial_point(problem: Problem) -> tuple[Point, float]:
     """Return where a fit begins, and the misfit there under the nominal noise.
 
     It is the point of the files with the likeliest latency: from one that is off by more than a ramp of the

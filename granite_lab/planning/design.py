@@ -12,11 +12,11 @@ import numpy as np
 from granite_lab.discovery.finding import Finding, Residual
 from granite_lab.errors import InputError
 from granite_lab.files import read_json, write_text
-from granite_lab.inference.bench import SAND
 from granite_lab.inference.conditions import PLAIN, Conditions, conditions_of
 from granite_lab.inference.constants import BIN
 from granite_lab.inference.noise import ABOVE, CUT, FAST, FLOOR, GRID, at_rest, errors
 from granite_lab.inference.observation import AFTER, BEFORE
+from granite_lab.inference.pool import SAND
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.command import duration, peak_velocity, velocities_at
 from granite_lab.parameters import Robot, Soil, Variant
@@ -79,7 +79,7 @@ class Design:
     Attributes:
         named: effects in the model, the surest first; no term of the dictionary.
         possible: log Bayes factors of the other effects, the likeliest first.
-        sand: logarithms of the fitted sand over the soil's file, as `inference.bench.SAND`.
+        sand: logarithms of the fitted sand over the soil's file, as `inference.pool.SAND`.
         share: discrepancy of the model as a share of each channel's rms: learnt, at least the tolerance.
         scales: std of each number that differs from trial to trial, as learnt.
         driven: per command and conditions.

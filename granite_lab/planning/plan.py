@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granite_lab.errors import EstimateError
-from granite_lab.inference.bench import SAND, Bench, Setting
-from granite_lab.inference.conditions import PLAIN, STAGING, Conditions, StagedWorld
+from granite_lab.inference.conditions import PLAIN, STAGING, Conditions, StagedScenario
+from granite_lab.inference.pool import SAND, Setting, SimulationPool
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration, peak_velocity
 from granite_lab.model.effect import Effect
@@ -155,9 +155,11 @@ def plan_next(
     chosen = options(design, effects, room=room, max_speed=max_speed)
     variants = (*(d.variant for d in design.driven), *(o.variant for o in chosen))
     conditions = (*(d.conditions for d in design.driven), *(o.conditions for o in chosen))
-    world = StagedWorld(design.robot, design.soil, variants, {**library, **STAGING}, conditions=conditions)
-    with Bench(world, jobs) as bench:
-        stage = Stage(design, bench, [o.like for o in chosen])
+    scenario = StagedScenario(
+        design.robot, design.soil, variants, {**library, **STAGING}, conditions=conditions
+    )
+    with SimulationPool(scenario, jobs) as pool:
+        stage = Stage(design, pool, [o.like for o in chosen])
         models = (asked.named,) if asked.kind == "sharpen" else explanations(stage, asked)
         false = models if asked.kind == "apart" else models[:1]
         pairs = [(model, [m for m in models if m is not model]) for model in false]

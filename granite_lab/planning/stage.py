@@ -16,14 +16,15 @@ from scipy.linalg import toeplitz
 from granite_lab.discovery.candidates import probes_of
 from granite_lab.effects.library import get
 from granite_lab.errors import EstimateError, InputError
-from granite_lab.inference.bench import SAND, Bench, Setting, Values
 from granite_lab.inference.binning import Stream
 from granite_lab.inference.constants import BIN, FORMULA_ERROR
+from granite_lab.inference.derivatives import differentiate
 from granite_lab.inference.noise import FLOOR, GRID, Whitener, white, whitener
 from granite_lab.inference.normal import Posterior, Scales, posterior
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.observation import CHANNELS, Observation
-from granite_lab.inference.point import SHARED, Further, Point, Slopes, stacked
+from granite_lab.inference.point import SHARED, Derivatives, Further, Point, stacked
+from granite_lab.inference.pool import SAND, Setting, SimulationPool, Values
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import duration, peak_velocity
@@ -142,24 +143,24 @@ def whitener_of(noise: Noise, trial: Observation, learnt_at: float) -> Whitener:
 
 
 class Stage:
-    """The trials at hand, then those that are proposed, numbered as the bench's commands.
+    """The trials at hand, then those that are proposed, numbered as the pool's commands.
 
     `likes` are per proposed trial those whose channels and noise it has.
     """
 
-    def __init__(self, design: Design, bench: Bench, likes: Sequence[Driven] = ()) -> None:
-        self.design, self.bench = design, bench
+    def __init__(self, design: Design, pool: SimulationPool, likes: Sequence[Driven] = ()) -> None:
+        self.design, self.pool = design, pool
         self.likes = (*design.driven, *likes)
         self.scales = Scales(design.share, FORMULA_ERROR[0], {s.name: s.value for s in design.scales})
         self._models: dict[int, TrialModel] = {}
-        self._slopes: dict[tuple[int, Setting], Slopes] = {}
+        self._derivatives: dict[tuple[int, Setting], Derivatives] = {}
 
     def problem(self, number: int, count: int = 1) -> Problem:
         """Return the problem of some trials of a command."""
         if number not in self._models:
-            variant, robot, width = self.bench.world.variants[number], self.design.robot, self.design.width
+            variant, robot, width = self.pool.scenario.variants[number], self.design.robot, self.design.width
             self._models[number] = trial_model(number, variant, self.likes[number], robot, width)
-        return Problem([self._models[number]] * count, self.bench)
+        return Problem([self._models[number]] * count, self.pool)
 
     def point(self, problem: Problem, model: Setting) -> Point:
         """Return the fitted numbers, with effects switched on."""
@@ -182,20 +183,20 @@ class Stage:
         """
         problem, like = self.problem(number, count), self.likes[number]
         point = self.point(problem, model)
-        if (number, model) not in self._slopes:
-            near = next((s for (n, _), s in self._slopes.items() if n == number), None)
-            if (slopes_there := problem.slopes(point, near, central=False)) is not None:
-                self._slopes[number, model] = slopes_there
-        slopes = self._slopes.get((number, model))
+        if (number, model) not in self._derivatives:
+            near = next((s for (n, _), s in self._derivatives.items() if n == number), None)
+            if (derivatives_there := differentiate(problem, point, near, central=False)) is not None:
+                self._derivatives[number, model] = derivatives_there
+        derivatives = self._derivatives.get((number, model))
         runs = problem.respond([problem.centre(self.point(problem, other), 0) for other in others])
-        if slopes is None or runs is None:
+        if derivatives is None or runs is None:
             raise EstimateError("a proposed trial cannot be simulated", "check the effects")
         trial = problem.trials[0]
         whiteners = [whitener_of(n, trial.observation, peak_velocity(like.variant)) for n in like.noise]
-        problem.weigh([whiteners] * count, point, slopes)
-        changes = stacked([run - slopes.response[0] for run in runs], slopes.response[0])
+        problem.set_noise([whiteners] * count, point, derivatives)
+        changes = stacked([run - derivatives.response[0] for run in runs], derivatives.response[0])
         nothing = [np.zeros_like(trial.measured)] * count
-        M, _ = problem.normal(point, slopes, nothing, further=Further((changes,))).marginal(self.scales)
+        M, _ = problem.normal(point, derivatives, nothing, further=Further((changes,))).marginal(self.scales)
         std, _ = problem.prior(point, self.scales)
         local = sum(x.size for x in point.trials)
         return posterior(M, 0.0, std[:local] ** -2.0, np.zeros(local)).rest[:-1, :-1]
@@ -219,7 +220,7 @@ class Stage:
     def possible(self, model: Setting) -> bool:
         """Whether all trials at hand can be simulated with some effects."""
         problems = [self.problem(n) for n, _ in enumerate(self.design.driven)]
-        runs = self.bench.run([p.centre(self.point(p, model), 0) for p in problems])
+        runs = self.pool.run([p.centre(self.point(p, model), 0) for p in problems])
         return all(run is not None for run in runs)
 
 

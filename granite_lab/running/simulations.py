@@ -9,7 +9,7 @@ from pathlib import Path
 
 from granite_lab.effects import library
 from granite_lab.errors import LabError
-from granite_lab.inference.bench import Respond, Task, World
+from granite_lab.inference.pool import Respond, Scenario, Task
 from granite_lab.logs.trial import Array
 from granite_lab.model.dictionary import dictionary
 from granite_lab.model.effect import Effect
@@ -28,13 +28,13 @@ def on_cluster(execution: Execution, effects: Path | None) -> Iterator[Respond |
     sha = fingerprint(effects) if effects else ""
     with connected(execution.scheduler) as client:
 
-        def respond(world: World, tasks: Sequence[Task]) -> list[Array | None]:
-            if type(world) is not World:  # a worker makes a plain world
-                return [world.respond(task) for task in tasks]
+        def respond(scenario: Scenario, tasks: Sequence[Task]) -> list[Array | None]:
+            if type(scenario) is not Scenario:  # a worker makes a plain scenario
+                return [scenario.respond(task) for task in tasks]
             size = max(1, min(16, len(tasks) // (2 * max(1, sum(client.nthreads().values())))))
             parts = [tuple(tasks[i : i + size]) for i in range(0, len(tasks), size)]
             computed: dict[int, list[Array | None]] = {}
-            for index, part in run_on(client, partial(_simulate, encode(world), effects, sha), parts):
+            for index, part in run_on(client, partial(_simulate, encode(scenario), effects, sha), parts):
                 if isinstance(part, LabError):
                     raise LabError(f"the cluster failed: {part.message.partition(': ')[2]}", part.hint)
                 computed[index] = part
@@ -44,12 +44,12 @@ def on_cluster(execution: Execution, effects: Path | None) -> Iterator[Respond |
 
 
 def _simulate(
-    world: bytes, effects: Path | None, sha: str, tasks: Sequence[Task]
+    scenario: bytes, effects: Path | None, sha: str, tasks: Sequence[Task]
 ) -> list[Array | None] | LabError:
     """Simulate on a worker, which takes a user's own effects from their file."""
     if effects and fingerprint(effects) != sha:
         return LabError(f"worker: {effects} is another file on a worker", "share the folder with the workers")
-    made: World = decode(world, effects_of_search(effects))
+    made: Scenario = decode(scenario, effects_of_search(effects))
     return [made.respond(task) for task in tasks]
 
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from granite_lab.discovery.candidates import around, scores, screen, sizes
-from granite_lab.discovery.search import Model, _Steps
-from granite_lab.inference.bench import ACCURACY, Task, World
-from granite_lab.inference.constants import FEW, TOLERANCE, WORTH
+from granite_lab.discovery.fitted_sets import FittedSets
+from granite_lab.discovery.models import Model
+from granite_lab.inference.constants import FEW, LEAST_GAIN, TOLERANCE
 from granite_lab.inference.descent import LEAST_OF_ROUGH
 from granite_lab.inference.fit import fit
+from granite_lab.inference.pool import ACCURACY, Scenario, Task
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 from granite_lab.model.instants import instants
@@ -25,12 +26,12 @@ class Late(Respond):
 
     duration: float = 0.15
 
-    def one(self, world: World, task: Task) -> Array | None:
+    def one(self, scenario: Scenario, task: Task) -> Array | None:
         others = tuple((id_, values) for id_, values in task.setting if id_ != "blow")
-        out = super().one(world, replace(task, setting=others))
+        out = super().one(scenario, replace(task, setting=others))
         sizes = [values[0] for id_, values in task.setting if id_ == "blow"]
         if out is not None and sizes:
-            variant = world.variants[task.variant]
+            variant = scenario.variants[task.variant]
             t = instants(variant, ACCURACY)
             share = -np.expm1(-sizes[0] / 0.05)
             out[0] += (
@@ -51,7 +52,7 @@ def test_an_effect_that_moves_with_its_size_is_found_from_where_a_few_small_size
     measure(problem, problem.with_effect(problem.neutral(), "blow", (true,)), rng)
     base = fit(problem, problem.neutral())
     (score,) = scores(problem, screen(problem, base, ["blow"], most=FEW))
-    assert score.gain > WORTH
+    assert score.gain > LEAST_GAIN
     found = fit(problem, problem.with_effect(base.point, "blow", score.values), least=LEAST_OF_ROUGH)
     assert found.point.common[0] == pytest.approx(true, abs=0.02)
 
@@ -70,7 +71,7 @@ def test_from_a_size_that_leads_to_another_optimum_the_sizes_next_to_it_lead_to_
     missed = fit(problem, start, least=LEAST_OF_ROUGH)
     assert abs(missed.point.common[0] - true) > 0.1
     models = {(): Model((), base, base.evidence), ("blow",): Model(("blow",), missed, missed.evidence)}
-    steps = _Steps(problem, ("blow",), TOLERANCE, lambda *_: None, models)
-    steps.shifted(("blow",), "blow")
-    assert steps.models["blow",].fit.point.common[0] == pytest.approx(true, abs=0.02)
+    sets = FittedSets(problem, ("blow",), TOLERANCE, lambda *_: None, models)
+    sets.refit_at_other_sizes(("blow",), "blow")
+    assert sets.models["blow",].fit.point.common[0] == pytest.approx(true, abs=0.02)
     assert around(problem, problem.with_effect(base.point, "push", (0.3,)), "push") == []

@@ -11,14 +11,14 @@ import pytest
 from granite_lab import study_folder
 from granite_lab.api.model import simulate as by_command
 from granite_lab.discovery import discover as module
-from granite_lab.discovery.discover import Simulating, discover
+from granite_lab.discovery.discover import SimulationOptions, discover
 from granite_lab.discovery.finding import Finding
 from granite_lab.effects import get, library
 from granite_lab.effects.model_file import load_model
 from granite_lab.errors import EstimateError
 from granite_lab.estimation import correct
-from granite_lab.inference.bench import SAND, SIGNALS, Task, World
 from granite_lab.inference.constants import TOLERANCE
+from granite_lab.inference.pool import SAND, SIGNALS, Scenario, Task
 from granite_lab.logs import read_trial
 from granite_lab.logs.trial import Trial
 from granite_lab.model import simulate
@@ -192,7 +192,7 @@ def test_a_robot_that_cannot_be_simulated_is_refused() -> None:
     with pytest.raises(EstimateError, match="cannot be simulated"):
         discover(
             [t for t, _ in trials], [m for _, m in trials], load_robot(), load_soil(), FEW,
-            simulating=Simulating(respond=lambda _, tasks: [None] * len(tasks)),
+            simulating=SimulationOptions(respond=lambda _, tasks: [None] * len(tasks)),
         )  # fmt: skip
 
 
@@ -236,12 +236,12 @@ def test_the_saved_model_simulates_what_the_fit_predicts(good: Finding, tmp_path
     model, command = load_model(path), variant_of(0.5)
     assert good.active
     assert all(abs(good.sand[name].value) > 0 for name in ("a_theta", "shear_modulus"))
-    world = World(good.robot, good.soil, (command,), library())
+    scenario = Scenario(good.robot, good.soil, (command,), library())
     sand = tuple(good.sand[name].value for name in SAND)
-    fitted = world.respond(Task(0, sand, tuple((a.id, a.values) for a in good.active)))
+    fitted = scenario.respond(Task(0, sand, tuple((a.id, a.values) for a in good.active)))
     assert fitted is not None
     p = model_parameters(load_robot(model.robot), model.ground, command, a_theta=model.a_theta or 0.0)
-    signals = integrate(p, model.effects, world.accuracy, SIGNALS)
+    signals = integrate(p, model.effects, scenario.accuracy, SIGNALS)
     for row, name in zip(fitted, SIGNALS, strict=True):
         assert signals[name] == pytest.approx(row, abs=1e-6 * float(np.abs(row).max()))
     run = by_command(0.5, model=path)

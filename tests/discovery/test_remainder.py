@@ -17,8 +17,8 @@ from granite_lab.effects import get, library
 from granite_lab.effects.library import neutral_gap
 from granite_lab.effects.model_file import FittedEffect, ModelFile, load_model, save_model
 from granite_lab.estimate import Estimate
-from granite_lab.inference.bench import Task, World
 from granite_lab.inference.fit import Fit, fit
+from granite_lab.inference.pool import Scenario, Task
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model import Accuracy, simulate
@@ -34,8 +34,8 @@ TOLERANCE = 0.02
 SIMULATED = library() | dictionary() | {LatentForce.id: LatentForce()}
 
 
-def simulator(world: World, tasks: Sequence[Task]) -> list[Array | None]:
-    return [world.respond(task) for task in tasks]
+def simulator(scenario: Scenario, tasks: Sequence[Task]) -> list[Array | None]:
+    return [scenario.respond(task) for task in tasks]
 
 
 @cache
@@ -107,7 +107,7 @@ def test_responses_to_pushes_foretell_what_a_term_shows(id_: str) -> None:
     foretold = pushes.changes[1] @ forces(problem, pushes, 1, terms)[k]
     centre, size = problem.centre(base.point, 1), 0.02 * terms[k].parameters[0].prior_high
     setting = (*centre.setting, (id_, (size,)))
-    plain, run = problem.bench.run([centre, replace(centre, setting=setting)])
+    plain, run = problem.pool.run([centre, replace(centre, setting=setting)])
     assert plain is not None
     assert run is not None
     true = (run - plain) / size

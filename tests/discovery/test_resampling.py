@@ -7,9 +7,9 @@ import pytest
 from scipy.stats import t as student
 
 from granite_lab.discovery.heldout import Predicted, predict, units
+from granite_lab.discovery.models import Search
 from granite_lab.discovery.resampling import by_evidence, compete, competitors, nothing_missing, winners
-from granite_lab.discovery.search import Search
-from granite_lab.discovery.verdict import Named, holding
+from granite_lab.discovery.verdict import EffectEvidence, holding
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import TOLERANCE
 from tests.discovery.test_verdict import SIX, ask
@@ -78,10 +78,10 @@ def test_nothing_missing_is_less_likely_the_more_a_candidate_promises() -> None:
     assert 0.5 < nothing_missing(found) < 1
 
     def promising(gain: float) -> Search:
-        (look,) = [k for k in found.looks[()] if not k.tolerated][:1]
-        scores = tuple(replace(s, gain=gain) for s in look.scores)
+        (screening,) = [k for k in found.screenings[()] if not k.tolerated][:1]
+        scores = tuple(replace(s, gain=gain) for s in screening.scores)
         fitted = tuple(m for m in found.models if not m.effects)
-        return replace(found, models=fitted, looks={(): (replace(look, scores=scores),)})
+        return replace(found, models=fitted, screenings={(): (replace(screening, scores=scores),)})
 
     assert nothing_missing(promising(0.0)) == pytest.approx(1 / (1 + 2 * 0.05), rel=1e-6)
     assert nothing_missing(promising(-9.0)) > nothing_missing(promising(2.0))
@@ -104,7 +104,7 @@ def test_a_set_that_cannot_be_predicted_leaves_the_evidence_to_decide() -> None:
 
 
 def test_what_is_unexplained_counts_against_an_effect_that_is_only_described() -> None:
-    effect = Named("push", (), 0.9, Estimate(0.3, 0.1))
+    effect = EffectEvidence("push", (), 0.9, Estimate(0.3, 0.1))
     assert effect.as_likely(0.6).probability == pytest.approx(0.3)
     assert effect.as_likely(-0.1).probability == pytest.approx(0.9)
     assert replace(effect, closes=Estimate(-0.1)).as_likely(0.5).probability == 0.0

@@ -11,19 +11,23 @@ import pytest
 from granite_lab.discovery import verdict
 from granite_lab.discovery.candidates import Score, rescreened, rivals, scores, screen
 from granite_lab.discovery.finding import EffectFinding
+from granite_lab.discovery.fitted_sets import MOST, FittedSets
 from granite_lab.discovery.heldout import Equations, closed, predict
-from granite_lab.discovery.leaders import Look, leaders
+from granite_lab.discovery.leaders import Screening, leaders
+from granite_lab.discovery.models import Model, Search
 from granite_lab.discovery.power import _by_noise_per_trial, _visible
-from granite_lab.discovery.relevance import needed, strained
-from granite_lab.discovery.search import MOST, Search, _model, _Steps, gains, search
+from granite_lab.discovery.relevance import has_strained_trials, left_without
+from granite_lab.discovery.resampling import by_evidence
+from granite_lab.discovery.search import reduce, search
 from granite_lab.discovery.sets import fit_sets
-from granite_lab.discovery.verdict import OPEN, Judgement, Named, by_posterior, judge
+from granite_lab.discovery.verdict import OPEN, EffectEvidence, Judgement, by_posterior, judge
 from granite_lab.discovery.words import provisional, sentence
 from granite_lab.estimate import Estimate
-from granite_lab.inference.constants import REST_SHARE, WORTH
+from granite_lab.inference.constants import LEAST_GAIN, REST_SHARE
+from granite_lab.inference.derivatives import differentiate
 from granite_lab.inference.descent import LEAST_OF_ROUGH
 from granite_lab.inference.discrepancy import MOTION, REST
-from granite_lab.inference.fit import Fit, fit, taken
+from granite_lab.inference.fit import Fit, fit, with_scales
 from granite_lab.inference.noise import white
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
@@ -111,7 +115,9 @@ def test_effects_with_the_same_trace_are_twins() -> None:
     assert {only.id, *only.twins} == {"push", "shove"}
     assert only.probability > 0.95
     for id_ in ("push", "shove"):
-        assert answer.search.probability(lambda m, id_=id_: id_ in m.effects) == pytest.approx(0.5, abs=0.2)
+        assert by_evidence(answer.search).probability(lambda m, id_=id_: id_ in m.effects) == pytest.approx(
+            0.5, abs=0.2
+        )
 
 
 def test_what_no_candidate_explains_is_unknown() -> None:
@@ -161,7 +167,7 @@ def test_errors_of_formulas_cannot_explain_what_is_left_of_trials_left_out_beyon
 
 def test_where_repetitions_differ_a_change_below_the_tolerance_does_not_stand_out() -> None:
     """Channels in which they do not differ at all are no exception."""
-    effect = Named("push", (), 1.0, Estimate(1.0, 0.1), changes={"accel_x": 0.1, "accel_z": 0.01})
+    effect = EffectEvidence("push", (), 1.0, Estimate(1.0, 0.1), changes={"accel_x": 0.1, "accel_z": 0.01})
     assert not effect.stands_out({"accel_x": 0.2, "accel_z": 0.0}, TOLERANCE)
     assert effect.stands_out({"accel_x": 0.05, "accel_z": 0.0}, TOLERANCE)
 
@@ -176,7 +182,7 @@ def test_numbers_of_single_trials_must_be_needed_at_more_than_one_speed() -> Non
         measure(problem, replace(point, trials=tuple(own)), rng)
         base = fit(problem, problem.neutral())
         (score,) = scores(problem, screen(problem, base, ["shake"]))
-        assert (score.gain > WORTH) is wanted
+        assert (score.gain > LEAST_GAIN) is wanted
 
 
 def test_an_effect_that_the_discrepancy_has_taken_up_is_seen_under_a_tolerated_one() -> None:
@@ -185,13 +191,13 @@ def test_an_effect_that_the_discrepancy_has_taken_up_is_seen_under_a_tolerated_o
     put_in = problem.with_effect(drawn(problem, rng, common=0.3), "push", (0.15,))
     measure(problem, put_in, rng)
     base = fit(problem, problem.neutral())
-    wide = taken(problem, base, Scales(1.0, 0.1, base.scales.priors))
-    held = taken(problem, base, Scales(TOLERANCE, 0.1, base.scales.priors))
+    wide = with_scales(problem, base, Scales(1.0, 0.1, base.scales.priors))
+    held = with_scales(problem, base, Scales(TOLERANCE, 0.1, base.scales.priors))
     screened = screen(problem, wide, ["push"])
     (hidden,), (seen,) = scores(problem, screened), scores(problem, rescreened(problem, screened, held))
     (direct,) = scores(problem, screen(problem, held, ["push"]))
     assert hidden.gain < 0.1 * seen.gain
-    assert seen.gain > 10 * WORTH
+    assert seen.gain > 10 * LEAST_GAIN
     assert seen.gain == pytest.approx(direct.gain, rel=1e-9)
     assert seen.values == pytest.approx(direct.values, rel=1e-9)
 
@@ -217,8 +223,9 @@ def test_the_likeliest_model_has_the_highest_posterior_and_probabilities_add_up(
     found = ask(push=0.3).search
     posteriors = [m.log_posterior for m in found.models]
     assert posteriors == sorted(posteriors, reverse=True)
-    assert found.probability(lambda _: True) == pytest.approx(1.0)
-    each = sum(found.probability(lambda m, k=m.effects: m.effects == k) for m in found.models)
+    competition = by_evidence(found)
+    assert competition.probability(lambda _: True) == pytest.approx(1.0)
+    each = sum(competition.probability(lambda m, k=m.effects: m.effects == k) for m in found.models)
     assert each == pytest.approx(1.0)
     assert found.model(("push",)) is found.best
 
@@ -256,7 +263,9 @@ def test_an_effect_matters_by_the_gap_that_it_closes_or_by_a_channel(
     closes: float, made: float, remainder: float, needed: float, probability: float, named: bool
 ) -> None:
     gap, channel = Estimate(closes), {"accel_x": made}
-    effect = Named("push", (), probability, gap, made=channel, needed={"accel_x": needed})
+    effect = EffectEvidence(
+        "push", (), probability, gap, share_made=channel, left_without={"accel_x": needed}
+    )
     assert effect.matters(remainder, TOLERANCE, Scales(TOLERANCE, 0.1)) is named
 
 
@@ -265,12 +274,12 @@ def test_what_an_error_of_the_formulas_beside_it_can_do_does_not_need_an_effect(
     best, without = answer.search.best, answer.search.model(("push",))
     assert without is not None
     changes, scales = {"accel_x": 0.5}, best.fit.scales
-    assert needed(answer.problem, without.fit, scales, "shake", changes, TOLERANCE) == changes
+    assert left_without(answer.problem, without.fit, scales, "shake", changes, TOLERANCE) == changes
     alone = answer.search.model(())
     assert alone is not None
-    lost = needed(answer.problem, alone.fit, scales, "push", changes, TOLERANCE)
+    lost = left_without(answer.problem, alone.fit, scales, "push", changes, TOLERANCE)
     assert max(lost.values()) > TOLERANCE
-    same = needed(answer.problem, best.fit, scales, "push", changes, TOLERANCE)
+    same = left_without(answer.problem, best.fit, scales, "push", changes, TOLERANCE)
     assert max(same.values()) < TOLERANCE
 
 
@@ -294,7 +303,7 @@ def test_a_small_effect_that_promises_most_does_not_hide_another(monkeypatch: py
     ):
         monkeypatch.setattr(f"granite_lab.discovery.search.{name}", told)
     found = ask.__wrapped__(push=0.3, shake=0.2).search
-    assert (found.best.effects, found.beside) == (("push",), ("shake",))
+    assert (found.best.effects, found.negligible) == (("push",), ("shake",))
 
 
 @pytest.mark.parametrize("others", [{}, {"push": 0.3}])
@@ -308,7 +317,7 @@ def test_numbers_of_the_trials_far_beyond_their_scale_are_strained(gain: float, 
     answer = ask()
     result = answer.search.best.fit
     scales = replace(result.scales, priors={**result.scales.priors, "current_f gain": gain})
-    assert strained(answer.problem, replace(result, scales=scales)) is expected
+    assert has_strained_trials(answer.problem, replace(result, scales=scales)) is expected
 
 
 def test_the_posterior_alone_names_where_nothing_can_be_predicted() -> None:
@@ -341,16 +350,16 @@ def test_an_amplitude_that_matters_is_not_one_by_what_other_numbers_add() -> Non
     for own in problem.whiteners:
         own[:] = [white(1e-6 if k == 3 else 1e3, w.measured, 0.02) for k, w in enumerate(own)]
     wide = Scales(0.04, 0.1, {s.name: 10.0 for t in problem.trials for s in t.slacks})
-    slopes = problem.slopes(point)
-    problem.weigh(problem.whiteners, point, slopes)
-    base = fit(problem, point, wide, slopes=slopes, rounds=0)
+    derivatives = differentiate(problem, point)
+    problem.set_noise(problem.whiteners, point, derivatives)
+    base = fit(problem, point, wide, derivatives=derivatives, rounds=0)
     screened = screen(problem, base, ["shake"])
     places, size = screened.places_per_trial("shake")[:, 0], screened.per_trial["shake"][0].size
     shares = _visible(problem, base, screened)[places]
     for command, (i, *_) in enumerate(problem.commands):
         t, alone = problem.trials[i], size * trace(TRACES["shake"], COMMANDS[command])
         shown = t.bins_of(alone, point.trials[i], point.sensors)
-        rms = {c: problem.size_of(command, c) for c in shown}
+        rms = {c: problem.rms_of(command, c) for c in shown}
         worst = max(np.sqrt(np.mean(b[rms[c][1] > 0] ** 2)) / rms[c][0] for c, b in shown.items())
         assert 0 < shares[i] < 1.02 * worst
 
@@ -440,7 +449,7 @@ def test_beside_what_is_not_explained_a_name_needs_speeds_left_out_and_numbers_a
     changes: dict[str, Any], sure: bool
 ) -> None:
     scales = Scales(0.01, 0.1, formulas={"accel_z": 0.3})
-    effect = Named("push", (), 1.0, Estimate(0.5, 0.1), Estimate(0.5, 0.1), changes={"accel_x": 0.5})
+    effect = EffectEvidence("push", (), 1.0, Estimate(0.5, 0.1), Estimate(0.5, 0.1), changes={"accel_x": 0.5})
     assert replace(effect, **changes).is_sure_beside(0.2, scales) is sure
 
 
@@ -453,15 +462,15 @@ def test_an_effect_that_closes_less_than_a_channel_s_noise_leaves_unexplained_is
 ) -> None:
     """The set leaves 3 % of the gap."""
     answer = ask(push=0.3, shake=0.15, discrepancy=0.0)
-    asked, whole = verdict._named, verdict.whole_of
+    asked, whole = verdict._named, verdict.performance_of
 
-    def one(*given: Any) -> Named:
+    def one(*given: Any) -> EffectEvidence:
         effect = asked(*given)
         return replace(effect, closes=Estimate(closes, 0.001)) if effect.id == "shake" else effect
 
     monkeypatch.setattr(verdict, "_named", one)
     monkeypatch.setattr(
-        verdict, "whole_of", lambda *given: replace(whole(*given), closed=Estimate(0.97, 0.001))
+        verdict, "performance_of", lambda *given: replace(whole(*given), closed=Estimate(0.97, 0.001))
     )
     monkeypatch.setattr(verdict, "good", lambda *_: clean)
     found = judge(answer.problem, answer.search, TOLERANCE)
@@ -475,17 +484,17 @@ def test_the_candidate_that_promises_most_is_fitted_first_though_both_screens_ha
         tuple(Score(id_, gain, (0.1,), np.zeros((1, 1))) for id_, gain in gains.items())
         for gains in ({"push": 160.0, "pull": 83.0}, {"push": 90.0, "shake": 80.0})
     )
-    looks = [Look(origin, None, learnt), Look(origin, None, tolerated, tolerated=True)]
-    assert [p.score.candidate for p in leaders(looks)] == ["push", "pull", "shake"]
+    screenings = [Screening(origin, None, learnt), Screening(origin, None, tolerated, tolerated=True)]
+    assert [p.score.candidate for p in leaders(screenings)] == ["push", "pull", "shake"]
 
 
-@pytest.mark.parametrize(("promised", "more"), [(0.0, True), (18.0, True), (22.0, False)])
+@pytest.mark.parametrize(("predicted_drop", "more"), [(0.0, True), (18.0, True), (22.0, False)])
 def test_a_larger_set_must_be_likelier_than_what_the_fit_of_a_smaller_one_has_missed(
-    promised: float, more: bool
+    predicted_drop: float, more: bool
 ) -> None:
     best = ask(push=0.3).search.best
-    small = replace(best, fit=replace(best.fit, promised=promised))
-    assert gains(small, replace(best, log_posterior=best.log_posterior + WORTH + 10)) is more
+    small = replace(best, fit=replace(best.fit, predicted_drop=predicted_drop))
+    assert small.is_improved_by(replace(best, log_posterior=best.log_posterior + LEAST_GAIN + 10)) is more
 
 
 def test_an_effect_whose_size_ends_at_a_bound_is_described_and_what_it_closes_counts_as_left(
@@ -501,7 +510,7 @@ def test_an_effect_whose_size_ends_at_a_bound_is_described_and_what_it_closes_co
     assert only.probability < 0.6 * answer.judgement.named[0].probability
 
 
-def of_sets(problem: Problem, lost: Mapping[tuple[str, ...], float]) -> _Steps:
+def of_sets(problem: Problem, lost: Mapping[tuple[str, ...], float]) -> FittedSets:
     """Return a search that has fitted some sets, each with an evidence that is too small by what it lost."""
     models = {}
     for effects, missed in lost.items():
@@ -509,25 +518,25 @@ def of_sets(problem: Problem, lost: Mapping[tuple[str, ...], float]) -> _Steps:
         for id_ in effects:
             start = problem.with_effect(start, id_, (0.1,))
         fitted = fit(problem, start, least=LEAST_OF_ROUGH)
-        models[effects] = _model(effects, replace(fitted, evidence=fitted.evidence - missed))
-    return _Steps(problem, CANDIDATES, TOLERANCE, lambda *_: None, models)
+        models[effects] = Model.of(effects, replace(fitted, evidence=fitted.evidence - missed))
+    return FittedSets(problem, CANDIDATES, TOLERANCE, lambda *_: None, models)
 
 
 def test_a_set_that_missed_its_optimum_is_fitted_again_from_the_end_of_the_likeliest_one() -> None:
-    steps = of_sets(
+    sets = of_sets(
         trials_with(push=0.3, pull=0.3), {(): 0, ("push",): 100, ("pull",): 0, ("pull", "push"): 0}
     )
-    before = dict(steps.models)
-    assert not steps.reduced()
-    assert steps.likeliest().effects == ("pull", "push")
-    assert steps.models["push",].log_posterior > before["push",].log_posterior + WORTH
+    before = dict(sets.models)
+    assert not reduce(sets)
+    assert sets.likeliest().effects == ("pull", "push")
+    assert sets.models["push",].log_posterior > before["push",].log_posterior + LEAST_GAIN
 
 
 def test_an_effect_that_only_a_missed_optimum_speaks_for_is_given_up() -> None:
-    steps = of_sets(trials_with(push=0.3), {(): 0, ("push",): 100, ("pull", "push"): 0})
-    assert steps.likeliest().effects == ("pull", "push")
-    assert steps.reduced()
-    assert steps.likeliest().effects == ("push",)
+    sets = of_sets(trials_with(push=0.3), {(): 0, ("push",): 100, ("pull", "push"): 0})
+    assert sets.likeliest().effects == ("pull", "push")
+    assert reduce(sets)
+    assert sets.likeliest().effects == ("push",)
 
 
 def test_an_effect_is_named_beside_another_cause() -> None:
@@ -551,7 +560,7 @@ def dense(problem: Problem, found: Fit) -> tuple[list[Row], Array]:
     rows, first = [], np.cumsum([0, *(x.size for x in found.point.trials)])
     for i, t in enumerate(problem.trials):
         command = next(c for c, own in enumerate(problem.commands) if i in own)
-        n, J = found.point.trials[i].size, problem.columns(i, found.point, found.slopes)
+        n, J = found.point.trials[i].size, problem.columns(i, found.point, found.derivatives)
         C = np.diag(np.concatenate([1 / w.filters[0].inverse for w in problem.whiteners[i]]) ** 2)
         for c, (basis,) in problem._plain[command].items():
             at = problem.rows[i][c]

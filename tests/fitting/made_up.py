@@ -13,8 +13,8 @@ from scipy.signal import lfilter
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Health, Motion
 from granite_lab.fitting import K92Fit
-from granite_lab.inference.bench import RAKED, SAND
-from granite_lab.inference.constants import RAKING
+from granite_lab.inference.constants import SAND_PER_TRIAL_STD
+from granite_lab.inference.pool import SAND, SAND_PER_TRIAL
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model import Run, simulate
 from granite_lab.model.command import phase_of
@@ -36,7 +36,7 @@ HEALTHY = Health(
 def draw_soil(rng: np.random.Generator) -> Soil:
     """Return sand as one raking leaves it."""
     soil = load_soil()
-    for name, std in zip(SAND[1:RAKED], RAKING[1:], strict=True):
+    for name, std in zip(SAND[1:SAND_PER_TRIAL], SAND_PER_TRIAL_STD[1:], strict=True):
         ratio = np.exp(std * rng.standard_normal())
         soil = dataclasses.replace(soil, **{name: float(getattr(soil, name) * ratio)})
     return soil

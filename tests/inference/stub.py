@@ -11,12 +11,13 @@ from functools import cache, lru_cache
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from granite_lab.inference.bench import ACCURACY, SAND, SIGNALS, Bench, Task, World
-from granite_lab.inference.bench import Respond as Answers
 from granite_lab.inference.binning import Stream
+from granite_lab.inference.derivatives import differentiate
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.observation import Observation
 from granite_lab.inference.point import SHARED, Point
+from granite_lab.inference.pool import ACCURACY, SAND, SIGNALS, Scenario, SimulationPool, Task
+from granite_lab.inference.pool import Respond as Answers
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.setup import nominal
 from granite_lab.logs.trial import Array
@@ -104,13 +105,13 @@ class Respond:
 
     bound: float = np.inf
 
-    def __call__(self, world: World, tasks: Sequence[Task]) -> list[Array | None]:
-        return [self.one(world, task) for task in tasks]
+    def __call__(self, scenario: Scenario, tasks: Sequence[Task]) -> list[Array | None]:
+        return [self.one(scenario, task) for task in tasks]
 
-    def one(self, world: World, task: Task) -> Array | None:
+    def one(self, scenario: Scenario, task: Task) -> Array | None:
         if max(np.abs(task.sand)) > self.bound:
             return None
-        variant = world.variants[task.variant]
+        variant = scenario.variants[task.variant]
         out = plain(variant).copy()
         for k, value in enumerate(task.sand):
             out += value * trace(k, variant)
@@ -128,7 +129,7 @@ def problem_of(
     respond: Answers | None = None, effects: Mapping[str, Effect] = EFFECTS,
 ) -> Problem:  # fmt: skip
     """Return trials in which nothing was measured yet (all zero), with the nominal noise."""
-    world = World(ROBOT, SOIL, COMMANDS, effects)
+    scenario = Scenario(ROBOT, SOIL, COMMANDS, effects)
     models = []
     for i, command in enumerate(commands):
         variant = COMMANDS[command]
@@ -143,16 +144,16 @@ def problem_of(
         values = {c: np.zeros(edges.size - 1) for c in channels}
         o = Observation(f"trial {i}", variant, 0.0, edges, streams, values, 0.0, False)
         models.append(TrialModel(o, command, ROBOT))
-    problem = Problem(models, Bench(world, respond=respond or Respond()))
+    problem = Problem(models, SimulationPool(scenario, respond=respond or Respond()))
     start = problem.neutral()
-    slopes = problem.slopes(start)
-    problem.weigh(nominal(problem), start, slopes)
+    derivatives = differentiate(problem, start)
+    problem.set_noise(nominal(problem), start, derivatives)
     return problem
 
 
 def predicted(problem: Problem, point: Point) -> list[Array]:
     """Return per trial the (C, n) bins at a point."""
-    found = problem.bench.run([problem.task(point, i) for i in range(len(problem.trials))])
+    found = problem.pool.run([problem.task(point, i) for i in range(len(problem.trials))])
     return [
         t.predict(r, x[: t.size], point.sensors)
         for t, r, x in zip(problem.trials, found, point.trials, strict=True)

@@ -14,15 +14,16 @@ from scipy.signal import lfilter, lsim
 from granite_lab.effects import get
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
-from granite_lab.inference.bench import ACCURACY, RAKED, SAND, SIGNALS
 from granite_lab.inference.binning import means
 from granite_lab.inference.constants import LOW_PASS_STD
+from granite_lab.inference.derivatives import differentiate
 from granite_lab.inference.noise import STRETCH, at_rest, errors, identify, stretches
 from granite_lab.inference.nuisances import SENSORS, TrialModel
 from granite_lab.inference.observation import Observation, bin_width, observe
 from granite_lab.inference.point import SHARED
+from granite_lab.inference.pool import ACCURACY, SAND, SAND_PER_TRIAL, SIGNALS
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.setup import clocks
+from granite_lab.inference.setup import clock_choices
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, TrialInfo, WheelStream
 from granite_lab.model.effect import activate
 from granite_lab.model.instants import Accuracy
@@ -196,7 +197,7 @@ def moved(one: tuple[Motion, Trial], applied: Sequence[float]) -> tuple[list[Tri
 @pytest.mark.parametrize("applied", [(0.042, 0.036, 0.04, 0.0), (0.0, 0.022, 0.0, 0.0)])
 def test_stamps_of_one_logger_are_moved_alike(one: tuple[Motion, Trial], applied: tuple[float, ...]) -> None:
     """Also where one trial alone would have been left as it is, or where it alone was moved."""
-    ((trials, motions),) = clocks(*moved(one, applied))
+    ((trials, motions),) = clock_choices(*moved(one, applied))
     common = float(np.median(applied))
     (expected,), (told,) = moved(one, [common])
     for trial, motion in zip(trials, motions, strict=True):
@@ -208,7 +209,7 @@ def test_stamps_of_one_logger_are_moved_alike(one: tuple[Motion, Trial], applied
 
 def test_clocks_that_disagree_were_set_anew_or_are_one(one: tuple[Motion, Trial]) -> None:
     trials, motions = moved(one, (0.3, -0.2, 0.05, 0.12))
-    stay, common = clocks(trials, motions)
+    stay, common = clock_choices(trials, motions)
     assert all(a is b for a, b in zip(stay[0], trials, strict=True))
     assert all(a is b for a, b in zip(stay[1], motions, strict=True))
     assert [m.clock_applied for m in common[1]] == pytest.approx([0.085] * 4)
@@ -376,10 +377,10 @@ def test_all_columns_are_those_of_differences(problem: Problem, off: float) -> N
     point = problem.neutral()
     for t, x in zip(problem.trials, point.trials, strict=True):
         x[[s.name == "tilt" or s.name.endswith(" gain") for s in t.slacks]] = off
-    slopes = problem.slopes(point)
+    derivatives = differentiate(problem, point)
     first = np.cumsum([0, *(x.size for x in point.trials)])
     for i, t in enumerate(problem.trials):
-        columns = problem.columns(i, point, slopes)
+        columns = problem.columns(i, point, derivatives)
         places = [*range(first[i], first[i + 1]), *range(first[-1], first[-1] + len(SHARED))]
         names = [*(s.name for s in t.slacks), *SHARED]
         assert columns.shape[1] == len(places)
@@ -400,7 +401,7 @@ def test_a_low_pass_moves_the_imu_alone_and_its_column_is_a_difference(
     point, k = problem.neutral(), SHARED.index("low_pass")
     point.shared[k] = spread
     before = int(sum(x.size for x in point.trials))
-    column = problem.columns(1, point, problem.slopes(point))[:, point.trials[1].size + k]
+    column = problem.columns(1, point, differentiate(problem, point))[:, point.trials[1].size + k]
     step = LOW_PASS_STD / 8 * (np.arange(point.vector.size) == before + k)
     up, down = (problem.stepped(point, sign * step) for sign in (1, -1))
     apart = up.shared[k] - down.shared[k]
@@ -480,4 +481,4 @@ def test_a_trial_without_a_sensor_has_none_of_its_numbers() -> None:
     names = {s.name for s in problem_of((0,), ("wheel", "current_f")).trials[0].slacks}
     everything = {s.name for s in problem_of((0,), tuple(PLACE)).trials[0].slacks}
     assert {"tilt", "accel_x gain", "current_r gain"} <= everything - names
-    assert {*SAND[:RAKED], "start", "wheel gain", "current_f gain"} <= names
+    assert {*SAND[:SAND_PER_TRIAL], "start", "wheel gain", "current_f gain"} <= names

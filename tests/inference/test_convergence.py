@@ -10,10 +10,10 @@ import pytest
 
 from granite_lab.chain import corrected
 from granite_lab.effects import get
-from granite_lab.inference.bench import SAND, Bench, World
 from granite_lab.inference.descent import LEAST, NO_FURTHER
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.point import SHARED, Point
+from granite_lab.inference.pool import SAND, Scenario, SimulationPool
 from granite_lab.inference.priors import centre_of
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import change
@@ -65,9 +65,9 @@ def case() -> Iterator[Case]:
     rows = [corrected(path, Options()) for path in sorted(SAMPLES.glob("*.csv"))]
     trials, motions = [r[0] for r in rows], [r[2] for r in rows]
     models, variants = trial_models(trials, robot, motions)
-    world = World(robot, load_soil(), variants, {id_: get(id_) for id_ in CHOSEN})
-    with one_thread(), Bench(world) as bench:
-        problem = Problem(models, bench)
+    scenario = Scenario(robot, load_soil(), variants, {id_: get(id_) for id_ in CHOSEN})
+    with one_thread(), SimulationPool(scenario) as pool:
+        problem = Problem(models, pool)
         yield Case(problem, baseline(problem))
 
 
@@ -87,7 +87,7 @@ def test_all_starts_end_at_one_optimum(case: Case, seed: int) -> None:
     std = np.sqrt(np.diag(best.posterior.covariance))
     for f in found:
         assert np.abs((f.point.vector - best.point.vector) / std).max() < 0.1
-        assert f.promised < NO_FURTHER
+        assert f.predicted_drop < NO_FURTHER
         assert change(best.scales, f.scales) < 0.1
 
 
@@ -96,7 +96,7 @@ def test_a_fit_of_a_model_that_is_wrong_does_not_pass_for_converged(case: Case) 
     promise beyond the point is not credited."""
     found = fit(case.problem, case.start(("tyre_windup",)), case.base.scales)
     assert not found.converged
-    assert found.scales.loud
-    assert found.promised > LEAST
+    assert found.scales.poor_fit
+    assert found.predicted_drop > LEAST
     both = case.chosen
     assert both.evidence > found.evidence + 5000

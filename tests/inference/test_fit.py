@@ -7,17 +7,18 @@ import pytest
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference import noise
-from granite_lab.inference.bench import RAKED, SAND
 from granite_lab.inference.constants import PSEUDO_TRIALS
+from granite_lab.inference.derivatives import differentiate
 from granite_lab.inference.descent import _aim, _linear, simulated
-from granite_lab.inference.fit import Fit, fit, under
+from granite_lab.inference.fit import Fit, fit, with_priors
 from granite_lab.inference.gap import discrepancies
 from granite_lab.inference.noise import FLOOR
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import SHARED, Point
+from granite_lab.inference.pool import SAND, SAND_PER_TRIAL
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import DISCREPANCIES, FORMULAS, log_prior
-from granite_lab.inference.setup import at_first, nominal
+from granite_lab.inference.setup import initial_point, nominal
 from granite_lab.parameters import load_robot, load_variants
 from tests.inference.stub import Respond, drawn, measure, measured, problem_of
 
@@ -63,7 +64,7 @@ def test_a_fit_begins_near_the_latency_of_the_stamps(late: float, commands: tupl
     truth = drawn(problem, rng)
     truth.shared[SHARED.index("latency")] = late
     measure(problem, truth, rng)
-    start, _ = at_first(problem)
+    start, _ = initial_point(problem)
     assert start.shared[SHARED.index("latency")] == pytest.approx(late, abs=0.02)
     assert fit(problem, start).point.shared[SHARED.index("latency")] == pytest.approx(late, abs=1e-3)
 
@@ -103,13 +104,13 @@ def test_the_share_of_an_exact_model_does_not_matter() -> None:
     problem, *_ = measured(5)
     found = fit(problem, problem.neutral())
     assert max(d.share for d in discrepancies(problem, found)) < 0.003
-    assert max(found.scales.louder.values()) < 1.15
+    assert max(found.scales.noise_factor.values()) < 1.15
 
 
 def test_the_estimated_discrepancy_is_the_one_that_was_put_in() -> None:
     problem, truth, _ = measured(6)
     t = problem.trials[0].observation.t
-    size, moving = problem.size_of(0, "wheel_split")
+    size, moving = problem.rms_of(0, "wheel_split")
     put_in = 0.2 * size * np.sin(2 * np.pi * t / 0.8) * moving
     for i in problem.commands[0]:
         problem.trials[i].measured[problem.trials[i].channels.index("wheel_split")] += put_in
@@ -176,7 +177,7 @@ def test_a_fit_ends_within_the_region_that_has_solutions(bound: float) -> None:
     found = fit(problem, problem.neutral())
     assert np.isfinite(found.evidence)
     for x in found.point.trials:
-        assert np.abs(found.point.shared[:RAKED] + x[:RAKED]).max() <= bound
+        assert np.abs(found.point.shared[:SAND_PER_TRIAL] + x[:SAND_PER_TRIAL]).max() <= bound
     began, ended = (objective(problem, p, found.scales) for p in (problem.neutral(), found.point))
     assert ended < (0.9 if bound > 0.04 else 1.0) * began
     assert not found.converged
@@ -190,7 +191,7 @@ def objective(problem: Problem, point: Point, scales: Scales) -> float:
     responses = simulated(problem, point)
     std, mean = problem.prior(point, scales)
     white = problem.white(problem.residuals(point, responses))
-    normal = problem.normal(begun.point, begun.slopes, begun.residuals)
+    normal = problem.normal(begun.point, begun.derivatives, begun.residuals)
     squares = sum(normal.misfits(white, scales).values())
     return float(squares + np.sum(((point.vector - mean) / std) ** 2))
 
@@ -199,7 +200,7 @@ def test_a_start_without_a_solution_is_refused() -> None:
     problem = problem_of(FOUR)
     shared = problem.neutral().shared.copy()
     shared[0] = 0.2
-    problem.bench._respond = Respond(0.1)
+    problem.pool._respond = Respond(0.1)
     with pytest.raises(EstimateError, match="cannot be simulated"):
         fit(problem, replace(problem.neutral(), shared=shared))
 
@@ -209,16 +210,16 @@ def test_a_misfit_that_is_not_smooth_makes_the_noise_louder() -> None:
     for t in problem.trials:
         k = t.channels.index("current_f")
         t.measured[k] += 3 * 0.05 * rng.normal(size=t.observation.bins)
-    louder = fit(problem, problem.neutral()).scales.louder
-    assert louder["current_f"] == pytest.approx(np.sqrt(10), rel=0.15)
-    assert louder["current_r"] < 1.2
+    noise_factor = fit(problem, problem.neutral()).scales.noise_factor
+    assert noise_factor["current_f"] == pytest.approx(np.sqrt(10), rel=0.15)
+    assert noise_factor["current_r"] < 1.2
 
 
 def test_under_other_scales_the_fit_is_that_of_a_refit_under_them() -> None:
     problem, *_ = measured(12, 0.02)
     found = fit(problem, problem.neutral())
     narrow = replace(found.scales, priors={n: 0.3 * s for n, s in found.scales.priors.items()})
-    other = under(problem, found, narrow)
+    other = with_priors(problem, found, narrow)
     std, _ = problem.prior(found.point, other.scales)
     N = found.normal.marginal(other.scales)[0][: std.size, : std.size] + np.diag(std**-2.0)
     assert other.posterior.covariance == pytest.approx(np.linalg.inv(N), rel=1e-4, abs=1e-9)
@@ -248,9 +249,9 @@ def test_sand_stays_within_three_std_of_its_file() -> None:
 def test_slopes_are_taken_backwards_where_a_step_has_no_solution() -> None:
     """The response is linear, so that both directions give the same derivative."""
     free = problem_of(FOUR)
-    expected = free.slopes(free.neutral())
+    expected = differentiate(free, free.neutral())
     point = replace(free.neutral(), shared=np.where(np.arange(len(SHARED)) == 0, 0.095, 0.0))
-    one_way = problem_of(FOUR, respond=Respond(bound=0.1)).slopes(point)
+    one_way = differentiate(problem_of(FOUR, respond=Respond(bound=0.1)), point)
     for command, _ in enumerate(free.commands):
         np.testing.assert_allclose(expected.simulated(command), one_way.simulated(command), atol=1e-9)
 
@@ -288,7 +289,7 @@ def test_a_trial_in_stretches_gives_the_numbers_of_the_whole_trial(monkeypatch: 
     shapes = [d.value.shape for d in discrepancies(problem, whole)]
     monkeypatch.setattr(noise, "WHOLE", 2.0)
     monkeypatch.setattr(noise, "STRETCH", 2.0)
-    problem.weigh(nominal(problem), start, problem.slopes(start))
+    problem.set_noise(nominal(problem), start, differentiate(problem, start))
     found = fit(problem, start)
     assert len(problem.whiteners[0][0].filters) > 1
     assert np.max(np.abs(found.point.vector - whole.point.vector) / std_of(whole)) < 0.5

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from granite_lab.discovery.candidates import gain
-from granite_lab.inference.bench import Bench
 from granite_lab.inference.constants import REST_SHARE, SMOOTH
+from granite_lab.inference.derivatives import differentiate
 from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, joined, modulated, smooth, variances
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.gap import beyond, discrepancies, scatter
-from granite_lab.inference.normal import ChannelPart, CommandPart, Normal, Rows, Scales, posterior
+from granite_lab.inference.normal import ChannelPart, CommandPart, NormalEquations, Rows, Scales, posterior
 from granite_lab.inference.nuisances import TrialModel
+from granite_lab.inference.pool import SimulationPool
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FIRST
 from granite_lab.inference.setup import nominal
@@ -38,7 +39,7 @@ class Made:
         y: (N,) whitened residuals.
     """
 
-    normal: Normal
+    normal: NormalEquations
     channel: list[str]
     trial: Array
     columns: Array
@@ -55,7 +56,7 @@ class Made:
         return np.square(root)
 
     def noise(self, scales: Scales) -> Array:
-        return np.array([scales.louder.get(c, 1.0) ** 2 for c in self.channel])
+        return np.array([scales.noise_factor.get(c, 1.0) ** 2 for c in self.channel])
 
     def covariance(self, scales: Scales) -> Array:
         """Return the (N, N) covariance of noise and discrepancy."""
@@ -98,7 +99,7 @@ def made(rng: Rng) -> Made:
             channels.append(ChannelPart(c, kind, tuple(rows), gram, basis, across))
         parts.append(CommandPart(at, tuple(channels)))
     names = [c for _ in commands for c in CHANNELS for _ in kind]
-    normal, kinds = Normal(tuple(parts), size, P), np.tile(kind, len(bases))
+    normal, kinds = NormalEquations(tuple(parts), size, P), np.tile(kind, len(bases))
     return Made(normal, channel.tolist(), trial, columns, np.hstack(bases), names, kinds, y)
 
 
@@ -108,7 +109,7 @@ def scales_of(rng: Rng) -> Scales:
         formula=float(rng.uniform(0.05, 0.5)),
         discrepancies={"accel_x": float(rng.uniform(0.05, 0.5))},
         formulas={"current_f": float(rng.uniform(0.05, 0.5))},
-        louder={"current_f": float(rng.uniform(1.0, 3.0))},
+        noise_factor={"current_f": float(rng.uniform(1.0, 3.0))},
     )
 
 
@@ -214,7 +215,7 @@ def linear(problem: Problem, rng: np.random.Generator, share: float) -> Fit:
     Numbers are drawn from their priors, the discrepancy with a share in motion and as it is near rest.
     """
     point = problem.neutral()
-    slopes = problem.slopes(point)
+    derivatives = differentiate(problem, point)
     std, _ = problem.prior(point, FIRST)
     θ = std * rng.normal(size=std.size)
     first = np.cumsum([0, *(x.size for x in point.trials)])
@@ -225,14 +226,14 @@ def linear(problem: Problem, rng: np.random.Generator, share: float) -> Fit:
             root = np.sqrt(variances(basis.kind, share, 0.0))
             smooth[c] = basis.columns @ (root * rng.normal(size=root.size))
         for i in own:
-            J = problem.columns(i, point, slopes)
+            J = problem.columns(i, point, derivatives)
             x = np.concatenate([θ[first[i] : first[i + 1]], θ[first[-1] :]])
             t = problem.trials[i]
             change = (J @ x).reshape(t.measured.shape)
             for k, c in enumerate(t.channels):
                 noise = rng.normal(size=t.observation.bins) / problem.whiteners[i][k].filters[0].inverse
                 t.measured[k] = shown[i][k] + change[k] + smooth[c] + noise
-    return fit(problem, point, FIRST, slopes=slopes, rounds=0)
+    return fit(problem, point, FIRST, derivatives=derivatives, rounds=0)
 
 
 def test_the_misfit_is_the_expected_one_where_nothing_is_missing() -> None:
@@ -272,7 +273,7 @@ def test_the_discrepancy_of_a_channel_is_the_conditional_mean_of_the_dense_gauss
     for i, t in enumerate(problem.trials):
         rows = slice(begin[i], begin[i + 1])
         places = [*range(first[i], first[i + 1]), *range(first[-1], std.size)]
-        J[rows, places] = problem.columns(i, point, found.slopes)
+        J[rows, places] = problem.columns(i, point, found.derivatives)
         y[rows] = found.residuals[i].ravel()
         noise[rows] = np.concatenate([1 / w.filters[0].inverse for w in problem.whiteners[i]]) ** 2
         assert t.channels == problem.trials[0].channels
@@ -291,7 +292,7 @@ def test_the_discrepancy_of_a_channel_is_the_conditional_mean_of_the_dense_gauss
     for d in discrepancies(problem, found):
         B, Λ, basis = bins[d.command, d.channel]
         own = basis.kind == MOTION
-        moving = problem.size_of(d.command, d.channel)[1] > 0
+        moving = problem.rms_of(d.command, d.channel)[1] > 0
         wanted = basis.columns[:, own] @ (Λ * (B.T @ solved))[own] * moving
         assert d.value == pytest.approx(wanted, rel=1e-5, abs=1e-6 * d.size)
 
@@ -308,7 +309,7 @@ def test_repetitions_scatter_by_what_changes_slowly_from_trial_to_trial(share: f
     problem, *_ = measured(6, commands=(0, 0, 0, 1, 1, 1))
     k = problem.trials[0].channels.index("pitch_rate")
     for i, t in enumerate(problem.trials):
-        size, moving = problem.size_of(problem.command_of[i], "pitch_rate")
+        size, moving = problem.rms_of(problem.command_of[i], "pitch_rate")
         wave = np.sin(4 * np.pi * t.observation.t + 2 * np.pi * i / 3)
         t.measured[k] += np.sqrt(2) * share * size * wave * (moving > 0)
     found = scatter(problem, fit(problem, problem.neutral(), FIRST))
@@ -367,37 +368,40 @@ def test_a_discrepancy_beside_which_noise_is_lost_in_rounding_has_a_factor() -> 
 def test_the_rounding_of_the_encoders_is_within_the_tolerance(counts: int) -> None:
     """Sawtooth of a wheel that turns evenly: its rms is the step over √12, the same in all repetitions."""
     problem, step = problem_of((0, 0)), 2 * np.pi / counts
-    plain = problem.size_of(0, "wheel")[0]
+    plain = problem.rms_of(0, "wheel")[0]
     for t in problem.trials:
         t.observation = replace(t.observation, step=step)
     point = problem.neutral()
-    problem.weigh(problem.whiteners, point, problem.slopes(point))
+    problem.set_noise(problem.whiteners, point, differentiate(problem, point))
     angle = np.linspace(0, 20, 100_001)
     rounding = np.floor(angle / step) * step - angle
-    coarse = problem.size_of(0, "wheel")[0]
+    coarse = problem.rms_of(0, "wheel")[0]
     assert coarse == pytest.approx(max(plain, np.std(rounding) / TOLERANCE), rel=0.02)
-    assert problem.size_of(0, "wheel_split")[0] == coarse
+    assert problem.rms_of(0, "wheel_split")[0] == coarse
 
 
 def test_repetitions_of_which_each_drives_its_own_simulation_are_weighed_as_such() -> None:
     """Two inputs that are the same and one command: nothing may depend on who simulates a trial."""
     together, _, _ = measured(7, commands=(0, 0, 1))
-    world = replace(together.bench.world, variants=(*together.bench.world.variants, COMMANDS[0]))
+    scenario = replace(together.pool.scenario, variants=(*together.pool.scenario.variants, COMMANDS[0]))
     models = [TrialModel(t.observation, t.variant, ROBOT) for t in together.trials]
     models[1] = TrialModel(together.trials[1].observation, len(COMMANDS), ROBOT, 0)
     for model, trial in zip(models, together.trials, strict=True):
         model.measured = trial.measured
-    apart = Problem(models, Bench(world, respond=Respond()))
+    apart = Problem(models, SimulationPool(scenario, respond=Respond()))
     assert apart.commands == together.commands == ((0, 1), (2,))
     assert apart.inputs == ((0,), (2,), (1,))
     found = []
     for problem in (together, apart):
         point = problem.neutral()
-        slopes, runs = problem.slopes(point), problem.respond([problem.task(point, i) for i in range(3)])
-        assert slopes is not None
+        derivatives, runs = (
+            differentiate(problem, point),
+            problem.respond([problem.task(point, i) for i in range(3)]),
+        )
+        assert derivatives is not None
         assert runs is not None
-        problem.weigh(nominal(problem), point, slopes)
-        normal = problem.normal(point, slopes, problem.residuals(point, runs))
+        problem.set_noise(nominal(problem), point, derivatives)
+        normal = problem.normal(point, derivatives, problem.residuals(point, runs))
         found.append(normal.marginal(FIRST))
     for own, shared in zip(found[1], found[0], strict=True):
         assert own == pytest.approx(shared, rel=1e-9)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from granite_lab.inference.bench import ACCURACY, SAND, World
+from granite_lab.inference.pool import ACCURACY, SAND, Scenario
 from granite_lab.model import simulate
 from granite_lab.model.command import kind_of
 from granite_lab.model.instants import instants
@@ -96,7 +96,7 @@ def test_a_command_that_only_the_wheels_date_is_led_as_a_whole(split: float) -> 
         )
         assert after.angle == pytest.approx(before.angle, abs=1e-5)  # instants are rounded to 1e-6 s
         assert after.rate == pytest.approx(before.rate, abs=1e-4)
-    task = World(ROBOT, SOIL, (wheels,), {}).task(0, np.append(np.zeros(len(SAND)), (0.03, 0.2)), ())
+    task = Scenario(ROBOT, SOIL, (wheels,), {}).task(0, np.append(np.zeros(len(SAND)), (0.03, 0.2)), ())
     assert task.leads == (0.03, 0.0)
 
 
@@ -122,12 +122,12 @@ def test_what_was_commanded_is_not_led() -> None:
     for variant in (variant_of(0.3), STICK, stated):
         assert not is_free(variant)
         assert led(variant, (0.05, 0.1), ROBOT) is variant
-    world = World(ROBOT, SOIL, (wheels, stated), {})
+    scenario = Scenario(ROBOT, SOIL, (wheels, stated), {})
     numbers = np.append(np.zeros(len(SAND)), (0.05, 0.1))
-    tasks = [world.task(k, numbers, ()) for k in range(2)]
+    tasks = [scenario.task(k, numbers, ()) for k in range(2)]
     assert tasks[0].leads == (0.05, 0.1)
-    assert tasks[1] == world.task(1, 0 * numbers, ())  # one simulation, whatever the leads
-    first, other = world.respond(tasks[0]), world.respond(world.task(0, 0 * numbers, ()))
+    assert tasks[1] == scenario.task(1, 0 * numbers, ())  # one simulation, whatever the leads
+    first, other = scenario.respond(tasks[0]), scenario.respond(scenario.task(0, 0 * numbers, ()))
     assert first is not None
     assert other is not None
     assert np.abs(first[7] - other[7]).max() > 1e-3

@@ -11,10 +11,11 @@ import pytest
 
 from granite_lab.effects import library
 from granite_lab.errors import InputError
-from granite_lab.inference.bench import ACCURACY, SAND, Bench, Setting, Task
-from granite_lab.inference.conditions import PLAIN, STAGING, Conditions, StagedWorld, conditions_of
+from granite_lab.inference.conditions import PLAIN, STAGING, Conditions, StagedScenario, conditions_of
+from granite_lab.inference.derivatives import differentiate
 from granite_lab.inference.noise import FLOOR
 from granite_lab.inference.normal import posterior
+from granite_lab.inference.pool import ACCURACY, SAND, Setting, SimulationPool, Task
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Trial, TrialInfo
 from granite_lab.model.effect import Effect, EffectParameter, Symbols
@@ -73,8 +74,12 @@ def stages() -> Iterator[Any]:
         def stage(design: Design, *more: Variant, formula: float = 1e-9) -> Stage:
             variants = (*(d.variant for d in design.driven), *more)
             effects = library() | STAGING | {"hum": Hum(), "swell": Swell()}
-            world = StagedWorld(ROBOT, SOIL, variants, effects, conditions=(Conditions(),) * len(variants))
-            found = Stage(design, stack.enter_context(Bench(world)), [design.driven[0]] * len(more))
+            scenario = StagedScenario(
+                ROBOT, SOIL, variants, effects, conditions=(Conditions(),) * len(variants)
+            )
+            found = Stage(
+                design, stack.enter_context(SimulationPool(scenario)), [design.driven[0]] * len(more)
+            )
             found.scales = replace(found.scales, formula=formula)
             return found
 
@@ -136,28 +141,28 @@ def test_a_run_in_the_other_direction_tells_a_slope_from_a_tilted_sensor() -> No
 def test_the_expected_bayes_factor_is_what_a_full_fit_to_such_trials_loses() -> None:
     """Trials with a slope, there and back, are written without noise and fitted with a tilted sensor."""
     design = replace(SLOPE, driven=(driven_of(SLOW), driven_of(SLOW, conditions=TURNED)))
-    world = StagedWorld(ROBOT, SOIL, (SLOW, SLOW), library() | STAGING, conditions=(PLAIN, TURNED))
-    with Bench(world) as bench:
-        stage = Stage(design, bench)
+    scenario = StagedScenario(ROBOT, SOIL, (SLOW, SLOW), library() | STAGING, conditions=(PLAIN, TURNED))
+    with SimulationPool(scenario) as pool:
+        stage = Stage(design, pool)
         models = explanations(stage, question(design, library()))
         expected = fitted(stage.at_hand(models[1], models[:1]), 1).misfit / 2
         trials = []
         for k, _ in enumerate(design.driven):
             one = stage.problem(k)
             point = stage.point(one, models[0])
-            response = bench.run([one.centre(point, 0)])[0]
+            response = pool.run([one.centre(point, 0)])[0]
             trial = one.trials[0]
             trial.measured = trial.predict(response, point.trials[0], point.sensors)
             trials.append(trial)
-        problem = Problem(trials, bench)
+        problem = Problem(trials, pool)
         whiteners = [[whitener_of(n, t.observation, 0.3) for n in design.driven[0].noise] for t in trials]
         point = problem.with_effect(problem.neutral(), "imu_tilt", (0.0,))
         misfit = np.inf
         for _ in range(4):
-            slopes = problem.slopes(point)
+            derivatives = differentiate(problem, point)
             runs = problem.respond([problem.task(point, i) for i in range(2)])
-            problem.weigh(whiteners, point, slopes)
-            normal = problem.normal(point, slopes, problem.residuals(point, runs))
+            problem.set_noise(whiteners, point, derivatives)
+            normal = problem.normal(point, derivatives, problem.residuals(point, runs))
             std, mean = problem.prior(point, stage.scales)
             found = posterior(*normal.marginal(stage.scales), std**-2.0, mean - point.vector)
             point, misfit = problem.stepped(point, found.step), found.misfit
@@ -167,8 +172,8 @@ def test_the_expected_bayes_factor_is_what_a_full_fit_to_such_trials_loses() -> 
 
 def steady(conditions: Conditions, setting: Setting = ()) -> np.ndarray:
     """What the sensors read at constant speed."""
-    world = StagedWorld(ROBOT, SOIL, (SLOW,), library() | STAGING, conditions=(conditions,))
-    response = world.respond(Task(0, (0.0,) * len(SAND), setting))
+    scenario = StagedScenario(ROBOT, SOIL, (SLOW,), library() | STAGING, conditions=(conditions,))
+    response = scenario.respond(Task(0, (0.0,) * len(SAND), setting))
     return np.asarray(response[:, np.searchsorted(instants(SLOW, ACCURACY), 1.8)])
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from granite_lab.errors import LabError
-from granite_lab.inference.bench import SIGNALS
+from granite_lab.inference.pool import SIGNALS
 from granite_lab.running import cache
 from granite_lab.running.each import on_worker
 from tests.corpus.cli import SAMPLES, lab, refused, succeeded
@@ -83,20 +83,23 @@ def test_simulations_of_a_search_are_the_same_on_a_cluster(cluster: Cluster, tmp
     script = """
 import sys
 import numpy as np
-from granite_lab.inference.bench import Bench, Task, World
+from granite_lab.inference.pool import SimulationPool, Task, Scenario
 from granite_lab.effects import library
 from granite_lab.parameters import load_robot, load_soil, load_variants
 from granite_lab.running import Execution
 from granite_lab.running.simulations import on_cluster
-world = World(load_robot(), load_soil(), load_variants()[2:], library())
+scenario = Scenario(load_robot(), load_soil(), load_variants()[2:], library())
 effect = library()["tyre_windup"]
 sand = (0.0,) * 7
 tasks = [Task(i, (0.01 * k, *sand[1:])) for i in range(2) for k in range(3)]
 tasks.append(Task(0, sand, ((effect.id, tuple(p.prior_high for p in effect.parameters)),)))
 tasks.append(Task(0, (9.0, *sand[1:])))
-here = [world.respond(t) for t in tasks]
-with on_cluster(Execution(scheduler=sys.argv[1]), None) as respond, Bench(world, respond=respond) as bench:
-    there = bench.run(tasks)
+here = [scenario.respond(t) for t in tasks]
+with (
+    on_cluster(Execution(scheduler=sys.argv[1]), None) as respond,
+    SimulationPool(scenario, respond=respond) as pool,
+):
+    there = pool.run(tasks)
 np.savez("out.npz", **{f"{w}{i}": np.zeros(0) if x is None else x
                        for w, of in (("here", here), ("there", there)) for i, x in enumerate(of)})
 """

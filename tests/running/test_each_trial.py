@@ -10,7 +10,7 @@ import pytest
 
 from granite_lab.errors import InputError, LabError
 from granite_lab.estimate import Estimate
-from granite_lab.inference.bench import Bench, Task, World
+from granite_lab.inference.pool import Scenario, SimulationPool, Task
 from granite_lab.options import Options
 from granite_lab.parameters import load_robot, load_soil, load_variants
 from granite_lab.processes import SHORT_OF_MEMORY
@@ -157,7 +157,7 @@ def test_a_process_that_dies_fails_only_the_trial_that_kills_it(logs: list[Path]
     assert multiprocessing.active_children() == []
 
 
-class Deadly(World):
+class Deadly(Scenario):
     """A world in which no simulation is survived."""
 
     def respond(self, task: Task) -> None:  # noqa: ARG002, as the real one
@@ -167,9 +167,12 @@ class Deadly(World):
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a search runs in one process")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_a_search_whose_processes_die_says_so() -> None:
-    world = Deadly(load_robot(), load_soil(), load_variants(), {})
-    with Bench(world, 2) as bench, pytest.raises(LabError, match="that simulated has died") as caught:
-        bench.run([Task(0, (0.01 * k,) * 7) for k in range(4)])
+    scenario = Deadly(load_robot(), load_soil(), load_variants(), {})
+    with (
+        SimulationPool(scenario, 2) as pool,
+        pytest.raises(LabError, match="that simulated has died") as caught,
+    ):
+        pool.run([Task(0, (0.01 * k,) * 7) for k in range(4)])
     assert caught.type is LabError  # a fit takes an EstimateError for a start that fails, and goes on
     assert caught.value.hint == SHORT_OF_MEMORY
     assert multiprocessing.active_children() == []
@@ -178,18 +181,18 @@ def test_a_search_whose_processes_die_says_so() -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a search runs in one process")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_what_runs_side_by_side_gives_what_one_process_gives_and_counts_its_simulations() -> None:
-    world = World(load_robot(), load_soil(), load_variants(), {})
+    scenario = Scenario(load_robot(), load_soil(), load_variants(), {})
     last = []
-    with Bench(world) as alone, Bench(world, 2) as bench:
-        for one in (alone, bench):
+    with SimulationPool(scenario) as alone, SimulationPool(scenario, 2) as pool:
+        for one in (alone, pool):
 
-            def velocity(k: int, one: Bench = one) -> float:
+            def velocity(k: int, one: SimulationPool = one) -> float:
                 (response,) = one.run([Task(0, (0.01 * k,) * 7)])
                 return float(response[-1].max()) if response is not None else 0.0
 
-            last.append(one.side_by_side(velocity, 3))
+            last.append(one.parallel(velocity, 3))
         assert last[0] == last[1]
         assert len(set(last[0])) == 3
-        assert alone.runs == bench.runs == 3
-        assert bench.run([Task(0, (0.05,) * 7)])[0] is not None  # it still simulates for itself
+        assert alone.runs == pool.runs == 3
+        assert pool.run([Task(0, (0.05,) * 7)])[0] is not None  # it still simulates for itself
     assert multiprocessing.active_children() == []

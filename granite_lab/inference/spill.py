@@ -1,4 +1,4 @@
-"""The large parts of fits and screens: those asked for last in memory, the others in files without a name."""
+"""Large arrays of fits and screens: the last used ones in memory, the others spilled to temporary files."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class _Place:
     turned: bool
 
 
-class Shelved(Generic[T]):
+class Spillable(Generic[T]):
     """A record whose arrays need not stay in memory.
 
     Read back it is the same to the last bit, but its arrays cannot be written to. Where no file can be made
@@ -48,7 +48,7 @@ class Shelved(Generic[T]):
         self._file: IO[bytes] | None = None
         self.size = sum(a.nbytes for a in _arrays(value))
         """Bytes of its arrays."""
-        SHELF.take(self)
+        SPILL_CACHE.touch(self)
 
     @property
     def value(self) -> T:
@@ -56,7 +56,7 @@ class Shelved(Generic[T]):
         value = self._value
         if value is None:
             value = self._value = self._read()
-        SHELF.take(self)
+        SPILL_CACHE.touch(self)
         return value
 
     @property
@@ -64,8 +64,8 @@ class Shelved(Generic[T]):
         """Whether the record is in memory."""
         return self._value is not None
 
-    def put_away(self) -> None:
-        """Leave the record to its file."""
+    def spill(self) -> None:
+        """Write the record to its file, and give its memory free."""
         if self._file is None:
             try:
                 self._write()
@@ -99,7 +99,7 @@ class Shelved(Generic[T]):
         return record
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Shelved, (self.value,)
+        return Spillable, (self.value,)
 
 
 def _mapped(value: Any, kind: type, change: Callable[[Any], Any]) -> Any:
@@ -123,7 +123,7 @@ def _arrays(value: Any) -> list[Array]:
     return list(arrays.values())
 
 
-class Shelf:
+class SpillCache:
     """Keeps of the records of a process those in memory that were asked for last.
 
     Args:
@@ -132,23 +132,23 @@ class Shelf:
 
     def __init__(self, most: float) -> None:
         self.most = most
-        self._recent: dict[int, weakref.ref[Shelved[Any]]] = {}
+        self._recent: dict[int, weakref.ref[Spillable[Any]]] = {}
         self._lock = threading.RLock()  # what other processes send is read by a thread
 
-    def take(self, record: Shelved[Any]) -> None:
-        """Note that a record was asked for, and put away what has waited longest."""
+    def touch(self, record: Spillable[Any]) -> None:
+        """Note that a record was asked for, and spill those that were not asked for longest."""
         with self._lock:
             self._recent.pop(id(record), None)
             self._recent = {key: ref for key, ref in self._recent.items() if ref() is not None}
             self._recent[id(record)] = weakref.ref(record)
-            loaded = [each for ref in self._recent.values() if (each := ref()) is not None and each.in_memory]
-            total = sum(each.size for each in loaded)
-            for each in loaded[:-1]:
+            loaded = [r for ref in self._recent.values() if (r := ref()) is not None and r.in_memory]
+            total = sum(r.size for r in loaded)
+            for oldest in loaded[:-1]:
                 if total <= self.most:
                     break
-                each.put_away()
-                total -= each.size
+                oldest.spill()
+                total -= oldest.size
 
 
-SHELF = Shelf(MEMORY / 2)
+SPILL_CACHE = SpillCache(MEMORY / 2)
 """That of this process."""

@@ -1,4 +1,4 @@
-"""Many simulations of the same few commands, in this process or in several."""
+"""Simulations of the same few commands in this process or in several."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import ClassVar, Self, TypeVar
 import numpy as np
 
 from granite_lab.errors import EstimateError, InputError
-from granite_lab.inference.constants import MEMORY, RAKING
+from granite_lab.inference.constants import MEMORY, SAND_PER_TRIAL_STD
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active, Effect, activate
 from granite_lab.model.instants import Accuracy
@@ -37,11 +37,11 @@ SAND = (
 """Parameters of the sand that are fitted, as logarithms of their ratio to the file's value."""
 
 SIMULATED = (*SAND, *LEADS)
-"""Numbers of a simulation that all trials share: the sand, and how a command of which nobody states start or
-the course leads the wheels [s]."""
+"""Numbers of a simulation that all trials share: the sand, and the times by which a command whose start or
+course is not stated leads the wheels [s]."""
 
-RAKED = len(RAKING)
-"""The first of `SAND` change with the raking from trial to trial."""
+SAND_PER_TRIAL = len(SAND_PER_TRIAL_STD)
+"""So many of `SAND`, the first ones, differ from trial to trial, as raking leaves the sand."""
 
 ACCURACY = Accuracy(relative=1e-5, absolute=2e-8, travel=0.0018, lean=True, order=3)
 """Errors of a bin of at most 4e-4 m/s^2, 5e-6 rad/s, 3e-5 rad and 7e-4 A, those of the instants included. Of
@@ -72,7 +72,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class World:
+class Scenario:
     """What all simulations share; `fixed` are effects that are always switched on."""
 
     accuracy: ClassVar[Accuracy] = ACCURACY
@@ -125,20 +125,20 @@ class World:
         return np.stack([signals[name] for name in SIGNALS])
 
 
-Respond = Callable[[World, Sequence[Task]], list[Array | None]]
+Respond = Callable[[Scenario, Sequence[Task]], list[Array | None]]
 """Simulates tasks elsewhere: the signals of each task, in their order."""
 
-_world: World | None = None
+_scenario: Scenario | None = None
 
 
-def _enter(world: World) -> None:
-    global _world  # noqa: PLW0603, a worker process has exactly one world
-    _world = world
+def _enter(scenario: Scenario) -> None:
+    global _scenario  # noqa: PLW0603, a worker process has exactly one scenario
+    _scenario = scenario
 
 
 def _work(tasks: Sequence[Task]) -> list[Array | None]:
-    assert _world is not None
-    return [_world.respond(task) for task in tasks]
+    assert _scenario is not None
+    return [_scenario.respond(task) for task in tasks]
 
 
 def _batches(tasks: Sequence[Task]) -> list[list[Task]]:
@@ -155,15 +155,15 @@ def _batches(tasks: Sequence[Task]) -> list[list[Task]]:
     return sorted(batches, key=len, reverse=True)
 
 
-def _alone(given: tuple[Bench, Callable[[int], Y]], k: int) -> tuple[Y, int]:
-    """Return ``call(k)`` and the number of its runs, in a process that was forked off."""
-    bench, call = given
-    bench.here()
-    before = bench.runs
-    return call(k), bench.runs - before
+def _forked_call(task: tuple[SimulationPool, Callable[[int], Y]], k: int) -> tuple[Y, int]:
+    """Return ``call(k)`` and the number of its simulations, in a process that was forked off."""
+    pool, call = task
+    pool.use_this_process()
+    before = pool.runs
+    return call(k), pool.runs - before
 
 
-class Bench:
+class SimulationPool:
     """Runs tasks; a context manager that ends its processes.
 
     Processes are forked, so that effects of a user's file need not be loaded again; where the
@@ -172,15 +172,15 @@ class Bench:
 
     def __init__(
         self,
-        world: World,
+        scenario: Scenario,
         jobs: int = 1,
         tick: Callable[[int], None] = lambda _: None,
         respond: Respond | None = None,
     ) -> None:
-        self.world, self.runs, self._jobs = world, 0, jobs
+        self.scenario, self.runs, self._jobs = scenario, 0, jobs
         self._respond = respond
         self._tick = tick
-        self._pool = forked(jobs, _enter, world) if respond is None else None
+        self._pool = forked(jobs, _enter, scenario) if respond is None else None
         self._responses: dict[Task, Array | None] = {}
         self._last: Sequence[Task] = ()
 
@@ -193,11 +193,11 @@ class Bench:
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
 
-    def here(self) -> None:
+    def use_this_process(self) -> None:
         """Simulate in this process from now on, without reports of progress."""
         self._pool, self._tick = None, lambda _: None
 
-    def side_by_side(self, call: Callable[[int], Y], count: int) -> list[Y]:
+    def parallel(self, call: Callable[[int], Y], count: int) -> list[Y]:
         """Return ``call(k)`` for k from 0 to `count` - 1, each in a process that simulates what it needs.
 
         What they simulate is not remembered here.
@@ -208,7 +208,7 @@ class Bench:
         if count < 2 or self._pool is None:
             return [call(k) for k in range(count)]
         answers = []
-        for answer, runs in shared_out(_alone, (self, call), count, "searched", jobs=self._jobs):
+        for answer, runs in shared_out(_forked_call, (self, call), count, "searched", jobs=self._jobs):
             answers.append(answer)
             self.runs += runs
             self._tick(runs)
@@ -225,20 +225,20 @@ class Bench:
         Raises:
             LabError: a process died.
         """
-        fresh = list(dict.fromkeys(t for t in tasks if t not in self._responses))
+        new = list(dict.fromkeys(t for t in tasks if t not in self._responses))
         if self._respond is not None:
-            responses = self._respond(self.world, fresh)
+            responses = self._respond(self.scenario, new)
         elif self._pool is None:
-            responses = [self.world.respond(task) for task in fresh]
+            responses = [self.scenario.respond(task) for task in new]
         else:
-            batches = _batches(fresh)
-            fresh = list(chain.from_iterable(batches))
+            batches = _batches(new)
+            new = list(chain.from_iterable(batches))
             responses = list(chain.from_iterable(mapped(self._pool, _work, batches, "simulated")))
-        self.runs += len(fresh)
-        self._tick(len(fresh))
-        every = self._responses | dict(zip(fresh, responses, strict=True))
-        size = sum(run.nbytes for t in {*tasks} if (run := every[t]) is not None)
+        self.runs += len(new)
+        self._tick(len(new))
+        known = self._responses | dict(zip(new, responses, strict=True))
+        size = sum(run.nbytes for t in {*tasks} if (run := known[t]) is not None)
         if keep and size <= REMEMBERED:
-            self._responses = {task: every[task] for task in (*self._last, *tasks) if task in every}
+            self._responses = {task: known[task] for task in (*self._last, *tasks) if task in known}
             self._last = tuple(tasks)
-        return [every[task] for task in tasks]
+        return [known[task] for task in tasks]

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granite_lab.discovery.heldout import Equations, shared_step, units
-from granite_lab.inference.bench import RAKED, SAND
 from granite_lab.inference.constants import TINY
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.point import Point
+from granite_lab.inference.pool import SAND, SAND_PER_TRIAL
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import distances_at
@@ -28,10 +28,10 @@ VELOCITY = "velocity"
 there, and hardly in the acceleration itself."""
 
 
-def carried(problem: Problem, fit: Fit, tolerance: float) -> Array | None:
+def loss_of_model(problem: Problem, fit: Fit, tolerance: float) -> Array | None:
     """Return what simulations leave of the speeds that were left out, of the trials with few speeds.
 
-    The numbers that all trials share are those that the others ask for; see `_lacking`. None where a
+    The numbers that all trials share are those that the others ask for; see `_squared_errors`. None where a
     simulation has no solution, or a trial leaves the numbers open.
     """
     equations = Equations(problem, fit)
@@ -43,28 +43,28 @@ def carried(problem: Problem, fit: Fit, tolerance: float) -> Array | None:
         except np.linalg.LinAlgError:
             return None
         whole = np.append(np.zeros(fit.point.vector.size - step.size), step)
-        rows.append(_lacking(problem, problem.stepped(fit.point, whole), out))
+        rows.append(_squared_errors(problem, problem.stepped(fit.point, whole), out))
     return _stacked(rows)
 
 
-def filed(problem: Problem, alone: Fit) -> Array | None:
+def loss_of_files(problem: Problem, baseline: Fit) -> Array | None:
     """Return the same of the model with the sand and a_θ of the files.
 
     Args:
         problem: the trials.
-        alone: a fit without effects, of which start, tilt and offsets of the trials are taken.
+        baseline: a fit without effects, of which start, tilt and offsets of the trials are taken.
     """
-    point = alone.point.at_files(len(SAND))
-    return _stacked([_lacking(problem, point, out) for out in units(problem)])
+    point = baseline.point.at_files(len(SAND))
+    return _stacked([_squared_errors(problem, point, out) for out in units(problem)])
 
 
-def worse(after: Array | None, before: Array | None, tolerance: float) -> bool:
+def predicts_worse(after: Array | None, before: Array | None, tolerance: float) -> bool:
     """Tell whether simulations predict what was left out worse than others, by more than a standard error.
 
     Each signal counts by its mean squares over those of the others; errors within the tolerance do not count.
 
     Args:
-        after, before: as `carried` or `filed` return them.
+        after, before: as `loss_of_model` or `loss_of_files` return them.
         tolerance: as a share of a channel's rms.
     """
     if after is None or before is None:
@@ -76,27 +76,27 @@ def worse(after: Array | None, before: Array | None, tolerance: float) -> bool:
     return bool(more.sum() > np.sqrt(more.size) * scatter)
 
 
-def _lacking(problem: Problem, point: Point, some: Sequence[int]) -> Array | None:
+def _squared_errors(problem: Problem, point: Point, trials: Sequence[int]) -> Array | None:
     """Return per signal the mean square in motion, over that of the signal; mean over some trials.
 
     Raking and gains of the trials are those of the files. NaN for a channel that was not logged.
     """
     names = [*dict.fromkeys(c for t in problem.trials for c in t.channels), VELOCITY]
     point = replace(point, trials=tuple(map(_as_filed, problem.trials, point.trials)))
-    runs = problem.respond([problem.task(point, i) for i in some])
+    runs = problem.respond([problem.task(point, i) for i in trials])
     if runs is None:
         return None
-    table = np.full((len(some), len(names)), np.nan)
-    for row, i, run in zip(table, some, runs, strict=True):
+    table = np.full((len(trials), len(names)), np.nan)
+    for row, i, run in zip(table, trials, runs, strict=True):
         trial, x, command = problem.trials[i], point.trials[i], problem.command_of[i]
         left = trial.measured - trial.predict(run, x[: trial.size], point.sensors)
         for c, values in zip(trial.channels, left, strict=True):
-            size, moving = problem.size_of(command, c)
+            size, moving = problem.rms_of(command, c)
             squares = values[moving & np.isfinite(values)] ** 2
             if size > 0 and squares.size:
                 row[names.index(c)] = squares.mean() / size**2
         if "accel_x" in trial.channels:
-            _, moving = problem.size_of(command, "accel_x")
+            _, moving = problem.rms_of(command, "accel_x")
             row[-1] = _of_velocity(trial, left[trial.channels.index("accel_x")], moving)
     counts = np.isfinite(table).sum(axis=0)
     return np.asarray(np.where(counts > 0, np.nansum(table, axis=0) / np.fmax(counts, 1), np.nan))
@@ -125,5 +125,5 @@ def _stacked(rows: Sequence[Array | None]) -> Array | None:
 
 def _as_filed(trial: TrialModel, x: Array) -> Array:
     """Return a trial's numbers with raking and gains as filed; offsets, tilt and start are the mounting's."""
-    kept = [k < RAKED or s.name.endswith("gain") for k, s in enumerate(trial.slacks)]
+    kept = [k < SAND_PER_TRIAL or s.name.endswith("gain") for k, s in enumerate(trial.slacks)]
     return np.concatenate([np.where(kept, 0.0, x[: trial.size]), x[trial.size :]])

@@ -13,7 +13,7 @@ from granite_lab.discovery.search import Search, search
 from granite_lab.inference.constants import TOLERANCE
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.setup import baseline
-from granite_lab.inference.shelf import SHELF, Shelf, Shelved
+from granite_lab.inference.spill import SPILL_CACHE, Spillable, SpillCache
 from granite_lab.logs.trial import Array
 from granite_lab.processes import shared_out
 from tests.inference.stub import measure, measured, problem_of
@@ -25,7 +25,7 @@ def arrays_of(value: Any) -> Iterator[Array]:
     """Yield the arrays of a record that are in memory."""
     if isinstance(value, np.ndarray):
         yield value
-    elif isinstance(value, Shelved):
+    elif isinstance(value, Spillable):
         yield from arrays_of(value.value) if value.in_memory else ()
     elif isinstance(value, dict):
         for part in (*value, *value.values()):
@@ -56,50 +56,50 @@ def fitted() -> Fit:
 
 def test_what_was_put_away_reads_back_to_the_last_bit() -> None:
     found = fitted()
-    slopes, normal = found.slopes, found.normal
-    found.large.put_away()
-    assert not found.large.in_memory
-    assert bytes_of(found) < 0.2 * found.large.size
-    assert same((found.slopes, found.normal), (slopes, normal))
-    assert found.large.in_memory
+    derivatives, normal = found.derivatives, found.normal
+    found.spillable.spill()
+    assert not found.spillable.in_memory
+    assert bytes_of(found) < 0.2 * found.spillable.size
+    assert same((found.derivatives, found.normal), (derivatives, normal))
+    assert found.spillable.in_memory
 
 
 def again(fits: list[Fit], k: int) -> Fit:
-    fits[k].large.put_away()
-    return replace(fits[k], promised=float(fits[k].normal.size))
+    fits[k].spillable.spill()
+    return replace(fits[k], predicted_drop=float(fits[k].normal.size))
 
 
 def test_processes_read_what_another_one_has_put_away_and_send_it_back() -> None:
     found = fitted()
-    found.large.put_away()
+    found.spillable.spill()
     for sent in shared_out(again, [found, found], 2, "read", jobs=2):
-        assert sent.promised == found.normal.size
-        assert same((sent.slopes, sent.normal), (found.slopes, found.normal))
+        assert sent.predicted_drop == found.normal.size
+        assert same((sent.derivatives, sent.normal), (found.derivatives, found.normal))
 
 
 def test_another_process_is_sent_what_was_put_away() -> None:
     found = fitted()
-    found.large.put_away()
+    found.spillable.spill()
     sent = pickle.loads(pickle.dumps(found))
-    assert same((sent.slopes, sent.normal), (found.slopes, found.normal))
+    assert same((sent.derivatives, sent.normal), (found.derivatives, found.normal))
 
 
 def test_where_no_file_can_be_made_nothing_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     def full(**_: Any) -> None:
         raise OSError("no space left on device")
 
-    one = Shelved(np.arange(9.0))
+    one = Spillable(np.arange(9.0))
     monkeypatch.setattr(tempfile, "TemporaryFile", full)
-    one.put_away()
+    one.spill()
     assert one.in_memory
     assert np.array_equal(one.value, np.arange(9.0))
 
 
 def test_what_waited_longest_is_put_away_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("granite_lab.inference.shelf.SHELF", Shelf(2.5 * 8 * 100))
-    first, second = (Shelved(np.full(100, value)) for value in (1.0, 2.0))
+    monkeypatch.setattr("granite_lab.inference.spill.SPILL_CACHE", SpillCache(2.5 * 8 * 100))
+    first, second = (Spillable(np.full(100, value)) for value in (1.0, 2.0))
     assert first.value[0] == 1.0  # asked for again
-    third = Shelved(np.full(100, 3.0))
+    third = Spillable(np.full(100, 3.0))
     assert [one.in_memory for one in (first, second, third)] == [True, False, True]
     assert second.value[0] == 2.0
     assert [one.in_memory for one in (first, second, third)] == [False, True, True]
@@ -117,10 +117,10 @@ def test_memory_of_a_search_does_not_grow_with_the_sets_that_it_fits(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     free = searched()
-    largest = max(m.fit.large.size for m in free.models)
+    largest = max(m.fit.spillable.size for m in free.models)
     assert len(free.models) > 4
     assert bytes_of(free.models) > 4 * largest
-    monkeypatch.setattr(SHELF, "most", 1.0)
+    monkeypatch.setattr(SPILL_CACHE, "most", 1.0)
     bound = searched()
     assert bytes_of(bound.models) < 2 * largest
     assert [m.effects for m in bound.models] == [m.effects for m in free.models]

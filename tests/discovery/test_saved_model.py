@@ -7,8 +7,8 @@ import pytest
 
 from granite_lab.discovery import remainder as stage
 from granite_lab.discovery import search as searching
-from granite_lab.discovery.carrying import VELOCITY, carried, filed, worse
 from granite_lab.discovery.remainder import savable
+from granite_lab.discovery.saved_model import VELOCITY, loss_of_files, loss_of_model, predicts_worse
 from granite_lab.discovery.search import search
 from granite_lab.discovery.verdict import judge
 from granite_lab.inference.fit import Fit, fit
@@ -32,42 +32,42 @@ def pushed(commands: tuple[int, ...] = SIX) -> tuple[Problem, Fit, Fit]:
 
 def test_what_is_left_of_speeds_left_out_is_least_for_the_model_that_is_right() -> None:
     problem, base, right = pushed()
-    own, known = carried(problem, right, TOLERANCE), filed(problem, base)
+    own, known = loss_of_model(problem, right, TOLERANCE), loss_of_files(problem, base)
     assert own is not None
     assert known is not None
     assert own.shape == known.shape == (3, len(problem.trials[0].channels) + 1)
     assert (own[:, -1] < known[:, -1]).all(), VELOCITY
-    assert worse(known, own, TOLERANCE)
-    assert not worse(own, known, TOLERANCE)
+    assert predicts_worse(known, own, TOLERANCE)
+    assert not predicts_worse(own, known, TOLERANCE)
 
 
 def test_trials_are_left_out_where_there_are_few_speeds() -> None:
     problem, base, right = pushed((0, 0, 1, 1))
-    own, known = carried(problem, right, TOLERANCE), filed(problem, base)
+    own, known = loss_of_model(problem, right, TOLERANCE), loss_of_files(problem, base)
     assert own is not None
     assert known is not None
     assert own.shape[0] == known.shape[0] == 4
-    assert not worse(own, known, TOLERANCE)
+    assert not predicts_worse(own, known, TOLERANCE)
 
 
 def test_worse_is_more_than_a_standard_error_and_no_solution_is_the_worst() -> None:
     known = np.full((4, 3), 0.1)
     off = np.array([[0.03], [-0.02], [-0.02], [0.02]])
-    assert not worse(known + off, known, TOLERANCE)
-    assert worse(known + off + 0.02, known, TOLERANCE)
-    assert not worse(known * 0 + 1e-4, known * 0, TOLERANCE)  # within the tolerance
+    assert not predicts_worse(known + off, known, TOLERANCE)
+    assert predicts_worse(known + off + 0.02, known, TOLERANCE)
+    assert not predicts_worse(known * 0 + 1e-4, known * 0, TOLERANCE)  # within the tolerance
     lost = np.where([False, True, False], np.nan, known)  # a channel that was not logged
-    assert worse(lost + 0.1, lost, TOLERANCE)
-    assert worse(None, known, TOLERANCE)
-    assert not worse(None, None, TOLERANCE)
-    assert not worse(known, None, TOLERANCE)
+    assert predicts_worse(lost + 0.1, lost, TOLERANCE)
+    assert predicts_worse(None, known, TOLERANCE)
+    assert not predicts_worse(None, None, TOLERANCE)
+    assert not predicts_worse(known, None, TOLERANCE)
 
 
 def test_a_set_that_carries_worse_than_the_files_is_set_aside(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, base, _ = pushed()
 
     def bad(problem: Problem, of: Fit, tolerance: float) -> Array | None:
-        found = carried(problem, of, tolerance)
+        found = loss_of_model(problem, of, tolerance)
         return None if found is None or "push" in of.point.effects else 0 * found
 
     assert search(problem, base, ("push", "pull"), TOLERANCE).best.effects == ("push",)
@@ -78,7 +78,7 @@ def test_a_set_that_carries_worse_than_the_files_is_set_aside(monkeypatch: pytes
     monkeypatch.setattr(searching, "carried", lambda p, f, t: bad(p, f, t) if len(f.point.effects) else None)
     found = search(problem, base, ("push", "shove"), TOLERANCE)
     assert found.best.effects == ("shove",)
-    assert "push" in found.beside or found.models[0] is found.best
+    assert "push" in found.negligible or found.models[0] is found.best
 
 
 def test_the_files_are_saved_where_nothing_is_named_and_all_else_predicts_worse(

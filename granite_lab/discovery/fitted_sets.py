@@ -1,0 +1,157 @@
+"""The sets of effects that a search has fitted so far, and the fits that add to them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+from granite_lab.discovery.candidates import Score, around
+from granite_lab.discovery.heldout import Predicted, predict
+from granite_lab.discovery.leaders import Prospect, Screening, leaders, origins, screened
+from granite_lab.discovery.models import EffectSet, Model, ranked
+from granite_lab.discovery.relevance import has_strained_trials, is_adequate
+from granite_lab.discovery.sets import best_fits, fit_sets, set_of
+from granite_lab.inference.constants import FEW, LEAST_GAIN
+from granite_lab.inference.fit import ROUNDS, Fit
+from granite_lab.inference.normal import Scales
+from granite_lab.inference.point import Point
+from granite_lab.inference.problem import Problem
+
+MOST = 6
+"""Effects in a set at most."""
+
+
+@dataclass
+class FittedSets:
+    """The sets that a search has fitted so far.
+
+    Attributes:
+        problem: the trials, with the noise.
+        candidates: ids.
+        tolerance: discrepancy that does not matter, as a share of a channel's rms.
+        tell: called with the stage and its number.
+        models: the fitted sets.
+        screenings: sets to the screens beside them.
+        set_aside: sets that are not the best, see `Search.set_aside`.
+        from_files, from_larger: sets also fitted from the files' sand; from where a larger one ended.
+        stage: number of effects beside which is searched; `MOST` where they are exchanged.
+    """
+
+    problem: Problem
+    candidates: Sequence[str]
+    tolerance: float
+    tell: Callable[[str, int], None]
+    models: dict[EffectSet, Model]
+    screenings: dict[EffectSet, tuple[Screening, ...]] = field(default_factory=dict)
+    set_aside: set[EffectSet] = field(default_factory=set)
+    from_files: set[EffectSet] = field(default_factory=set)
+    from_larger: set[EffectSet] = field(default_factory=set)
+    stage: int = 0
+    _predictions: dict[Fit, Predicted] = field(default_factory=dict)
+
+    @property
+    def baseline(self) -> Model:
+        """The model without effects."""
+        return self.models[()]
+
+    @property
+    def fits(self) -> dict[EffectSet, Fit]:
+        """The fits of the sets."""
+        return {k: m.fit for k, m in self.models.items()}
+
+    def likeliest(self) -> Model:
+        """Return the likeliest set all of whose effects matter."""
+        return ranked(m for k, m in self.models.items() if k not in self.set_aside)[0]
+
+    def predicted(self, model: Model) -> Predicted:
+        """Return how a set predicts trials that are left out, computed once for each fit."""
+        if model.fit not in self._predictions:
+            self._predictions[model.fit] = predict(self.problem, model.fit, self.tolerance)
+        return self._predictions[model.fit]
+
+    def is_adequate(self, model: Model) -> bool:
+        """Tell whether a model leaves no discrepancy that matters, and no trial stands in for one."""
+        adequate = is_adequate(self.problem, model.fit, self.tolerance)
+        return adequate and not has_strained_trials(self.problem, model.fit)
+
+    def prospects(self, model: Model) -> list[Prospect]:
+        """Return the candidates to be fitted beside a model, those of the scales as learnt first."""
+        if model.effects not in self.screenings:
+            self.tell(f"screening candidates beside {_words(model.effects)}", self.stage)
+            for key, screenings in self.screenings.items():  # their columns are large
+                self.screenings[key] = tuple(replace(s, screened=None) for s in screenings)
+            self.screenings[model.effects] = self._screened(model)
+        return leaders(self.screenings[model.effects])
+
+    def _screened(self, model: Model) -> tuple[Screening, ...]:
+        """Screen the candidates beside a model."""
+        problem, scales = self.problem, model.fit.scales
+        others = [c for c in self.candidates if c not in model.effects]
+        sizes = FEW if model.effects else None  # of a strength, the smallest first
+        starts = [model.fit] if model.effects else origins(problem, model.fit)
+        hidden = scales.largest > self.tolerance or scales.poor_fit or has_strained_trials(problem, model.fit)
+        tolerance = self.tolerance if hidden else None
+        screens = problem.pool.parallel(
+            lambda k: screened(problem, starts[k], others, sizes, tolerance), len(starts)
+        )
+        return tuple(screening for screenings in screens for screening in screenings)
+
+    def fit_prospects(self, model: Model, prospects: Sequence[Prospect]) -> None:
+        """Fit some candidates beside a model, from each start once."""
+        starts = {
+            (origin.point, score.candidate, score.values, id(score.trial_values)): (origin.point, score)
+            for prospect in prospects for origin, score in prospect.starts
+        }  # fmt: skip
+        ids = dict.fromkeys(prospect.score.candidate for prospect in prospects)
+        new = {id_: key for id_ in ids if (key := model.with_effect(id_)) not in self.models}
+        self.fit_new([(with_score(self.problem, *start), model.fit) for start in starts.values()])
+        for id_, key in new.items():
+            self.refit_at_other_sizes(key, id_)
+
+    def fit_new(self, starts: Sequence[tuple[Point, Fit]], rounds: int = ROUNDS) -> None:
+        """Fit the sets of some points that are not fitted yet, each with the scales of a fit nearby."""
+        new = [(start, near.scales) for start, near in starts if set_of(start) not in self.models]
+        self.tell_fits(set_of(start) for start, _ in new)
+        fits = fit_sets(self.problem, new, self.fits, rounds)
+        self.models.update({k: Model.of(k, f) for k, f in fits.items()})
+
+    def refit(self, model: Model, starts: Sequence[Point], scales: Scales) -> Model:
+        """Fit a set again from other starts; return the likelier fit."""
+        self.tell_fits([model.effects])
+        fit = best_fits(self.problem, [(start, scales) for start in starts]).get(model.effects)
+        other = model if fit is None else Model.of(model.effects, fit)
+        if other.log_posterior <= model.log_posterior + LEAST_GAIN:
+            return model
+        self.replace_fit(other)
+        return other
+
+    def replace_fit(self, model: Model) -> None:
+        """Put a better fit of a set in place of the old one, whose screen it does not fit."""
+        self.models[model.effects] = model
+        self.screenings.pop(model.effects, None)
+
+    def refit_at_other_sizes(self, key: EffectSet, id_: str) -> None:
+        """Fit a set again from the sizes next to that at which an effect ended, until neither is likelier.
+
+        The likelihood has an optimum wherever an edge of a trace that moves with its strength falls on one of
+        the residual.
+        """
+        for _ in range(MOST):
+            model = self.models.get(key)
+            points = around(self.problem, model.fit.point, id_) if model else []
+            if model is None or not points or self.refit(model, points, model.fit.scales) is model:
+                break
+
+    def tell_fits(self, sets: Iterable[EffectSet]) -> None:
+        """Tell which sets are fitted next."""
+        if words := dict.fromkeys(map(_words, sets)):
+            self.tell(f"fitting {', '.join(words)}", self.stage)
+
+
+def with_score(problem: Problem, point: Point, score: Score) -> Point:
+    """Return a point with a candidate of a screen, at the size that the screen promises most of."""
+    return problem.with_effect(point, score.candidate, score.values, score.trial_values)
+
+
+def _words(effects: Sequence[str]) -> str:
+    return " + ".join(effects) if effects else "the model alone"

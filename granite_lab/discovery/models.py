@@ -1,0 +1,97 @@
+"""Fitted sets of effects, and what a search found among them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from granite_lab.discovery.leaders import Screening
+from granite_lab.inference.constants import EFFECT_ODDS, LEAST_GAIN
+from granite_lab.inference.fit import Fit
+
+EffectSet = tuple[str, ...]
+"""Ids of effects, sorted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A set of effects with its fit.
+
+    Attributes:
+        effects: ids, sorted.
+        fit: the best that was found.
+        log_posterior: evidence and the prior of the set.
+    """
+
+    effects: EffectSet
+    fit: Fit
+    log_posterior: float
+
+    @classmethod
+    def of(cls, effects: EffectSet, fit: Fit) -> Model:
+        """Give a fit the prior of its set: equal odds for each effect."""
+        return cls(effects, fit, fit.evidence + len(effects) * float(np.log(EFFECT_ODDS)))
+
+    def with_effect(self, id_: str) -> EffectSet:
+        """Return the set with one more effect."""
+        return tuple(sorted((*self.effects, id_)))
+
+    def is_improved_by(self, larger: Model) -> bool:
+        """Tell whether a larger set is likelier than this one would be at an optimum that it missed.
+
+        By its derivatives that is half of `Fit.predicted_drop` above what its fit has reached.
+        """
+        least = self.log_posterior + LEAST_GAIN + self.fit.predicted_drop / 2
+        return bool(larger.log_posterior > least)
+
+
+def ranked(models: Iterable[Model]) -> list[Model]:
+    """Return models, the likeliest first."""
+    return sorted(models, key=lambda m: -m.log_posterior)
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What a search has fitted and screened.
+
+    Attributes:
+        models: fitted sets, the likeliest first.
+        screenings: sets beside which candidates were screened, to the screens.
+        set_aside: sets whose last effect does not stay: it changes little, or does not predict what is left
+            out; and likelier sets than the best whose simulations predict that worse than the files do.
+    """
+
+    models: tuple[Model, ...]
+    screenings: Mapping[EffectSet, tuple[Screening, ...]]
+    set_aside: frozenset[EffectSet] = frozenset()
+
+    @property
+    def best(self) -> Model:
+        """The likeliest set all of whose effects matter."""
+        return next(m for m in self.models if m.effects not in self.set_aside)
+
+    @property
+    def baseline(self) -> Model:
+        """The model without effects, which is always fitted."""
+        return next(m for m in self.models if not m.effects)
+
+    @property
+    def negligible(self) -> EffectSet:
+        """The effects that likelier sets than the best hold besides: likely, and too small to matter."""
+        likelier = self.models[: self.models.index(self.best)]
+        return tuple(dict.fromkeys(e for m in likelier for e in m.effects if e not in self.best.effects))
+
+    def screened_gains(self) -> dict[str, float]:
+        """Return candidate to what it would gain at most as the only effect, by the scales as learnt."""
+        gains: dict[str, float] = {}
+        for screening in (s for s in self.screenings.get((), ()) if not s.tolerated):
+            for score in screening.scores:
+                gains[score.candidate] = max(gains.get(score.candidate, -np.inf), score.gain)
+        return gains
+
+    def model(self, effects: Sequence[str]) -> Model | None:
+        """Return the model of a set, None where it was not fitted."""
+        key = tuple(sorted(effects))
+        return next((m for m in self.models if m.effects == key), None)
