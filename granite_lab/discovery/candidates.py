@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from granite_lab.inference.constants import LINEAR, MEMORY, NOTHING, RIVAL
+from granite_lab.inference.constants import LINEAR, MEMORY, NEAR_ZERO, RIVAL
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import NormalEquations, Posterior, posterior
 from granite_lab.inference.point import Further, Point, stacked
@@ -19,7 +19,7 @@ from granite_lab.inference.spill import Spillable
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 
-SCALES_TRIED = np.exp(-np.arange(-np.log(NOTHING)))
+SCALES_TRIED = np.exp(-np.arange(-np.log(NEAR_ZERO)))
 """Scales that are tried for the numbers that an effect has in each trial, as shares of the prior's range,
 down to none, one std of the prior of their logarithm apart."""
 

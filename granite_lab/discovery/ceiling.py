@@ -13,9 +13,9 @@ import numpy as np
 from scipy.special import ndtri
 
 from granite_lab.discovery.finding import Ceiling, Push
-from granite_lab.discovery.pushes import Places, Pushes
+from granite_lab.discovery.impulses import ImpulseResponses, Places
 from granite_lab.discovery.where import intervals
-from granite_lab.inference.constants import CREDIBLE, NEGLIGIBLE, NOTHING, TINY, UNSEEN
+from granite_lab.inference.constants import CREDIBLE, NEAR_ZERO, NEGLIGIBLE, TINY, UNOBSERVABLE
 from granite_lab.inference.fit import ROUNDS, Fit
 from granite_lab.inference.gap import beyond, tolerated
 from granite_lab.inference.normal import NormalEquations, Posterior, posterior
@@ -24,7 +24,7 @@ from granite_lab.logs.trial import Array
 from granite_lab.model.latent import PUSHES
 
 
-def ceiling(problem: Problem, baseline: Fit, pushes: Pushes, tolerance: float) -> Ceiling:
+def ceiling(problem: Problem, baseline: Fit, impulses: ImpulseResponses, tolerance: float) -> Ceiling:
     """Return how much of the gap any force could close beside the fit that was pushed.
 
     Forces are not credited with what they take up of the noise: each direction that the trials determine
@@ -34,30 +34,30 @@ def ceiling(problem: Problem, baseline: Fit, pushes: Pushes, tolerance: float) -
     Args:
         problem: the trials.
         baseline: the fit without effects; what it leaves beyond noise and tolerance is the gap.
-        pushes: about the likeliest model.
+        impulses: about the likeliest model.
         tolerance: discrepancy that is taken for granted, as a share of a channel's rms.
     """
-    fit = pushes.fit
+    fit = impulses.fit
     misfits = [beyond(problem, f, tolerance) for f in (baseline, fit)]
     left = misfits[1][0]
     gap = misfits[0][0] - min(floor for _, floor in misfits)
-    kind = np.concatenate(pushes.kind)
-    normal = problem.normal(fit.point, fit.derivatives, fit.residuals, further=pushes.further, keep=False)
+    kind = np.concatenate(impulses.kind)
+    normal = problem.normal(fit.point, fit.derivatives, fit.residuals, further=impulses.further, keep=False)
     solve = _Solver(problem, fit, normal, tolerance, kind)
     sizes = solve.learnt()
     fitted, value = solve.closed(sizes)
     parts = {}
     for q, name in enumerate(PUSHES):
-        alone_in = np.where(np.arange(sizes.size) == q, sizes, 0.0)
-        parts[name] = _share(left - solve.closed(alone_in)[1], gap)
+        single = np.where(np.arange(sizes.size) == q, sizes, 0.0)
+        parts[name] = _share(left - solve.closed(single)[1], gap)
     amplitudes = fitted.step[-kind.size :]
     std = np.sqrt(np.fmax(np.diag(fitted.covariance)[-kind.size :], 0.0))
     return Ceiling(
         value=_share(left - value, gap),
         left=_share(left - min(floor for _, floor in misfits), gap),
         parts=parts,
-        channels=_shown(problem, pushes, amplitudes),
-        where=_where(problem, pushes, amplitudes, std),
+        channels=_shown(problem, impulses, amplitudes),
+        where=_where(problem, impulses, amplitudes, std),
     )
 
 
@@ -87,7 +87,7 @@ class _Solver:
 
     def at(self, sizes: Array) -> tuple[Posterior, Array]:
         """Return the posterior under std of the pushes, (5,), and the (K,) share the trials determine."""
-        s = np.fmax(sizes[self.kind], NOTHING * UNSEEN)
+        s = np.fmax(sizes[self.kind], NEAR_ZERO * UNOBSERVABLE)
         precision = np.concatenate([self.precision, s**-2.0])
         fitted = posterior(self.M, self.logdet, precision, np.append(self.pull, np.zeros(s.size)))
         determined = 1 - np.diag(fitted.covariance)[-s.size :] / s**2
@@ -113,7 +113,7 @@ class _Solver:
                     for q in range(sizes.size)
                 ]
             )
-            new = np.clip(new, UNSEEN, 1)
+            new = np.clip(new, UNOBSERVABLE, 1)
             done = bool(np.all(np.abs(np.log(new / sizes)) < NEGLIGIBLE))
             sizes = new
             if done:
@@ -121,13 +121,15 @@ class _Solver:
         return sizes
 
 
-def _shown(problem: Problem, pushes: Pushes, amplitudes: Array) -> dict[str, float]:
+def _shown(problem: Problem, impulses: ImpulseResponses, amplitudes: Array) -> dict[str, float]:
     """Return channel to how far the forces move it, at most over the commands, over its rms in motion."""
     largest: dict[str, float] = {}
     for command, repetitions in enumerate(problem.commands):
-        trial, x = problem.trials[repetitions[0]], pushes.fit.point.trials[repetitions[0]]
-        felt = pushes.changes[problem.input_of[repetitions[0]]] @ amplitudes[pushes.further.places(command)]
-        shown = trial.effect_columns(felt[..., None], x, pushes.fit.point.sensors)
+        trial, x = problem.trials[repetitions[0]], impulses.fit.point.trials[repetitions[0]]
+        felt = (
+            impulses.changes[problem.input_of[repetitions[0]]] @ amplitudes[impulses.further.places(command)]
+        )
+        shown = trial.effect_columns(felt[..., None], x, impulses.fit.point.sensors)
         for c, row in zip(trial.channels, shown.reshape(len(trial.channels), -1), strict=True):
             size, moving = problem.rms_of(command, c)
             if size > 0:
@@ -136,17 +138,17 @@ def _shown(problem: Problem, pushes: Pushes, amplitudes: Array) -> dict[str, flo
     return largest
 
 
-def _where(problem: Problem, pushes: Pushes, amplitudes: Array, std: Array) -> tuple[Push, ...]:
+def _where(problem: Problem, impulses: ImpulseResponses, amplitudes: Array, std: Array) -> tuple[Push, ...]:
     """Return the intervals in which a force is certain, those that need the most force first."""
     rows: list[tuple[float, Push]] = []
     certain = -ndtri((1 - CREDIBLE) / 2 / amplitudes.size)  # none by chance in nine of ten searches
     for command, repetitions in enumerate(problem.commands):
         o = problem.trials[repetitions[0]].observation
-        place = pushes.further.places(command)
+        place = impulses.further.places(command)
         for q, (name, unit) in enumerate(PUSHES.items()):
-            at = place[pushes.kind[command] == q]
-            order = np.argsort(pushes.centres[command][pushes.kind[command] == q])
-            t = pushes.centres[command][pushes.kind[command] == q][order]
+            at = place[impulses.kind[command] == q]
+            order = np.argsort(impulses.centres[command][impulses.kind[command] == q])
+            t = impulses.centres[command][impulses.kind[command] == q][order]
             value, error = amplitudes[at][order], std[at][order]
             phases = _phases(o.t, o.phase, t)
             for a, b in intervals(np.abs(value) > certain * error, phases, 1):
@@ -154,7 +156,7 @@ def _where(problem: Problem, pushes: Pushes, amplitudes: Array, std: Array) -> t
                 sign = 1.0 if value[a:b].sum() >= 0 else -1.0
                 push = Push(
                     name, unit, phases[(a + b) // 2], o.variant.velocity,
-                    float(t[a]), float(t[b - 1]), sign * size * float(pushes.sizes[q]),
+                    float(t[a]), float(t[b - 1]), sign * size * float(impulses.sizes[q]),
                 )  # fmt: skip
                 rows.append((size * np.sqrt(b - a), push))
     return tuple(push for _, push in sorted(rows, key=lambda r: -r[0]))

@@ -1,4 +1,4 @@
-"""Screening of the dictionary: what each term would show, from the responses to pushes alone.
+"""Screening of the dictionary: what each term would show, from the impulse responses alone.
 
 To first order a term acts as the force that it is along the motion of the fit. The responses to pushes give
 the response to any force, so that hundreds of terms need no simulation of their own.
@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from granite_lab.discovery.heldout import Equations
-from granite_lab.discovery.pushes import Pushes
+from granite_lab.discovery.impulses import ImpulseResponses
 from granite_lab.inference.constants import EFFECT_ODDS, LINEAR
 from granite_lab.inference.gap import tolerated
 from granite_lab.inference.normal import posterior
@@ -34,12 +34,12 @@ OF_AXLE = (
 """Outputs of a run that tell of an axle."""
 
 
-def forces(problem: Problem, pushes: Pushes, number: int, terms: Sequence[Term]) -> Array:
+def forces(problem: Problem, impulses: ImpulseResponses, number: int, terms: Sequence[Term]) -> Array:
     """Return the (terms, K) amplitudes of the pushes of an input that act as each term of unit size does.
 
     Args:
         problem: the trials.
-        pushes: about a fit.
+        impulses: about a fit.
         number: of the input.
         terms: of the dictionary, those without a group among them.
 
@@ -47,7 +47,7 @@ def forces(problem: Problem, pushes: Pushes, number: int, terms: Sequence[Term])
         EstimateError: the run has no solution.
     """
     scenario = problem.pool.scenario
-    task = problem.centre(pushes.fit.point, number)
+    task = problem.centre(impulses.fit.point, number)
     p, effects = scenario.parameters(task), scenario.active(task)
     factors = [t for t in terms if QUANTITIES[t.quantity].factor and not t.groups]
     sizes = [np.zeros(len(factors)), *(LINEAR * np.eye(len(factors)))]
@@ -61,7 +61,7 @@ def forces(problem: Problem, pushes: Pushes, number: int, terms: Sequence[Term])
     of = {axle: [plain[row[name.format(axle)]] for name in OF_AXLE] for axle in "fr"}
     groups = {t.groups for t in terms}
     φ = {axle: {g: _phi(g, of[axle], p) for g in groups} for axle in "fr"}
-    amplitudes = np.zeros((len(terms), pushes.kind[command].size))
+    amplitudes = np.zeros((len(terms), impulses.kind[command].size))
     for n, term in enumerate(terms):
         of_term = {axle: φ[axle][term.groups] for axle in "fr"}
         change = (
@@ -69,10 +69,10 @@ def forces(problem: Problem, pushes: Pushes, number: int, terms: Sequence[Term])
             if term.quantity in by_factor
             else {}
         )
-        acting = _acting(term, of_term, change, of, p) / pushes.sizes[:, None]
+        acting = _acting(term, of_term, change, of, p) / impulses.sizes[:, None]
         for q in range(len(PUSHES)):
-            at = pushes.kind[command] == q
-            amplitudes[n, at] = np.interp(pushes.centres[command][at], trial.t, acting[q])
+            at = impulses.kind[command] == q
+            amplitudes[n, at] = np.interp(impulses.centres[command][at], trial.t, acting[q])
     overlap = WIDTH * np.sqrt(2 * np.pi) / SPACING
     return np.asarray(amplitudes / overlap)  # neighbouring pushes overlap
 
@@ -125,22 +125,22 @@ def _acting(
     return np.stack([acting[name] for name in PUSHES])
 
 
-class Screened:
+class ScreenedTerms:
     """All terms about one fit, as columns of the normal equations of each trial.
 
     Args:
         problem: the trials.
-        pushes: about the fit.
+        impulses: about the fit.
         terms: of the dictionary.
     """
 
-    def __init__(self, problem: Problem, pushes: Pushes, terms: Sequence[Term]) -> None:
-        self.problem, self.fit, self.terms = problem, pushes.fit, tuple(terms)
+    def __init__(self, problem: Problem, impulses: ImpulseResponses, terms: Sequence[Term]) -> None:
+        self.problem, self.fit, self.terms = problem, impulses.fit, tuple(terms)
         fit = self.fit
         self.normal = problem.normal(
-            fit.point, fit.derivatives, fit.residuals, apart=True, further=pushes.further, keep=False
+            fit.point, fit.derivatives, fit.residuals, apart=True, further=impulses.further, keep=False
         )
-        acting = [forces(problem, pushes, k, terms) for k, _ in enumerate(problem.inputs)]
+        acting = [forces(problem, impulses, k, terms) for k, _ in enumerate(problem.inputs)]
         self._acting = [acting[problem.input_of[i]] for repetitions in problem.commands for i in repetitions]
         self._parts: dict[tuple[int, float], tuple[Array, float]] = {}
 
@@ -160,9 +160,9 @@ class Screened:
             self._parts[key] = X.T @ M @ X, logdet
         return self._parts[key]
 
-    def beside(self, chosen: Sequence[int]) -> Chosen:
+    def beside(self, chosen: Sequence[int]) -> EquationsWithTerms:
         """Return the equations with some terms in the model."""
-        return Chosen(self, chosen)
+        return EquationsWithTerms(self, chosen)
 
     def gains(self, chosen: Sequence[int], share: float) -> Array:
         """Return the (terms,) log Bayes factors of one more term, the odds of each included.
@@ -195,10 +195,10 @@ class Screened:
         return step[step.size - len(chosen) :]
 
 
-class Chosen(Equations):
+class EquationsWithTerms(Equations):
     """The normal equations with some terms in the model; see `Equations`."""
 
-    def __init__(self, screened: Screened, chosen: Sequence[int]) -> None:
+    def __init__(self, screened: ScreenedTerms, chosen: Sequence[int]) -> None:
         self.fit, self.normal, self.screened = screened.fit, screened.normal, screened
         self.chosen = np.array(chosen, dtype=int)
         std, mean = screened.problem.prior(self.fit.point, self.fit.scales)

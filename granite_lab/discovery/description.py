@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from granite_lab.discovery.describing import Screened
+from granite_lab.discovery.describing import ScreenedTerms
 from granite_lab.discovery.heldout import Equations, Predicted, predict, predicts_better
-from granite_lab.discovery.pushes import Pushes
+from granite_lab.discovery.impulses import ImpulseResponses
 from granite_lab.discovery.search import FINE
 from granite_lab.errors import EstimateError
 from granite_lab.inference.constants import TRIED
@@ -20,7 +20,7 @@ MOST_TERMS = 8
 """Effects and terms in a model at most: with more a sum follows any curve at the speeds that were driven."""
 
 
-def described(problem: Problem, pushes: Pushes, tolerance: float) -> Fit | None:
+def described(problem: Problem, impulses: ImpulseResponses, tolerance: float) -> Fit | None:
     """Add the terms to a fit that predict what was left out; None where none does.
 
     Terms enter one by one, by the linear algebra of the normal equations, and stay if they lower the misfit
@@ -29,12 +29,12 @@ def described(problem: Problem, pushes: Pushes, tolerance: float) -> Fit | None:
 
     Args:
         problem: the trials.
-        pushes: about the fit.
+        impulses: about the fit.
         tolerance: discrepancy that is taken for granted, as a share of a channel's rms.
     """
-    before = pushes.fit
+    before = impulses.fit
     try:
-        screened = Screened(problem, pushes, [t for t in dictionary().values() if isinstance(t, Term)])
+        screened = ScreenedTerms(problem, impulses, [t for t in dictionary().values() if isinstance(t, Term)])
         chosen = _chosen(problem, screened, tolerance, MOST_TERMS - len(before.point.effects))
     except (EstimateError, np.linalg.LinAlgError):
         return None
@@ -81,7 +81,7 @@ def lacking(problem: Problem, fitted: Fit, ids: Sequence[str], tolerance: float)
     return predict(problem, fitted, tolerance, Equations(problem, fitted, pinned))
 
 
-def _chosen(problem: Problem, screened: Screened, tolerance: float, most: int) -> list[int]:
+def _chosen(problem: Problem, screened: ScreenedTerms, tolerance: float, most: int) -> list[int]:
     """Return the places of the terms that enter, in their order."""
     chosen: list[int] = []
     now = predict(problem, screened.fit, tolerance, screened.beside(chosen))

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from granite_lab.discovery.finding import GroundWave
-from granite_lab.discovery.lines import SHOWN_BY, line_amplitude, table_of_gains, without_the_loudest
+from granite_lab.discovery.lines import SHOWN_BY, line_amplitude, table_of_gains, without_strongest_command
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
 from granite_lab.inference.constants import LEAST_GAIN
@@ -60,11 +60,11 @@ def ground_wave(problem: Problem, fit: Fit, motions: Sequence[Motion], tolerance
         return None
     numbers, orders = _numbers(place), _numbers(turns)
     table = table_of_gains(problem, left, place, numbers)
-    whole = without_the_loudest(table)
+    whole = without_strongest_command(table)
     k, best = np.unravel_index(int(np.argmax(whole)), whole.shape)
     worth = LEAST_GAIN + math.log(whole.size)
     rivals = [(time, _numbers(time)), (turns, np.arange(1, math.floor(orders[-1]) + 1))]
-    others = [without_the_loudest(table_of_gains(problem, left, x, n)).max() for x, n in rivals]
+    others = [without_strongest_command(table_of_gains(problem, left, x, n)).max() for x, n in rivals]
     if whole[k, best] <= max(0.0, *others) + worth:
         return None
     channel = SHOWN_BY[int(k) if k < len(SHOWN_BY) else int(np.argmax(table[:-1, :, best].sum(axis=1)))]
@@ -75,7 +75,7 @@ def ground_wave(problem: Problem, fit: Fit, motions: Sequence[Motion], tolerance
     found = _sizes(problem, left, place, wavelength.value, channel)
     if not found or max(share for _, share in found) <= tolerance:
         return None
-    by_order = without_the_loudest(table_of_gains(problem, left, turns, orders)).max(axis=0)
+    by_order = without_strongest_command(table_of_gains(problem, left, turns, orders)).max(axis=0)
     return GroundWave(
         wavelength=wavelength,
         channel=channel,

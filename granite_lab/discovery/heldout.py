@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from granite_lab.estimate import Estimate
-from granite_lab.inference.constants import FEWEST_SPEEDS, UNSEEN
+from granite_lab.inference.constants import FEWEST_SPEEDS, UNOBSERVABLE
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import determined_by_prior, tolerated
 from granite_lab.inference.normal import JITTER, least_within, posterior
@@ -66,7 +66,7 @@ class Equations:
         first = std.size - fit.point.common.size
         neutral = [p.neutral for _, p in problem.parameters(fit.point.effects, per_trial=False)]
         for k in pinned:
-            std[first + k], mean[first + k] = UNSEEN * std[first + k], neutral[k]
+            std[first + k], mean[first + k] = UNOBSERVABLE * std[first + k], neutral[k]
         self.precision, self.pull = std**-2.0, mean - fit.point.vector
         self.low, self.high = (side - fit.point.vector for side in problem.bounds(fit.point))
 

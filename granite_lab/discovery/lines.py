@@ -46,7 +46,7 @@ def table_of_gains(
     return np.concatenate([table, table.sum(axis=0, keepdims=True)])
 
 
-def without_the_loudest(table: Array) -> Array:
+def without_strongest_command(table: Array) -> Array:
     """Return (w, k): gains of all commands but the one that speaks most for a number.
 
     Where there is one command, it is its gain.

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from granite_lab.discovery.lines import table_of_gains, without_the_loudest
+from granite_lab.discovery.lines import table_of_gains, without_strongest_command
 from granite_lab.inference.constants import LEAST_GAIN
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import remaining
@@ -64,7 +64,7 @@ def standing_out(table: Array, filed: float) -> float:
         table: (w, c, n) gain of each way, command and order.
         filed: number of lugs in the robot's file.
     """
-    whole = without_the_loudest(table)
+    whole = without_strongest_command(table)
     possible = np.where(LUGS[0] <= ORDERS, whole, -np.inf)
     way, best = np.unravel_index(int(np.argmax(possible)), whole.shape)
     at_file = max(float(whole[:, round(filed) == ORDERS].max(initial=0.0)), 0.0)

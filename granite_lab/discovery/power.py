@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from statistics import NormalDist
 
@@ -26,6 +27,9 @@ GROWTH = 1.2
 """Step between the amplitudes that are tried, as a factor: to that accuracy a detectable size is told;
 convention."""
 
+NEEDED = LEAST_GAIN + math.log(CREDIBLE / (1 - CREDIBLE))
+"""Log Bayes factor at which posterior odds are beyond doubt."""
+
 FACTOR = 2.0
 """Size of the candidates in the confusion table, over the smallest detectable; convention."""
 
@@ -45,62 +49,73 @@ def detectable(
         screened: candidates about that fit.
         tolerance: as a share of a channel's rms.
     """
-    per_trial = screened.per_trial
-    gram = screened.posterior.rest[:-1, :-1]
-    visible = _visible(problem, fit, screened)
-    needed = LEAST_GAIN + np.log(CREDIBLE / (1 - CREDIBLE))
-    limits = {
-        k: (
-            _by_noise(float(gram[k, k]), (width_of(p.parameter) / p.size) ** 2, needed),
-            tolerance / visible[k] if visible[k] > 0 else np.inf,
-        )
-        for k, p in enumerate(screened.probes)
-    }
-    probes = _nearest(screened.probes, limits)
-    for k, probe in probes:
-        variance = (width_of(probe.parameter) / probe.size) ** 2
-        noise, matter = limits[k]
-        limits[k] = _by_growing(problem, fit, screened, k, variance, needed, noise), matter
+    gram, visible = screened.posterior.rest[:-1, :-1], _visible(problem, fit, screened)
+    by_noise = {k: _by_noise(float(gram[k, k]), _variance(p)) for k, p in enumerate(screened.probes)}
+    by_tolerance = {k: tolerance / visible[k] if visible[k] > 0 else np.inf for k in by_noise}
+    probes = _nearest(screened.probes, {k: max(by_noise[k], by_tolerance[k]) for k in by_noise})
+    by_noise |= {k: _by_growing(problem, fit, screened, k, by_noise[k]) for k, _ in probes}
     cosines = _cosines(gram, [k for k, _ in probes])
-    rows = []
-    sizes: dict[int, float] = {}
-    for n, (k, probe) in enumerate(probes):
-        close = tuple(
-            dict.fromkeys(
-                p.candidate for m, (_, p) in enumerate(probes)
-                if abs(cosines[n, m]) > SAME and p.candidate != probe.candidate
-            )
-        )  # fmt: skip
-        sizes[n] = max(limits[k])
-        rows.append(_row(probe, *limits[k], close))
-    for id_, group in per_trial.items():
-        places = screened.places_per_trial(id_)
-        power = np.diag(gram)[places]
-        circles = problem.pool.scenario.effects[id_].circles
-        for circle in circles or [(p.parameter.name,) for p in group]:
-            at = [k for k, p in enumerate(group) if p.parameter.name in circle]
-            most = _reach(group[at[0]])
-            noise = max(_by_noise_per_trial(power[some], at, needed, most) for some in others_of(problem))
-            worst = [max(visible[k] for k in places[:, n].tolist()) for n in at]
-            share = float(np.sqrt(np.mean(np.square(worst))))
-            rows.append(_row(group[at[0]], noise, tolerance / share if share > 0 else np.inf, ()))
+    rows = [
+        _row(probe, by_noise[k], by_tolerance[k], _look_alikes(probes, n, cosines))
+        for n, (k, probe) in enumerate(probes)
+    ]
+    rows += [
+        row
+        for id_ in screened.per_trial
+        for row in _rows_per_trial(problem, screened, id_, visible, tolerance)
+    ]
+    sizes = [max(by_noise[k], by_tolerance[k]) for k, _ in probes]
     return tuple(rows), _confusion(gram, probes, sizes, cosines)
 
 
-def _row(probe: Probe, noise: float, matter: float, close: tuple[str, ...]) -> Detectable:
-    p, size = probe.parameter, max(noise, matter) * abs(probe.size)
-    reachable = max(noise, matter) <= _reach(probe)
-    limit = "noise" if noise >= matter else "tolerance"
-    return Detectable(probe.candidate, p.name, p.unit, size if reachable else float("nan"), limit, close)
+def _look_alikes(probes: Sequence[tuple[int, Probe]], n: int, cosines: Array) -> tuple[str, ...]:
+    """Return the other candidates whose signatures count as that of a probe."""
+    alike = (p.candidate for m, (_, p) in enumerate(probes) if abs(cosines[n, m]) > SAME)
+    return tuple(dict.fromkeys(id_ for id_ in alike if id_ != probes[n][1].candidate))
 
 
-def _reach(probe: Probe) -> float:
+def _rows_per_trial(
+    problem: Problem, screened: Screen, id_: str, visible: Array, tolerance: float
+) -> Iterator[Detectable]:
+    """Yield the smallest sizes of an effect with numbers of its own in each trial.
+
+    Args:
+        problem, screened, tolerance: as in `detectable`.
+        id_: the effect.
+        visible: (columns,) as `_visible`.
+    """
+    group, places = screened.per_trial[id_], screened.places_per_trial(id_)
+    power = np.diag(screened.posterior.rest)[places]
+    circles = problem.pool.scenario.effects[id_].circles
+    for circle in circles or [(p.parameter.name,) for p in group]:
+        at = [k for k, p in enumerate(group) if p.parameter.name in circle]
+        most = _largest_amplitude(group[at[0]])
+        noise = max(_by_noise_per_trial(power[trials], at, NEEDED, most) for trials in others_of(problem))
+        largest = [max(visible[k] for k in places[:, n].tolist()) for n in at]
+        share = float(np.sqrt(np.mean(np.square(largest))))
+        yield _row(group[at[0]], noise, tolerance / share if share > 0 else np.inf, ())
+
+
+def _variance(probe: Probe) -> float:
+    """Return the variance of the prior of a probe's amplitude."""
+    return (width_of(probe.parameter) / probe.size) ** 2
+
+
+def _row(probe: Probe, noise: float, tolerance: float, look_alikes: tuple[str, ...]) -> Detectable:
+    """Return the smallest size of a strength, by the amplitudes that noise and tolerance ask for."""
+    p, amplitude = probe.parameter, max(noise, tolerance)
+    size = amplitude * abs(probe.size) if amplitude <= _largest_amplitude(probe) else float("nan")
+    limit = "noise" if noise >= tolerance else "tolerance"
+    return Detectable(probe.candidate, p.name, p.unit, size, limit, look_alikes)
+
+
+def _largest_amplitude(probe: Probe) -> float:
     """Return the largest amplitude within the bounds of a strength."""
     p = probe.parameter
     return max(p.high - p.neutral, p.neutral - p.low) / abs(probe.size)
 
 
-def _nearest(probes: Sequence[Probe], limits: Mapping[int, tuple[float, float]]) -> list[tuple[int, Probe]]:
+def _nearest(probes: Sequence[Probe], limits: Mapping[int, float]) -> list[tuple[int, Probe]]:
     """Return of each strength the probe nearest to the size that it says is needed, with its place.
 
     A trace need not be proportional to the strength: the size must be probed near where it is stated.
@@ -108,22 +123,20 @@ def _nearest(probes: Sequence[Probe], limits: Mapping[int, tuple[float, float]])
     best: dict[tuple[str, int], int] = {}
     for k, limit in limits.items():
         key = (probes[k].candidate, probes[k].place)
-        if key not in best or abs(np.log(max(limit))) < abs(np.log(max(limits[best[key]]))):
+        if key not in best or abs(np.log(limit)) < abs(np.log(limits[best[key]])):
             best[key] = k
     return [(k, probes[k]) for k in best.values()]
 
 
-def _by_noise(power: float, variance: float, needed: float) -> float:
+def _by_noise(power: float, variance: float) -> float:
     """Return the amplitude whose log Bayes factor reaches what is needed with 80 % probability."""
     if power <= 0:
         return float("inf")
     occam = 0.5 * np.log1p(power * variance)
-    return float((np.sqrt(2 * (needed + occam)) + POWER) / np.sqrt(power))
+    return float((np.sqrt(2 * (NEEDED + occam)) + POWER) / np.sqrt(power))
 
 
-def _by_growing(
-    problem: Problem, fit: Fit, screened: Screen, column: int, variance: float, needed: float, least: float
-) -> float:
+def _by_growing(problem: Problem, fit: Fit, screened: Screen, column: int, least: float) -> float:
     """Return the amplitude that is seen though the scales of the nuisances grow with it.
 
     What each trial's own numbers follow of a candidate widens their learnt priors, which then hold them less.
@@ -133,8 +146,6 @@ def _by_growing(
         fit: about which it is linear.
         screened: candidates about that fit.
         column: of the candidate.
-        variance: of the prior of its amplitude.
-        needed: log Bayes factor.
         least: the amplitude that is seen under the present scales.
     """
     M, logdet = screened.marginal
@@ -142,9 +153,9 @@ def _by_growing(
     M = M[np.ix_(places, places)]
     at = fit.point.vector
     now, scales = screened.posterior, fit.scales
-    occam = 0.5 * np.log1p(now.rest[column, column] * variance)
+    occam = 0.5 * np.log1p(now.rest[column, column] * _variance(screened.probes[column]))
     grown, follow = now, now.follow[:, column]
-    amplitude, most = least, _reach(screened.probes[column])
+    amplitude, most = least, _largest_amplitude(screened.probes[column])
     while amplitude <= most:
         mean = at + grown.step + amplitude * follow
         priors = learnt_priors(problem, fit.point, mean, np.diag(grown.covariance))
@@ -153,7 +164,7 @@ def _by_growing(
         grown = posterior(M, logdet, std**-2.0, centre - at)
         power, follow = float(grown.rest[0, 0]), grown.follow[:, 0]
         gain = now.evidence - grown.evidence + 0.5 * amplitude**2 * power - occam
-        if gain - POWER * amplitude * np.sqrt(max(power, 0.0)) >= needed:
+        if gain - POWER * amplitude * np.sqrt(max(power, 0.0)) >= NEEDED:
             return float(amplitude)
         amplitude *= GROWTH
     return float("inf")
@@ -200,25 +211,25 @@ def _visible(problem: Problem, fit: Fit, screened: Screen) -> Array:
     sizes = [x.size for x in fit.point.trials]
     local = sum(sizes)
     worst = np.zeros(follow.shape[1])
-    for command, everyone in enumerate(problem.commands):
-        i = everyone[0]
+    for command, repetitions in enumerate(problem.commands):
+        i = repetitions[0]
         begin = sum(sizes[:i])
-        mine = np.concatenate([np.arange(begin, begin + sizes[i]), np.arange(local, follow.shape[0])])
+        own = np.concatenate([np.arange(begin, begin + sizes[i]), np.arange(local, follow.shape[0])])
         raw = screened.raw[i]
         trace = np.zeros((raw.shape[0], follow.shape[1]))
-        trace[:, screened.columns_of(i)] = raw[:, mine.size :]
-        left = trace - raw[:, : mine.size] @ follow[mine]
+        trace[:, screened.columns_of(i)] = raw[:, own.size :]
+        left = trace - raw[:, : own.size] @ follow[own]
         for name, bins in problem.rows[i].items():
             size, moving = problem.rms_of(command, name)
             if size > 0:
-                alone, beside = (np.mean(change[bins][moving] ** 2, axis=0) for change in (trace, left))
-                counted = np.where(per_trial, np.fmin(alone, beside), beside)
+                whole, rest = (np.mean(change[bins][moving] ** 2, axis=0) for change in (trace, left))
+                counted = np.where(per_trial, np.fmin(whole, rest), rest)
                 worst = np.fmax(worst, np.sqrt(counted) / size)
     return worst
 
 
 def _confusion(
-    gram: Array, probes: Sequence[tuple[int, Probe]], sizes: dict[int, float], cosines: Array
+    gram: Array, probes: Sequence[tuple[int, Probe]], sizes: Sequence[float], cosines: Array
 ) -> Confusion:
     """Play the screen many times with one candidate at a time in the trials."""
     ids = tuple(dict.fromkeys(p.candidate for _, p in probes))
@@ -226,7 +237,7 @@ def _confusion(
     at = [probes[n][0] for n in place]
     G = gram[np.ix_(at, at)]
     power = np.fmax(np.diag(G), TINY)
-    variance = np.array([(width_of(probes[n][1].parameter) / probes[n][1].size) ** 2 for n in place])
+    variance = np.array([_variance(probes[n][1]) for n in place])
     values, vectors = np.linalg.eigh(G)
     root = vectors * np.sqrt(np.fmax(values, 0.0))
     rng = np.random.default_rng(0)

@@ -11,8 +11,8 @@ from granite_lab.discovery.ceiling import ceiling
 from granite_lab.discovery.description import described, lacking
 from granite_lab.discovery.finding import Ceiling
 from granite_lab.discovery.heldout import closed, predict, predicts_better
+from granite_lab.discovery.impulses import ImpulseResponses, impulse_responses
 from granite_lab.discovery.models import Model, Search
-from granite_lab.discovery.pushes import Pushes, pushed
 from granite_lab.discovery.relevance import is_adequate
 from granite_lab.discovery.saved_model import loss_of_files, loss_of_model, predicts_worse
 from granite_lab.discovery.verdict import EffectEvidence, Judgement, performance_of, strained_numbers
@@ -51,25 +51,25 @@ def remainder(
         return judgement, None
     if judgement.named and is_adequate(problem, judgement.model.fit, tolerance):
         return judgement, None
-    pushes: Pushes | None = None
+    impulses: ImpulseResponses | None = None
     if not judgement.remainder <= MAX_REMAINDER**2:
         tell("describing what the library leaves")
         names = tuple(n.id for n in judgement.named)
         bases = [m for m in (search.model(names), judgement.model) if m is not None]
         for base in {m.effects: m for m in bases}.values():
-            pushes = pushed(problem, base.fit)
-            extended = described(problem, pushes, tolerance) if pushes else None
+            impulses = impulse_responses(problem, base.fit)
+            extended = described(problem, impulses, tolerance) if impulses else None
             if extended is not None and _better(
                 problem, baseline.fit, judgement.model.fit, extended, tolerance
             ):
-                judgement, pushes = _with_terms(problem, baseline.fit, judgement, extended, tolerance), None
+                judgement, impulses = _with_terms(problem, baseline.fit, judgement, extended, tolerance), None
                 break
     if is_adequate(problem, judgement.model.fit, tolerance):
         return judgement, None
     tell("computing what any force could close")
-    if pushes is None or pushes.fit is not judgement.model.fit:
-        pushes = pushed(problem, judgement.model.fit)
-    return judgement, ceiling(problem, baseline.fit, pushes, tolerance) if pushes else None
+    if impulses is None or impulses.fit is not judgement.model.fit:
+        impulses = impulse_responses(problem, judgement.model.fit)
+    return judgement, ceiling(problem, baseline.fit, impulses, tolerance) if impulses else None
 
 
 def _better(problem: Problem, baseline: Fit, before: Fit, after: Fit, tolerance: float) -> bool:

@@ -24,7 +24,7 @@ from granite_lab.inference.constants import (
     CREDIBLE,
     LEAST_SHARE,
     MAX_REMAINDER,
-    NOTHING,
+    NEAR_ZERO,
     RELEVANT,
     SUBSTITUTE,
     TRIED,
@@ -41,7 +41,7 @@ from granite_lab.model.effect import EffectParameter
 OPEN = Estimate(float("nan"))
 """A share that is not known."""
 
-AT_BOUND = NOTHING
+AT_BOUND = NEAR_ZERO
 """Share of a parameter's range within which it counts as being at its bound."""
 
 

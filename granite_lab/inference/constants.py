@@ -12,10 +12,10 @@ from statistics import NormalDist
 TINY = sys.float_info.min
 """Keeps a division by zero finite."""
 
-NOTHING = 1e-3
+NEAR_ZERO = 1e-3
 """Share below which a size counts as none, as a thousandth of a range; convention."""
 
-UNSEEN = 1e-5
+UNOBSERVABLE = 1e-5
 """Share of the robot's weight, or of a prior's std, that no sensor shows. The largest trace, that of a wrong
 wheel radius, is some 10,000 times the noise."""
 
@@ -23,7 +23,7 @@ NEGLIGIBLE = 0.1
 """Share of a std, or of what a prior leaves open, that makes no difference: an error of that size beside one
 of a whole std widens it by half a percent."""
 
-REACH = 3.0
+THREE_SIGMA = 3.0
 """Standard deviations within which a normal number lies in all practice (99.7 %); convention."""
 
 UPDATES = 8

@@ -7,7 +7,7 @@ from enum import Enum, auto
 
 import numpy as np
 
-from granite_lab.inference.constants import LEAST_GAIN, NEGLIGIBLE, REACH, UPDATES
+from granite_lab.inference.constants import LEAST_GAIN, NEGLIGIBLE, THREE_SIGMA, UPDATES
 from granite_lab.inference.derivatives import differentiate
 from granite_lab.inference.normal import NormalEquations, Scales, least_within
 from granite_lab.inference.point import Derivatives, Point
@@ -48,7 +48,7 @@ LEAST_OF_POOR = 0.01
 for larger than repetitions show: the model is wrong, its kinks are sharper than the noise, and half a percent
 of its rms does not change that. Such a fit has not converged."""
 
-SHORTENED = REACH**2
+SHORTENED = THREE_SIGMA**2
 """Predicted drop below which a fine fit shortens a step in place of damping it: three std."""
 
 LEAST_FRACTION = 1 / 8

@@ -21,7 +21,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab.inference.constants import NOTHING, REST_SHARE, REST_SPEED, SMOOTH, TINY, TOLERANCE
+from granite_lab.inference.constants import NEAR_ZERO, REST_SHARE, REST_SPEED, SMOOTH, TINY, TOLERANCE
 from granite_lab.inference.noise import stretches
 from granite_lab.inference.nuisances import TrialModel
 from granite_lab.inference.observation import Mask
@@ -84,7 +84,7 @@ def modulated(size: Array, kind: int, width: float) -> Basis:
     times = (float(np.sqrt(np.prod(SMOOTH))),) if kind == FORMULA else SMOOTH
     columns = smooth(size.size, width, times) * size[:, None]
     power = np.sqrt((columns**2).sum(axis=0))
-    columns = columns[:, power > NOTHING * max(float(power.max()), TINY)]
+    columns = columns[:, power > NEAR_ZERO * max(float(power.max()), TINY)]
     return Basis(columns, np.full(columns.shape[1], kind))
 
 

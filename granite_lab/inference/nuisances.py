@@ -16,9 +16,9 @@ from granite_lab.inference.constants import (
     CURRENT_LATENCY_STD,
     LATENCY_STD,
     LOW_PASS_STD,
-    REACH,
     SAND_PER_TRIAL_STD,
     SENSOR_STD,
+    THREE_SIGMA,
 )
 from granite_lab.inference.observation import Observation
 from granite_lab.inference.pool import ACCURACY, SAND, SAND_PER_TRIAL
@@ -227,7 +227,7 @@ def _slacks(observation: Observation, robot: Robot) -> tuple[Slack, ...]:
     grade, currents = robot.imu_grade or load_grade("consumer"), robot.currents
     bias, rate_bias = grade.accel_bias, grade.gyro_bias
     weight = SENSOR_STD["accel_x gain"] * GRAVITY  # what an error of the gain makes of it
-    accel_z = 1.0 if observation.gravity_removed else REACH * bias + weight
+    accel_z = 1.0 if observation.gravity_removed else THREE_SIGMA * bias + weight
     table = {
         "accel_x": [
             Slack("tilt", SENSOR_STD["tilt"], True),
@@ -235,7 +235,7 @@ def _slacks(observation: Observation, robot: Robot) -> tuple[Slack, ...]:
             Slack("accel_x gain", SENSOR_STD["accel_x gain"], True),
         ],
         "accel_z": [Slack("accel_z offset", accel_z)],
-        "pitch_rate": [Slack("pitch_rate offset", REACH * rate_bias)],
+        "pitch_rate": [Slack("pitch_rate offset", THREE_SIGMA * rate_bias)],
         "wheel": [
             Slack("wheel offset", SENSOR_STD["wheel offset"]),
             Slack("wheel gain", SENSOR_STD["wheel gain"], True),

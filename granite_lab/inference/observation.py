@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference.binning import CURRENTS, Binning, Stream, at_edges_or_between
-from granite_lab.inference.constants import BIN, REACH, SMOOTH
+from granite_lab.inference.constants import BIN, SMOOTH, THREE_SIGMA
 from granite_lab.inference.noise import FEWEST_BINS
 from granite_lab.inference.pool import SIGNALS
 from granite_lab.logs.sensors.imu import mounted
@@ -30,7 +30,7 @@ from granite_lab.parameters import GRAVITY, Robot, Variant, is_driven
 COVERED = 0.3
 """Least share of the bins that sensors must cover; convention."""
 
-BEFORE, AFTER = SMOOTH[1], REACH * SMOOTH[1]
+BEFORE, AFTER = SMOOTH[1], THREE_SIGMA * SMOOTH[1]
 """How much rest before the command and how much time after its end is compared [s]: as long as transients
 last, and until they have faded."""
 

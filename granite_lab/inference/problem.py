@@ -8,7 +8,7 @@ from itertools import chain
 
 import numpy as np
 
-from granite_lab.inference.constants import LEAD_STD, REACH, SAND_STD
+from granite_lab.inference.constants import LEAD_STD, SAND_STD, THREE_SIGMA
 from granite_lab.inference.discrepancy import FORMULA, Basis, joined, modulated, plain_bases, sizes_of
 from granite_lab.inference.noise import Filter, Whitener, stretches
 from granite_lab.inference.normal import ChannelPart, CommandPart, NormalEquations, Places, Rows, Scales
@@ -128,7 +128,7 @@ class Problem:
                 for per_trial in (True, False)
             )
             trials = [np.append(np.full(t.size, sign * np.inf), private) for t in self.trials]
-            sides.append(np.concatenate([*trials, REACH * sign * self.simulated_std, sensors, common]))
+            sides.append(np.concatenate([*trials, THREE_SIGMA * sign * self.simulated_std, sensors, common]))
         return sides[0], sides[1]
 
     def stepped(self, point: Point, step: Array) -> Point:

@@ -9,8 +9,8 @@ import numpy as np
 
 from granite_lab.inference.constants import (
     FORMULA_ERROR,
+    NEAR_ZERO,
     NEGLIGIBLE,
-    NOTHING,
     PSEUDO_TRIALS,
     TOLERANCE,
     UPDATES,
@@ -172,5 +172,5 @@ def per_trial_scales(
         at = [k for k, (e, _) in enumerate(private) if e == id_]
         width = max(width_of(private[k][1]) for k in at)
         rms = float(np.sqrt(np.mean(table[:, at])))
-        scales[trial_scale_name(id_)] = float(np.clip(rms, NOTHING * width, width))
+        scales[trial_scale_name(id_)] = float(np.clip(rms, NEAR_ZERO * width, width))
     return scales

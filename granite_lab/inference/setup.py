@@ -13,7 +13,7 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.inference.constants import (
     BIN,
     LATENCY_STD,
-    NOTHING,
+    NEAR_ZERO,
     REST_SHARE,
     UPDATES,
 )
@@ -263,5 +263,5 @@ def _speed(problem: Problem, residuals: Sequence[Array], repetitions: Sequence[i
         o = problem.trials[repetitions[0]].observation
         rate = velocities_at(o.t, o.variant)
     rate = rate / rate.max()
-    rate[rate < NOTHING] = 0.0  # it stands
+    rate[rate < NEAR_ZERO] = 0.0  # it stands
     return np.asarray(rate)

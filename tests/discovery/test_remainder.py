@@ -12,7 +12,7 @@ from granite_lab.discovery.ceiling import ceiling
 from granite_lab.discovery.describing import forces
 from granite_lab.discovery.description import described
 from granite_lab.discovery.heldout import predict
-from granite_lab.discovery.pushes import Pushes, pushed
+from granite_lab.discovery.impulses import ImpulseResponses, impulse_responses
 from granite_lab.effects import get, library
 from granite_lab.effects.library import neutral_gap
 from granite_lab.effects.model_file import FittedEffect, ModelFile, load_model, save_model
@@ -53,9 +53,9 @@ def measured(**hidden: float) -> tuple[Problem, Fit]:
 
 
 @cache
-def pushes_of(**hidden: float) -> Pushes:
+def pushes_of(**hidden: float) -> ImpulseResponses:
     """What pushes at all places show about the fit of `measured`."""
-    found = pushed(*measured(**hidden))
+    found = impulse_responses(*measured(**hidden))
     assert found is not None
     return found
 
@@ -101,10 +101,10 @@ def test_terms_come_back_from_a_model_file_and_simulate_the_same(tmp_path: Path)
 )  # fmt: skip
 def test_responses_to_pushes_foretell_what_a_term_shows(id_: str) -> None:
     """A simulation with a little of the term shows the same."""
-    (problem, base), pushes = measured(), pushes_of()
+    (problem, base), impulses = measured(), pushes_of()
     terms = [t for t in dictionary().values() if isinstance(t, Term)]
     k = [t.id for t in terms].index(id_)
-    foretold = pushes.changes[1] @ forces(problem, pushes, 1, terms)[k]
+    foretold = impulses.changes[1] @ forces(problem, impulses, 1, terms)[k]
     centre, size = problem.centre(base.point, 1), 0.02 * terms[k].parameters[0].prior_high
     setting = (*centre.setting, (id_, (size,)))
     plain, run = problem.pool.run([centre, replace(centre, setting=setting)])
@@ -119,18 +119,18 @@ def test_responses_to_pushes_foretell_what_a_term_shows(id_: str) -> None:
 
 
 def test_nothing_is_described_and_no_force_closes_anything_where_nothing_is_missing() -> None:
-    (problem, _), pushes = measured(), pushes_of()
-    assert described(problem, pushes, TOLERANCE) is None
+    (problem, _), impulses = measured(), pushes_of()
+    assert described(problem, impulses, TOLERANCE) is None
     # of no gap any share is possible, so that the gap of a missing effect is what it is compared with
     lacking = measured(term_force_by_distance=-0.03)[1]
-    most = ceiling(problem, replace(lacking), pushes, TOLERANCE)
+    most = ceiling(problem, replace(lacking), impulses, TOLERANCE)
     assert most.value < 0.02
     assert most.where == ()
 
 
 def test_a_hidden_force_is_described_by_its_formula_and_the_ceiling_shows_its_size() -> None:
-    (problem, base), pushes = (f(term_force_by_distance=-0.03) for f in (measured, pushes_of))
-    most = ceiling(problem, base, pushes, TOLERANCE)
+    (problem, base), impulses = (f(term_force_by_distance=-0.03) for f in (measured, pushes_of))
+    most = ceiling(problem, base, impulses, TOLERANCE)
     assert most.left == pytest.approx(1.0, abs=0.1)
     assert most.value > 0.6
     assert max(most.parts, key=lambda q: most.parts[q]) == "force"
@@ -141,7 +141,7 @@ def test_a_hidden_force_is_described_by_its_formula_and_the_ceiling_shows_its_si
     for push in most.where:  # sand and gains have taken up a part
         assert push.quantity == "force"
         assert there < push.size < 0.2 * there
-    found = described(problem, pushes, TOLERANCE)
+    found = described(problem, impulses, TOLERANCE)
     assert found is not None
     assert list(filter(is_term, found.point.effects)) == ["term_force_by_distance"]
     std = np.sqrt(np.diag(found.posterior.covariance))[-1]

@@ -1,4 +1,4 @@
-"""How the sensors would show any force: responses to short pushes all along each command."""
+"""Impulse responses: how the sensors would show short pushes of any force, all along each command."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab.inference.constants import LINEAR, MEMORY, REACH
+from granite_lab.inference.constants import LINEAR, MEMORY, THREE_SIGMA
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.point import Further, stacked
 from granite_lab.inference.pool import SIGNALS, Task
@@ -21,14 +21,14 @@ LARGEST = MEMORY / np.dtype(float).itemsize
 """Most numbers in all responses. Courses of minutes, with one
 push each 0.15 s, would need more; nothing is pushed there."""
 
-BEFORE = REACH * WIDTH
+BEFORE = THREE_SIGMA * WIDTH
 """Time from which on a push is felt before its centre [s]."""
 
 Places = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Pushes:
+class ImpulseResponses:
     """Responses to pushes about one fit.
 
     Attributes:
@@ -59,7 +59,7 @@ def sizes_of(robot: Robot) -> Array:
     return np.array([weight, weight, arm, arm / 4, arm / 4])
 
 
-def pushed(problem: Problem, fit: Fit) -> Pushes | None:
+def impulse_responses(problem: Problem, fit: Fit) -> ImpulseResponses | None:
     """Simulate pushes about a fit; None where the model has no solution with them, or trials are too long.
 
     A run carries pushes of one quantity a `PERIOD` apart; what the sensors show from one on until the next
@@ -89,7 +89,7 @@ def pushed(problem: Problem, fit: Fit) -> Pushes | None:
     ]
     first = [problem.input_of[repetitions[0]] for repetitions in problem.commands]
     kind, centres = zip(*(parts[k][1:] for k in first), strict=True)
-    return Pushes(fit, tuple(changes for changes, *_ in parts), kind, centres, sizes)
+    return ImpulseResponses(fit, tuple(changes for changes, *_ in parts), kind, centres, sizes)
 
 
 def _end(problem: Problem, number: int) -> float:
@@ -101,8 +101,8 @@ def _end(problem: Problem, number: int) -> float:
 def _count(problem: Problem, number: int) -> float:
     """Return the number of numbers in the responses of an input."""
     trial = problem.trials[problem.inputs[number][0]]
-    pushes = len(PUSHES) * (_end(problem, number) + BEFORE) / SPACING
-    return len(SIGNALS) * trial.t.size * pushes
+    impulses = len(PUSHES) * (_end(problem, number) + BEFORE) / SPACING
+    return len(SIGNALS) * trial.t.size * impulses
 
 
 def _apart(problem: Problem, number: int, runs: list[Array], phases: Array) -> tuple[Array, Places, Array]:
