@@ -1,4 +1,4 @@
-"""The chain itself: log, estimate, fit, simulate, compare; then over all trials, up to the missing effect."""
+"""The chain of stages: log, estimate, fit, simulate, compare; over all trials, and to the missing effect."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from granite_lab.parameters.catalogue import in_force
 from granite_lab.parameters.changes import changed
 from granite_lab.processes import Progress
 from granite_lab.results import StudyResult, command_of
-from granite_lab.running import Execution, each_trial, sifted
+from granite_lab.running import Execution, each_trial, split_failures
 from granite_lab.running.cache import code, digest_of, fingerprint
 from granite_lab.running.codec import content, decode, encode
 from granite_lab.running.each import HERE
@@ -54,7 +54,7 @@ def soil_doubt(trial: Trial, robot: Robot, options: Options) -> str | None:
     if options.soil is not None or (named is None and robot.name == "granite"):
         return None
     if named is None:
-        return "nobody names the soil: dry sand is assumed (soil = … in the log, its sidecar, or --soil)"
+        return "no soil is named: dry sand is assumed (soil = … in the log, its sidecar, or --soil)"
     try:
         load_soil(named)
     except UsageError:
@@ -87,22 +87,22 @@ def corrected(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
     return trial, robot, motion
 
 
-def blindly(path: Path, options: Options) -> Motion:
+def corrected_without_reference(path: Path, options: Options) -> Motion:
     """Return the motion of a trial whose reference is not used; errors as of `corrected`."""
     logged, robot = read(path, options)
     logged = replace(logged, info=replace(logged.info, use_reference=False))
     return estimation.correct(logged, robot, soil=soil_of(logged, options.soil))[1]
 
 
-def simulable(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
+def with_simulation_input(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
     """Return `corrected` trial, robot and motion, in it the command or wheels that drive a simulation.
 
     Raises:
         InputError, EstimateError: as `corrected`, or the wheels are to drive and are not known.
     """
     trial, robot, motion = corrected(path, options)
-    motion = fitting.driven(motion, robot, options.drive, soil_of(trial, options.soil))
-    return trial, robot, fitting.towed(motion, trial, robot)
+    motion = fitting.with_drive_input(motion, robot, options.drive, soil_of(trial, options.soil))
+    return trial, robot, fitting.with_towed_load(motion, trial, robot)
 
 
 def analyse(path: Path, options: Options) -> Comparison:
@@ -113,9 +113,11 @@ def analyse(path: Path, options: Options) -> Comparison:
     """
     logged, robot = read(path, options)
     trial, motion = estimation.correct(logged, robot, soil=soil_of(logged, options.soil))
-    model, effects = model_of(options), sloped(trial)
-    soil = ground(trial, options, model)
-    motion = fitting.towed(fitting.driven(motion, robot, options.drive, soil), trial, robot)
+    model, effects = model_of(options), slope_effects(trial)
+    soil = modelled_soil(trial, options, model)
+    motion = fitting.with_towed_load(
+        fitting.with_drive_input(motion, robot, options.drive, soil), trial, robot
+    )
     if model is not None:
         robot = changed(model.with_lugs(robot), "robot", trial.info.changes)
         effects = (*model.effects, *effects)
@@ -123,7 +125,7 @@ def analyse(path: Path, options: Options) -> Comparison:
     return compare(motion, trial, fit, robot, soil, effects=effects)
 
 
-def sloped(trial: Trial) -> tuple[Active, ...]:
+def slope_effects(trial: Trial) -> tuple[Active, ...]:
     """Return the slope of the ground that a log states, as an effect; nothing on level ground."""
     from granite_lab.inference.conditions import conditions_of  # noqa: PLC0415, heavy
 
@@ -136,7 +138,7 @@ def model_of(options: Options) -> ModelFile | None:
     return load_model(options.model, options.effects) if options.model else None
 
 
-def ground(trial: Trial, options: Options, model: ModelFile | None) -> Soil:
+def modelled_soil(trial: Trial, options: Options, model: ModelFile | None) -> Soil:
     """Return the soil of a trial, as the model file has it fitted unless another is given."""
     fitted = model is not None and options.soil is None
     soil = model.ground if model and fitted else load_soil(soil_name(trial, options, model))
@@ -144,7 +146,7 @@ def ground(trial: Trial, options: Options, model: ModelFile | None) -> Soil:
 
 
 def soil_name(trial: Trial, options: Options, model: ModelFile | None) -> str:
-    """Return the name or path of a trial's soil: as given, of the model file, of the log; else dry sand."""
+    """Return the name or path of a trial's soil: the option, else of the model file, of the log, dry sand."""
     return options.soil or (model.soil if model else None) or trial.info.soil or "dry_sand"
 
 
@@ -181,7 +183,7 @@ def over_trials(
     """
     paths = sorted(paths, key=lambda path: (name_of(path), str(path)))
     outcomes = each_trial(analyse, paths, options, execution=execution, done=done)
-    results, failures = sifted(paths, outcomes, strict=strict)
+    results, failures = split_failures(paths, outcomes, strict=strict)
     trials, motions = [r.trial for r in results], [r.motion for r in results]
     source = source_of("study", paths, trials, options, discover)
     result = StudyResult(NAME, tuple(results), failures, law_of([r.fit for r in results]), source)
@@ -237,8 +239,8 @@ def find_effect(
             f"tolerance {options.tolerance:g} or latency {1e3 * options.latency:g} ms cannot be used",
             "the tolerance is a share between 0 and 1, the latency 0 or more",
         )
-    (robot_name, soil_name), changes = names_of(trials, options), trials[0].info.changes
-    robot, soil = load_robot(robot_name, changes=changes), load_soil(soil_name, changes)
+    (of_robot, of_soil), changes = names_of(trials, options), trials[0].info.changes
+    robot, soil = load_robot(of_robot, changes=changes), load_soil(of_soil, changes)
     order = sorted(range(len(trials)), key=lambda i: trials[i].name)
     trials, motions = [trials[i] for i in order], [motions[i] for i in order]
     effects, cache = effects_of_search(options.effects), execution.cache

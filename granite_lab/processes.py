@@ -29,7 +29,7 @@ SHORT_OF_MEMORY = "is memory short? --jobs 1 works in one process"
 """What to do where a process has died."""
 
 
-def behave() -> None:
+def init_worker() -> None:
     """Begin a worker process: leave Ctrl-C to the parent, and end when the parent ends.
 
     A parent that was killed cannot tell its workers; without the watch they would wait for work
@@ -53,7 +53,7 @@ def _watch(interval: float = 0.2) -> None:
 def starting() -> Iterator[None]:
     """Hold Ctrl-C back while workers start: a half-started one would print a traceback.
 
-    Workers inherit the mask and lift it in `behave`.
+    Workers inherit the mask and lift it in `init_worker`.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -68,7 +68,7 @@ def starting() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def forked(workers: int, enter: Callable[[X], None], given: X) -> ProcessPoolExecutor | None:
+def forked_pool(workers: int, enter: Callable[[X], None], given: X) -> ProcessPoolExecutor | None:
     """Return a pool of forked processes, which need not be sent what they share.
 
     Args:
@@ -90,21 +90,21 @@ def _forks(workers: int, begin: Callable[..., None], *given: Any) -> ProcessPool
     return ProcessPoolExecutor(workers, mp_context=context, initializer=begin, initargs=given)
 
 
-def crowd(workers: int) -> Executor:
-    """Return a pool for work that may take long, ended by `disperse`.
+def worker_pool(workers: int) -> Executor:
+    """Return a pool for work that may take long, ended by `shut_down`.
 
     Its processes are forked where that is safe, on Linux and from a process of one thread: they need not
     import again what this one has imported.
     """
-    pool = _forks(workers, behave) if threading.active_count() == 1 else None
+    pool = _forks(workers, init_worker) if threading.active_count() == 1 else None
     if pool is not None:
         return pool
     import loky  # noqa: PLC0415, elsewhere a pool of the standard library needs a guarded main module
 
-    return cast(Executor, loky.ProcessPoolExecutor(workers, initializer=behave))
+    return cast(Executor, loky.ProcessPoolExecutor(workers, initializer=init_worker))
 
 
-def disperse(pool: Executor, *, kill: bool) -> None:
+def shut_down(pool: Executor, *, kill: bool) -> None:
     """End a pool; `kill` does not wait for what its processes are doing."""
     for process in list(getattr(pool, "_processes", None) or {}) if kill else ():
         with suppress(ProcessLookupError):
@@ -116,7 +116,7 @@ def disperse(pool: Executor, *, kill: bool) -> None:
 
 
 def _begin(enter: Callable[[X], None], given: X) -> None:
-    behave()
+    init_worker()
     enter(given)
 
 
@@ -124,7 +124,7 @@ def mapped(pool: ProcessPoolExecutor, call: Callable[[X], Y], items: Sequence[X]
     """Yield what a pool makes of each item, in their order.
 
     Args:
-        pool: of `forked`.
+        pool: of `forked_pool`.
         call: a module-level function.
         items: its arguments.
         did: what the processes did, in the past tense.
@@ -140,10 +140,10 @@ def mapped(pool: ProcessPoolExecutor, call: Callable[[X], Y], items: Sequence[X]
         raise LabError(f"a process that {did} has died", SHORT_OF_MEMORY) from None
 
 
-_kept: list[Any] = []
+_shared: list[Any] = []
 
 
-def shared_out(
+def forked_map(
     call: Callable[[X, int], Y], given: X, count: int, did: str, *, jobs: int, few: int = 1
 ) -> Iterator[Y]:
     """Yield ``call(given, k)`` for k from 0 to `count` - 1, in this order, from processes that share `given`.
@@ -162,25 +162,25 @@ def shared_out(
     Raises:
         LabError: a process died.
     """
-    pool = forked(min(jobs or os.cpu_count() or 1, count // few), _kept.append, given)
+    pool = forked_pool(min(jobs or os.cpu_count() or 1, count // few), _shared.append, given)
     if pool is None:
         yield from (call(given, k) for k in range(count))
         return
     try:
-        yield from mapped(pool, partial(_of_kept, call), range(count), did)
+        yield from mapped(pool, partial(_call_on_shared, call), range(count), did)
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def _of_kept(call: Callable[[X, int], Y], k: int) -> Y:
-    return call(_kept[-1], k)
+def _call_on_shared(call: Callable[[X, int], Y], k: int) -> Y:
+    return call(_shared[-1], k)
 
 
 _MMAP_THRESHOLD, _DEFAULT = -3, 128 * 1024
 """Option of the GNU C library, and its default [bytes]: larger blocks are mapped, and unmapped when freed."""
 
 
-def give_back() -> None:
+def return_freed_memory() -> None:
     """Let the GNU C library return large arrays to the system when they are freed.
 
     Left to itself it raises the size from which blocks are mapped to that of the largest one freed so far, up

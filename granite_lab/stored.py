@@ -1,7 +1,7 @@
-"""Files that are kept for the next run, machine code and results: whole, and from nobody but the user.
+"""Files that are kept for the next run, machine code and results: whole, and from the user only.
 
 Machine code runs as it stands, and results are pickles, which can run code, too. Both are read only from a
-folder, and from files, that belong to the user and that nobody else can write.
+folder, and from files, that belong to the user and that only the user can write.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def root() -> Path:
 
 
 def _private(status: os.stat_result) -> bool:
-    """Say whether nobody but the user can have written a file or folder; Windows knows no such modes."""
+    """Say whether only the user can have written a file or folder; Windows knows no such modes."""
     shared = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
     return os.name == "nt" or (status.st_uid == os.geteuid() and not shared)
 

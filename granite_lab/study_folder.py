@@ -20,7 +20,7 @@ from granite_lab.logs.trial import Trial
 from granite_lab.options import Options
 from granite_lab.origin import Written
 from granite_lab.parameters import Course, load_robot
-from granite_lab.processes import Progress, shared_out
+from granite_lab.processes import Progress, forked_map
 from granite_lab.results import StudyResult, recordings_of
 from granite_lab.running.output import Guard
 
@@ -78,7 +78,7 @@ def record(
     Args:
         result: the study.
         folder: of the recordings.
-        jobs: as in `processes.shared_out`.
+        jobs: as in `processes.forked_map`.
         progress: told what is written, how many are, and of how many.
 
     Raises:
@@ -87,7 +87,7 @@ def record(
     names = recordings_of(result)
     with replacing(folder, "recordings") as new:
         paths = [new / name for name in names]
-        done = shared_out(_record, (result, paths), len(paths), "wrote recordings", jobs=jobs)
+        done = forked_map(_record, (result, paths), len(paths), "wrote recordings", jobs=jobs)
         for k, _ in enumerate(done, 1):
             progress("recordings", k, len(paths))
     return [folder / name for name in names]

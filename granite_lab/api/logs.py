@@ -23,7 +23,7 @@ from granite_lab.api.arguments import (
 from granite_lab.api.project import choose
 from granite_lab.api.records import Records
 from granite_lab.api.run_checks import Checked, check_run, unread
-from granite_lab.chain import analyse, blindly, corrected
+from granite_lab.chain import analyse, corrected, corrected_without_reference
 from granite_lab.errors import EstimateError, InputError, LabError, UsageError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
@@ -32,7 +32,7 @@ from granite_lab.folders import replacing
 from granite_lab.logs.trial import Trial, TrialInfo, is_log, name_of, over, trial_files
 from granite_lab.origin import Origin
 from granite_lab.parameters import Robot
-from granite_lab.running import each_trial, sifted
+from granite_lab.running import each_trial, split_failures
 from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
@@ -145,9 +145,15 @@ def ingest(
     pairs = list(zip(chosen.files, outcomes, strict=True))
     estimated = [(path, outcome) for path, outcome in pairs if not isinstance(outcome, LabError)]
     referred = [path for path, (trial, _, _) in estimated if trial.info.use_reference]
-    blind = dict(zip(referred, each_trial(blindly, referred, options, execution=execution), strict=True))
+    blind = dict(
+        zip(
+            referred,
+            each_trial(corrected_without_reference, referred, options, execution=execution),
+            strict=True,
+        )
+    )
     records = [_ingested(path, outcome, against_reference, blind.get(path)) for path, outcome in pairs]
-    ingested, failed = sifted(chosen.files, records, strict=strict)
+    ingested, failed = split_failures(chosen.files, records, strict=strict)
     warnings = [f"{item.name}: {line}" for item in ingested for line in item.motion.warnings]
     origin = Origin(None, (*chosen.excluded, *failed), tuple([note, *warnings] if note else warnings))
     return Records(ingested, [item.name for item in ingested], origin)

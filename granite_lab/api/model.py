@@ -161,11 +161,11 @@ def _of_log(
     log: Path, robot: File | Robot, soil: File | Soil, changes: Changes
 ) -> tuple[Variant, File | Robot, File | Soil]:
     """Return the motion of a log's wheels, with robot and soil: as given, else those of the log."""
-    from granite_lab.chain import simulable  # noqa: PLC0415, heavy
+    from granite_lab.chain import with_simulation_input  # noqa: PLC0415, heavy
 
     of_robot, of_soil = (None if isinstance(x, (Robot, Soil)) else x for x in (robot, soil))
     given = options(robot=of_robot, soil=of_soil, drive="wheels", changes=changes)
-    trial, of_log, motion = simulable(log, given)
+    trial, of_log, motion = with_simulation_input(log, given)
     return motion.variant, robot or of_log, soil or trial.info.soil
 
 

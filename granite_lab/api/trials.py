@@ -25,7 +25,7 @@ from granite_lab.api.arguments import (
 )
 from granite_lab.api.project import choose
 from granite_lab.api.records import Records
-from granite_lab.chain import analyse, find_effect, over_trials, simulable, source_of
+from granite_lab.chain import analyse, find_effect, over_trials, source_of, with_simulation_input
 from granite_lab.comparison.compare import Comparison
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.effects import library
@@ -39,7 +39,7 @@ from granite_lab.options import Options
 from granite_lab.origin import NOWHERE, Origin, Written
 from granite_lab.processes import Progress
 from granite_lab.results import RECORDINGS, StudyResult, of_search
-from granite_lab.running import Execution, each_trial, sifted
+from granite_lab.running import Execution, each_trial, split_failures
 from granite_lab.running.cache import code, digest_of, fingerprint
 from granite_lab.running.codec import content, encode
 from granite_lab.running.output import Guard, claimed
@@ -59,7 +59,7 @@ def _analysed(
     """Return the trials that passed the chain, with source, failures and warnings of all."""
     chosen = choose(logs, options)
     outcomes = each_trial(analyse, chosen.files, chosen.options, execution=execution, done=done)
-    results, failed = sifted(chosen.files, outcomes, strict=strict)
+    results, failed = split_failures(chosen.files, outcomes, strict=strict)
     lines = [f"{r.trial.name}: {line}" for r in results for line in r.motion.warnings]
     source = source_of(command, chosen.files, [r.trial for r in results], chosen.options)
     return results, Origin(source, (*chosen.excluded, *failed), (*lines, *execution.doubts()))
@@ -356,10 +356,10 @@ def discover(
     def ahead(_: Path) -> None:  # import while other processes work on the trials
         import granite_lab.study_folder  # noqa: F401, PLC0415, heavy
 
-    outcomes = each_trial(simulable, chosen.files, options, execution=execution, done=ahead)
+    outcomes = each_trial(with_simulation_input, chosen.files, options, execution=execution, done=ahead)
     from granite_lab.study_folder import write  # noqa: PLC0415, heavy
 
-    read, failed = sifted(chosen.files, outcomes, strict=strict)
+    read, failed = split_failures(chosen.files, outcomes, strict=strict)
     left_out = (*chosen.excluded, *failed)
     trials, motions = [trial for trial, _, _ in read], [motion for _, _, motion in read]
     finding = find_effect(trials, options, motions=motions, execution=execution, progress=progress)

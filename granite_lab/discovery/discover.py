@@ -34,7 +34,7 @@ from granite_lab.model.dictionary import dictionary
 from granite_lab.model.effect import Effect
 from granite_lab.model.latent import LatentForce
 from granite_lab.parameters import Course, Robot, Soil, is_driven
-from granite_lab.processes import Progress, give_back, one_thread
+from granite_lab.processes import Progress, one_thread, return_freed_memory
 
 LATENCY_EFFECT = "clock_offset"
 """The effect that latency is; it is no candidate, for latency is fitted in any case."""
@@ -86,7 +86,7 @@ def discover(
         InputError: the robot cannot be simulated for want of numbers.
         EstimateError: a trial has no sensor to compare with, or the robot cannot be simulated on this soil.
     """
-    give_back()
+    return_freed_memory()
     order = sorted(range(len(trials)), key=lambda i: trials[i].name)
     trials, motions = [trials[i] for i in order], [motions[i] for i in order]
     library, unobservable = _observable(motions, effects)

@@ -44,7 +44,7 @@ class Limits:
 
 
 USUAL = Limits()
-"""Those of a search of which nobody says otherwise."""
+"""Those of a search unless others are given."""
 
 
 @dataclass(frozen=True)

@@ -115,7 +115,7 @@ def readings_of(trial: Trial, rolling: Rolling | None, offset: float) -> tuple[R
         rolling: tells the direction, on a clock that lies behind the IMU's by `offset` [s].
 
     Raises:
-        EstimateError: it is to be used, but there is none, or nobody states its std.
+        EstimateError: it is to be used, but there is none, or its std is not stated.
     """
     info = trial.info
     if not info.use_reference:

@@ -129,7 +129,7 @@ def refer(problem: Problem, trial: Trial, offset: Estimate) -> Problem:
     """Add the external reference where the trial says that it is a measurement.
 
     Raises:
-        EstimateError: there is none, or nobody states its std.
+        EstimateError: there is none, or its std is not stated.
     """
     reference = readings_of(trial, problem.rolling, offset.value)
     doubts = tuple(LOST for readings in reference if not readings.t.size)

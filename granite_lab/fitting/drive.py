@@ -41,7 +41,7 @@ STILL = 0.02
 """Slower wheels stand [m/s]: the model's floor of slip."""
 
 
-def driven(motion: Motion, robot: Robot, by: DriveBy, soil: Soil | None = None) -> Motion:
+def with_drive_input(motion: Motion, robot: Robot, by: DriveBy, soil: Soil | None = None) -> Motion:
     """Return the motion with what its simulation is driven by, and a line on it.
 
     Args:

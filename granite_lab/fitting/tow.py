@@ -29,7 +29,7 @@ CLASS = 0.005
 of a load cell over its range."""
 
 
-def towed(motion: Motion, trial: Trial, robot: Robot) -> Motion:
+def with_towed_load(motion: Motion, trial: Trial, robot: Robot) -> Motion:
     """Return the motion with the trial's towed load in its command, and a line on it.
 
     Args:

@@ -80,7 +80,7 @@ def _limit(rng: np.random.Generator, robot: Robot) -> float:
 
 
 class OtherGains(Controller):
-    """The law of (26) with gains that nobody has told."""
+    """The law of (26) with unknown gains."""
 
     id = "other_gains"
     account = "(26) with 0.15 to 0.5 times the gains of the file, their ratio off by up to 1.4"

@@ -35,7 +35,7 @@ from granite_lab.hidden.vehicle import ClockOffset
 from granite_lab.hidden.wish import Wish, chosen, drawn, raked, sand
 from granite_lab.logs.trial import CurrentStream, ImuStream, Series, Trial, TrialInfo, WheelStream
 from granite_lab.parameters import Robot, Soil, Variant, load_variants
-from granite_lab.processes import shared_out
+from granite_lab.processes import forked_map
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -99,7 +99,7 @@ def make_set(
     for plans, off, counts in _draws(wish, lab):
         made = []
         with suppress(DigsInError):
-            for trial, motion in shared_out(_make, plans, len(plans), "made a trial", jobs=jobs):
+            for trial, motion in forked_map(_make, plans, len(plans), "made a trial", jobs=jobs):
                 made.append((trial, motion))
                 done(trial.name)
             answer = _answer(wish, off, plans)

@@ -58,7 +58,7 @@ CURRENT_LATENCY_STD = LATENCY_LIMIT / 2
 and filter them."""
 
 LEAD_STD = (0.05, 0.2)
-"""Std of the times by which a command that nobody states leads its wheels [s], as `model.leading.LEADS`.
+"""Std of the times by which a command that is not stated leads its wheels [s], as `model.leading.LEADS`.
 
 Motor controllers of mobile robots close loops on the speed at 2 to 10 Hz: wheels follow 16 to 80 ms late.
 Loops on the angle have gains of 3 to 20 per second: it follows 50 to 300 ms late."""

@@ -21,7 +21,7 @@ from granite_lab.model.leading import LEADS, count_of, led
 from granite_lab.model.simulator import integrate
 from granite_lab.model.symbols import ModelParameters, model_parameters
 from granite_lab.parameters import Robot, Soil, Variant, load_paper
-from granite_lab.processes import forked, mapped, shared_out
+from granite_lab.processes import forked_map, forked_pool, mapped
 
 Y = TypeVar("Y")
 
@@ -180,7 +180,7 @@ class SimulationPool:
         self.scenario, self.runs, self._jobs = scenario, 0, jobs
         self._respond = respond
         self._tick = tick
-        self._pool = forked(jobs, _enter, scenario) if respond is None else None
+        self._pool = forked_pool(jobs, _enter, scenario) if respond is None else None
         self._responses: dict[Task, Array | None] = {}
         self._last: Sequence[Task] = ()
 
@@ -208,7 +208,7 @@ class SimulationPool:
         if count < 2 or self._pool is None:
             return [call(k) for k in range(count)]
         answers = []
-        for answer, runs in shared_out(_forked_call, (self, call), count, "searched", jobs=self._jobs):
+        for answer, runs in forked_map(_forked_call, (self, call), count, "searched", jobs=self._jobs):
             answers.append(answer)
             self.runs += runs
             self._tick(runs)

@@ -126,7 +126,7 @@ def _choose(
 def _stamps(path: Path, rows: Sequence[tuple[str, int, Any]], doubts: list[str]) -> Array:
     """Return stamps (N,) [s] since the whole second of the first.
 
-    They stand in the messages' headers; 0 there says that nobody set it. Messages without one, and those
+    They stand in the messages' headers; 0 there says that it was not set. Messages without one, and those
     whose stamps stand still or tick too rarely, are taken when they arrived, less the time that the others
     usually take to arrive.
     """

@@ -106,7 +106,7 @@ def _lost(chosen: Match) -> list[str]:
     for axes in (set(ACCELERATION), set(RATE)):
         wanted |= axes - bound if axes & bound else set()
     names = [table.names[place] for place in range(table.width) if place not in used]
-    bare = [re.split(r"\s*[\[(]", name)[0] for name in names]  # without a unit that nobody knows
+    bare = [re.split(r"\s*[\[(]", name)[0] for name in names]  # without an unknown unit
     return [n for n, b in zip(names, bare, strict=True) if {*by_name(n).to, *by_name(b).to} & wanted]
 
 

@@ -113,7 +113,7 @@ class InputFile:
 
 @dataclass(frozen=True, kw_only=True)
 class Stated:
-    """What a laboratory says about a trial, by keys of TOML with their bounds; None where nobody said.
+    """What a laboratory says about a trial, by keys of TOML with their bounds; None where it is not stated.
 
     Attributes:
         soil: name of the catalogue or path of a TOML file.
@@ -166,7 +166,7 @@ class TrialInfo(Stated):
 
 
 def unsaid(value: Any) -> bool:
-    """Whether a value is the one of something that nobody said; zero was said."""
+    """Whether a value means "not stated"; zero is a statement."""
     return value is None or value is False or value in ("", (), {}) or bool(value != value)  # noqa: PLR0124, NaN
 
 

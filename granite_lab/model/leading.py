@@ -1,4 +1,4 @@
-"""A command whose start or whose course nobody states: by how much it leads the wheels that it turned."""
+"""A command whose start or course is not stated: by how much it leads the wheels that it turned."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ tell the start has the first one: they follow it late, so that it was given earl
 
 
 def is_free(variant: Variant) -> bool:
-    """Say whether the wheels are turned and nobody states what was commanded."""
+    """Say whether the wheels are turned and the command is not stated."""
     return isinstance(variant, Course) and bool(variant.wheels) and not variant.commanded
 
 

@@ -61,7 +61,7 @@ DIRECT = Drive(
     inductance=1e-3, resistance=1.0, emf_constant=1.0, torque_constant=1.0, gear_ratio=1.0,
     gear_efficiency=1.0, voltage_max=1e3, gain_p=0.0, gain_d=0.0,
 )  # fmt: skip
-"""Stands for a drive that nobody knows, where wheels are turned: its current is the torque."""
+"""Stands for an unknown drive, where wheels are turned: its current is the torque."""
 
 
 def model_parameters(

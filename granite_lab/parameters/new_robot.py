@@ -92,7 +92,7 @@ def text_of(name: str, given: Mapping[str, float], like: Robot | None = None) ->
 def _rows(
     table: str, record: type[Any], given: Mapping[str, float], other: Any, like: Robot | None
 ) -> Iterator[tuple[str, float | None, str]]:
-    """Yield key, value and note of each number of a table; None where nobody gave one."""
+    """Yield key, value and note of each number of a table; None where it is not given."""
     for field in dataclasses.fields(record):
         if "unit" not in field.metadata:
             continue

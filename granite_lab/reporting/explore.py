@@ -22,7 +22,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.logs.trial import Array
 from granite_lab.model.simulator import simulate
 from granite_lab.parameters import WHEELS, by_speed
-from granite_lab.processes import shared_out
+from granite_lab.processes import forked_map
 from granite_lab.reporting.canvas import extremes
 from granite_lab.reporting.names import SENSORS, with_effects
 from granite_lab.reporting.plot_motion import shown_channel
@@ -67,10 +67,10 @@ class Curves(NamedTuple):
 
 
 def explore_data(result: StudyResult, jobs: int = 1) -> dict[str, Any]:
-    """Return what the page shows of a study, ready for JSON; `jobs` as in `processes.shared_out`."""
+    """Return what the page shows of a study, ready for JSON; `jobs` as in `processes.forked_map`."""
     shown = _shown(result.trials)
     points = max(FEWEST, POINTS * FULL // max(FULL, len(shown)))
-    rows = shared_out(_packed, (result, shown, points), len(shown), "thinned lines", jobs=jobs, few=2)
+    rows = forked_map(_packed, (result, shown, points), len(shown), "thinned lines", jobs=jobs, few=2)
     trials = [row for row in rows if row["curves"]]
     quantities: dict[str, dict[str, Any]] = {}
     for row in trials:
@@ -88,7 +88,7 @@ def explore_data(result: StudyResult, jobs: int = 1) -> dict[str, Any]:
 
 
 def to_explore(result: StudyResult, name: str, jobs: int = 1) -> str:
-    """Return the page of a study that is called `name`; `jobs` as in `processes.shared_out`."""
+    """Return the page of a study that is called `name`; `jobs` as in `processes.forked_map`."""
     data = explore_data(result, jobs)
     program = (resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
     script = Markup(as_script(data))

@@ -158,12 +158,12 @@ def _flat(blocks: Iterable[Block]) -> Iterator[Block]:
 Maybe = Block | None
 
 
-def _kept(blocks: Iterable[Maybe]) -> tuple[Block, ...]:
+def _shared(blocks: Iterable[Maybe]) -> tuple[Block, ...]:
     return tuple(block for block in blocks if block)
 
 
 def _fold(title: str, *blocks: Maybe, printed: bool = False) -> Fold | None:
-    return Fold(title, _kept(blocks), printed) if any(blocks) else None
+    return Fold(title, _shared(blocks), printed) if any(blocks) else None
 
 
 def _gallery(*figures: Figure | None) -> Gallery | None:
@@ -183,13 +183,13 @@ def study_report(
     sections = []
     if result.trials:
         slip = _slip_alone(decided) if decided.slip_unknown else _slip(result, decided)
-        sections = [Section("slip", "Slip" if decided.slip_unknown else "Slip and k_92", _kept(slip))]
+        sections = [Section("slip", "Slip" if decided.slip_unknown else "Slip and k_92", _shared(slip))]
         if not decided.slip_unknown:
-            sections.append(Section("model", "Model and measurement", _kept(_model(result, decided))))
+            sections.append(Section("model", "Model and measurement", _shared(_model(result, decided))))
     elif result.failures:
         sections = [Section("trials", "Trials that were left out", (_failures(result),))]
     if result.finding is not None:
-        sections.append(Section("missing", "What is missing", _kept(_missing(result.finding))))
+        sections.append(Section("missing", "What is missing", _shared(_missing(result.finding))))
     if result.trials:
         looks, finding = _looks(result, folder, recordings), result.finding
         options = ""
@@ -197,7 +197,7 @@ def study_report(
             effects = dict(result.source.options).get("effects", "")
             options = saved_model(model, folder or result.name, effects)
         quality = _quality(result, decided, looks, options)
-        sections.append(Section("trials", "Quality of the trials", _kept(quality)))
+        sections.append(Section("trials", "Quality of the trials", _shared(quality)))
     sections.append(_provenance(result.source, decided.steps[1:]))
     study = bool(result.trials) or result.finding is None
     numbers, kind = ("report.json", "study") if study else ("finding.json", "search for a missing effect")
@@ -349,7 +349,7 @@ def _provenance(source: Source, steps: Sequence[Step]) -> Section:
         _fold("Files that were read", tables.INPUTS.fill(source.inputs)),
     )
     title = "Further steps, and how to repeat this" if steps else "How to repeat this"
-    return Section("provenance", title, _kept(blocks))
+    return Section("provenance", title, _shared(blocks))
 
 
 def today() -> str:

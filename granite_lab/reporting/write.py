@@ -14,7 +14,7 @@ from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import DESIGN, MODEL, Finding
 from granite_lab.folders import replacing
 from granite_lab.parameters import by_speed
-from granite_lab.processes import shared_out
+from granite_lab.processes import forked_map
 from granite_lab.reporting import canvas
 from granite_lab.reporting.canvas import FORMATS, Figure, converted, drawn, on_page
 from granite_lab.reporting.channels import CHANNEL_TABLE, MISFITS, judged_channels
@@ -40,7 +40,7 @@ def write_report(
         result: the study, with what a search found.
         folder: of the report; made if it does not exist.
         model: path of the model file, as the numbers shall name it.
-        jobs: number of processes that draw figures, as in `processes.shared_out`.
+        jobs: number of processes that draw figures, as in `processes.forked_map`.
 
     Returns:
         path of ``index.html``.
@@ -110,7 +110,7 @@ def _write(path: Path, text: str) -> None:
 def _write_figures(figures: Sequence[Figure], folder: Path, jobs: int = 1) -> dict[str, str]:
     """Write each figure in all formats; return their SVG by name."""
     (folder / "figures").mkdir()
-    pictures = shared_out(_drawn, figures, len(figures), "drew figures", jobs=jobs, few=2)
+    pictures = forked_map(_drawn, figures, len(figures), "drew figures", jobs=jobs, few=2)
     drawings = {figure.name: svg for figure, svg in zip(figures, pictures, strict=True)}
     wanted = [(name, kind) for name in drawings for kind in FORMATS]
     with ThreadPoolExecutor(jobs or os.cpu_count()) as threads:  # which Typst does not block

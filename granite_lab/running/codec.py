@@ -2,7 +2,7 @@
 
 The bytes are a pickle and, behind it, the arrays of the record, which are not copied when they are read: a
 record may lie in a file that is mapped into memory (`Arena`). A pickle can run code. `decode` takes only what
-this run made, or what `Store.read` gives, which nobody but the user can have written.
+this run made, or what `Store.read` gives, which only the user can have written.
 """
 
 from __future__ import annotations

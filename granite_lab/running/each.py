@@ -25,7 +25,7 @@ from granite_lab.options import Options
 from granite_lab.origin import Failure
 from granite_lab.parameters.catalogue import CATALOGUE, forget
 from granite_lab.parameters.quantity import noting_files
-from granite_lab.processes import SHORT_OF_MEMORY, crowd, disperse, one_thread, starting
+from granite_lab.processes import SHORT_OF_MEMORY, one_thread, shut_down, starting, worker_pool
 from granite_lab.running import cache as remembered
 from granite_lab.running.cache import Cache, trial_key
 from granite_lab.running.codec import Arena, decode, encode
@@ -93,7 +93,7 @@ def each_trial(
             results[path] = outcomes
             done(path)
     left = [path for path in dict.fromkeys(paths) if path not in results]
-    for index, outcome in _run(partial(_guarded, work, options), left, execution):
+    for index, outcome in _run(partial(_encoded_outcome, work, options), left, execution):
         path = left[index]
         if isinstance(outcome, LabError):
             results[path] = outcome
@@ -106,7 +106,7 @@ def each_trial(
     return [results[path] for path in paths]
 
 
-def sifted(
+def split_failures(
     files: Sequence[Path], outcomes: Sequence[T | LabError], *, strict: bool = False
 ) -> tuple[list[T], tuple[Failure, ...]]:
     """Return the results of `each_trial`, and the trials that failed.
@@ -129,7 +129,7 @@ def _naming(path: Path, error: LabError) -> LabError:
     return error if named else type(error)(f"{name}: {error.message}", error.hint)
 
 
-def _guarded(work: Callable[[Path, Options], Any], options: Options, path: Path) -> bytes | LabError:
+def _encoded_outcome(work: Callable[[Path, Options], Any], options: Options, path: Path) -> bytes | LabError:
     """Return the encoded pair of files that were read besides the log, and result."""
     forget()
     with one_thread(), noting_files() as files:
@@ -168,7 +168,7 @@ def _run(
     while queue or suspects:
         alone, ended = not queue, False
         inside: dict[Future[Y], tuple[int, X]] = {}
-        pool = crowd(1 if alone else workers)
+        pool = worker_pool(1 if alone else workers)
         room = partial(int, 1 if alone else workers * (1 + AHEAD))
         try:
             for index, future in _finished(pool, call, queue or suspects, inside, room):
@@ -180,7 +180,7 @@ def _run(
             for index, item in inside.values() if alone else ():
                 yield index, LabError(f"{item}: the process that worked on it died", SHORT_OF_MEMORY)
         finally:
-            disperse(pool, kill=not ended)
+            shut_down(pool, kill=not ended)
 
 
 def _finished(

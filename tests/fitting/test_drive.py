@@ -16,7 +16,7 @@ from granite_lab.errors import EstimateError, InputError
 from granite_lab.estimation import correct
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.outcome import find_phases
-from granite_lab.fitting import driven, fit_a_theta, fit_k92
+from granite_lab.fitting import fit_a_theta, fit_k92, with_drive_input
 from granite_lab.fitting.drive import FOLLOW, OBEYS, deviation, mistaken
 from granite_lab.inference.setup import trial_models
 from granite_lab.logs import write_canonical
@@ -70,7 +70,7 @@ def test_a_logged_command_is_taken_as_it_is() -> None:
     t = np.linspace(-0.5, 9.0, 500)
     late = motion.t_start.value - start
     assert course.velocity_at(t) == pytest.approx(JOYSTICK.velocity_at(t + late), abs=0.01)
-    assert driven(motion, ROBOT, "auto") is motion
+    assert with_drive_input(motion, ROBOT, "auto") is motion
     a, std = exponent(motion, trial)
     assert abs(a - A_THETA) < 2 * std < 0.6
 
@@ -78,7 +78,7 @@ def test_a_logged_command_is_taken_as_it_is() -> None:
 @pytest.mark.parametrize("gains", [1.0, 0.3])
 def test_wheels_drive_where_no_command_is_known(gains: float) -> None:
     trial, motion = seen(JOYSTICK, gains=gains, command=False)
-    turned = driven(motion, ROBOT, "auto")
+    turned = with_drive_input(motion, ROBOT, "auto")
     assert turned.variant_source == "wheels"
     assert is_driven(turned.variant)
     assert "no command is stated" in turned.warnings[-1]
@@ -92,7 +92,7 @@ def test_the_fit_finds_by_how_much_a_command_that_nobody_states_leads() -> None:
     gains, drive = 0.4, ROBOT.drive
     assert drive is not None
     trial, motion = seen(JOYSTICK, gains=gains, command=False)
-    fit = fit_k92(driven(motion, ROBOT, "auto"), trial, ROBOT, SOIL)
+    fit = fit_k92(with_drive_input(motion, ROBOT, "auto"), trial, ROBOT, SOIL)
     (note,) = [n for n in fit.notes if "leads the wheels" in n]
     lead, std = (float(x) for x in note.split(" by ")[1].removesuffix(" ms.").split(" ± "))
     assert abs(lead - 1e3 * drive.emf_constant * drive.gear_ratio / (gains * drive.gain_p)) < 3 * std < 120
@@ -102,7 +102,7 @@ def test_the_fit_finds_by_how_much_a_command_that_nobody_states_leads() -> None:
 def test_sides_at_different_speed_are_told_and_turn_apart(apart: float) -> None:
     motion = seen(JOYSTICK, command=False)[1]
     turned = motion.v_wheel * np.array([1 - apart, 1 + apart, 1 - apart, 1 + apart])
-    found = driven(dataclasses.replace(motion, v_wheel=turned), ROBOT, "wheels")
+    found = with_drive_input(dataclasses.replace(motion, v_wheel=turned), ROBOT, "wheels")
     told = [line for line in found.warnings if "faster than the others: each side is simulated" in line]
     assert len(told) == (abs(apart) > 0.02)
     assert not told or f"the {'right' if apart > 0 else 'left'} wheels are 6 % faster" in told[0]
@@ -119,7 +119,7 @@ def test_an_axle_without_encoders_turns_as_the_other_on_both_sides(known: list[i
     motion = seen(JOYSTICK, command=False)[1]
     v = np.full_like(motion.v_wheel, np.nan)
     v[:, known] = motion.v_wheel[:, known] * [0.95, 1.05]
-    found = driven(dataclasses.replace(motion, v_wheel=v), ROBOT, "wheels").variant
+    found = with_drive_input(dataclasses.replace(motion, v_wheel=v), ROBOT, "wheels").variant
     assert isinstance(found, Course)
     assert found.split
     assert all(front == rear for front, rear in found.split)
@@ -129,7 +129,7 @@ def test_sides_that_no_axle_tells_turn_alike() -> None:
     """The left wheel in front and the right one at the rear: who knows which axle is faster?"""
     motion = seen(JOYSTICK, command=False)[1]
     v = motion.v_wheel * [0.95, np.nan, np.nan, 1.05]
-    found = driven(dataclasses.replace(motion, v_wheel=v), ROBOT, "wheels").variant
+    found = with_drive_input(dataclasses.replace(motion, v_wheel=v), ROBOT, "wheels").variant
     assert isinstance(found, Course)
     assert not found.split
 
@@ -137,10 +137,10 @@ def test_sides_that_no_axle_tells_turn_alike() -> None:
 def test_wheels_drive_where_they_do_not_follow_the_command() -> None:
     _, motion = seen(JOYSTICK, gains=0.3)
     assert deviation(motion, motion.variant) > FOLLOW > 1.5 * deviation(seen(JOYSTICK)[1], JOYSTICK)
-    turned = driven(motion, ROBOT, "auto")
+    turned = with_drive_input(motion, ROBOT, "auto")
     assert "deviate from the command" in turned.warnings[-1]
     assert "v_d of (5) is the command" in turned.warnings[-1]
-    assert driven(motion, ROBOT, "command") is motion
+    assert with_drive_input(motion, ROBOT, "command") is motion
     assert isinstance(turned.variant, Course)
     assert turned.variant.commanded
 
@@ -151,11 +151,11 @@ def test_wheels_drive_where_the_stated_drive_would_turn_them_otherwise() -> None
     motion, other = (seen(gentle, gains=gains)[1] for gains in (1.0, 0.4))
     assert deviation(other, gentle) < FOLLOW
     assert mistaken(motion, ROBOT, SOIL) < OBEYS / 2 < OBEYS < mistaken(other, ROBOT, SOIL)
-    assert driven(motion, ROBOT, "auto", SOIL) is motion
-    turned = driven(other, ROBOT, "auto", SOIL)
+    assert with_drive_input(motion, ROBOT, "auto", SOIL) is motion
+    turned = with_drive_input(other, ROBOT, "auto", SOIL)
     assert "the drive of the robot's file would turn them" in turned.warnings[-1]
     assert is_driven(turned.variant)
-    assert driven(other, ROBOT, "auto") is other
+    assert with_drive_input(other, ROBOT, "auto") is other
 
 
 def test_a_theta_over_trials_goes_by_the_mean_speed_of_a_course_not_by_its_fastest() -> None:
@@ -173,7 +173,7 @@ def test_a_run_by_hand_that_looks_like_a_variant_is_none() -> None:
     dip = course_of(times, np.array([0, 0.5, 0.5, 0.2, 0.2, 0.5, 0.5, 0]))
     motion = seen(dip, command=False)[1]
     like = dataclasses.replace(motion, variant=variant_of(0.5), variant_source="recognised")
-    turned = driven(like, ROBOT, "auto")
+    turned = with_drive_input(like, ROBOT, "auto")
     assert "no command is stated" in turned.warnings[-1]
     assert "the mean of r ω" in turned.warnings[-1]
     assert isinstance(turned.variant, Course)
@@ -188,7 +188,7 @@ def test_a_run_by_hand_that_looks_like_a_variant_is_none() -> None:
 def test_a_robot_without_drive_is_driven_by_its_wheels() -> None:
     trial, motion = seen(JOYSTICK)
     bare = dataclasses.replace(ROBOT, drive=None)
-    turned = driven(motion, bare, "auto")
+    turned = with_drive_input(motion, bare, "auto")
     assert "has no [drive]" in turned.warnings[-1]
     fit = fit_k92(turned, trial, bare, SOIL, trajectory=False)
     a = -math.log(fit.k92.value) / turned.variant.velocity
@@ -203,14 +203,14 @@ def test_a_drive_that_is_never_steady_has_a_k92() -> None:
     assert any("never steady" in line for line in motion.warnings)
     a, std = exponent(motion, trial)
     assert abs(a - A_THETA) < 2 * std
-    turned = driven(motion, ROBOT, "wheels")
+    turned = with_drive_input(motion, ROBOT, "wheels")
     a, std = exponent(turned, trial)
     assert abs(a - A_THETA) < 2 * std
 
 
 def test_what_turns_the_wheels_is_no_measurement_to_compare_with() -> None:
     trial, motion = seen(JOYSTICK)
-    turned = driven(motion, ROBOT, "wheels")
+    turned = with_drive_input(motion, ROBOT, "wheels")
     (plain,), _ = trial_models([trial], ROBOT, [motion])
     (model,), _ = trial_models([trial], ROBOT, [turned])
     assert set(plain.channels) - set(model.channels) == {"wheel", "wheel_split"}
@@ -228,14 +228,16 @@ def test_repeated_commands_are_one_command() -> None:
 def test_wheels_of_repetitions_drive_simulations_of_their_own_under_one_command() -> None:
     pairs = [correct(logged(JOYSTICK, seed=seed)[0], ROBOT) for seed in (1, 2)]
     trials, motions = [t for t, _ in pairs], [m for _, m in pairs]
-    models, variants = trial_models(trials, ROBOT, [driven(m, ROBOT, "wheels") for m in motions])
+    models, variants = trial_models(trials, ROBOT, [with_drive_input(m, ROBOT, "wheels") for m in motions])
     assert len(variants) == 2
     assert {m.variant for m in models} == {0, 1}
     assert len({m.command for m in models}) == 1
     assert len({m.observation.bins for m in models}) == 1
     first, other = (m.observation.t for m in models)  # since the command, in which they agree
     assert first == pytest.approx(other)
-    free = [driven(dataclasses.replace(m, variant_source="measured"), ROBOT, "wheels") for m in motions]
+    free = [
+        with_drive_input(dataclasses.replace(m, variant_source="measured"), ROBOT, "wheels") for m in motions
+    ]
     models, _ = trial_models(trials, ROBOT, free)
     assert {m.command for m in models} == {m.variant for m in models} == {0, 1}
 
@@ -245,7 +247,7 @@ def test_a_start_that_only_the_wheels_tell_is_put_right_by_the_fit() -> None:
     written, truth = virtual_trial(run, 3, "late")
     trial, motion = correct(written, ROBOT)
     late = dataclasses.replace(motion.t_start, value=float(truth.attrs["t_start_s"]) + 0.03)
-    turned = driven(dataclasses.replace(motion, t_start=late), ROBOT, "wheels")
+    turned = with_drive_input(dataclasses.replace(motion, t_start=late), ROBOT, "wheels")
     assert isinstance(turned.variant, Course)
     assert not turned.variant.stamped
     fit = fit_k92(turned, trial, ROBOT, SOIL)
@@ -258,8 +260,8 @@ def test_a_start_that_only_the_wheels_tell_is_put_right_by_the_fit() -> None:
 def test_effects_that_the_wheels_replace_are_no_candidates() -> None:
     effects = dict(library(None))
     motion = seen(JOYSTICK)[1]
-    free = driven(dataclasses.replace(motion, variant_source="measured"), ROBOT, "auto")
-    told = driven(motion, ROBOT, "wheels")
+    free = with_drive_input(dataclasses.replace(motion, variant_source="measured"), ROBOT, "auto")
+    told = with_drive_input(motion, ROBOT, "wheels")
     every, notes = _observable([motion], effects)
     assert (set(every), notes) == (set(effects) - {"clock_offset"}, [])
     fewer, notes = _observable([motion, told], effects)
@@ -317,8 +319,8 @@ def test_a_log_without_wheels_cannot_be_driven_by_them() -> None:
     _, motion = seen(JOYSTICK)
     blind = dataclasses.replace(motion, v_wheel=np.full_like(motion.v_wheel, np.nan))
     with pytest.raises(EstimateError, match="the speeds of its wheels are not known"):
-        driven(blind, ROBOT, "wheels")
-    assert driven(blind, ROBOT, "auto") is blind
+        with_drive_input(blind, ROBOT, "wheels")
+    assert with_drive_input(blind, ROBOT, "auto") is blind
 
 
 def test_a_stated_trapezoid_stays_unless_the_log_contradicts_it() -> None:
@@ -327,7 +329,7 @@ def test_a_stated_trapezoid_stays_unless_the_log_contradicts_it() -> None:
     trial = virtual_trial(run, 1, "plain")[0]
     motion = correct(trial, ROBOT)[1]
     assert (motion.variant, motion.variant_source) == (variant, "given")
-    assert driven(motion, ROBOT, "auto") is motion
+    assert with_drive_input(motion, ROBOT, "auto") is motion
     other = logged(JOYSTICK)[0]
     told = TrialInfo(robot="granite", v_desired=0.5, a_max=1.2, distance=2.5)
     motion = correct(dataclasses.replace(other, info=told), ROBOT)[1]
@@ -339,7 +341,7 @@ def test_a_trapezoid_gives_one_exponent_by_both_ways() -> None:
     """The same trial, driven by its command and by its wheels: a_θ differs by little of its std."""
     run = simulate(variant_of(0.5), ROBOT, SOIL, a_theta=A_THETA)
     trial, motion = correct(virtual_trial(run, 1, "plain")[0], ROBOT)
-    turned = driven(motion, ROBOT, "wheels")
+    turned = with_drive_input(motion, ROBOT, "wheels")
     (a, std), (other, _) = exponent(motion, trial), exponent(turned, trial)
     assert abs(a - other) < 0.3 * std
     assert turned.variant.velocity == pytest.approx(motion.variant.velocity, rel=0.01)
@@ -351,4 +353,4 @@ def test_wheels_that_turn_backwards_are_refused_with_when() -> None:
         motion, v_wheel=np.where(motion.t[:, None] > 5.0, -1.0, 1.0) * motion.v_wheel
     )
     with pytest.raises(EstimateError, match=r"the wheels turn backwards at 5\.0 to .* forward motion"):
-        driven(turned, ROBOT, "wheels")
+        with_drive_input(turned, ROBOT, "wheels")

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granite_lab.chain import corrected, read, simulable
+from granite_lab.chain import corrected, read, with_simulation_input
 from granite_lab.errors import EstimateError, InputError
-from granite_lab.fitting import driven, fit_k92
-from granite_lab.fitting.tow import KEY, towed
+from granite_lab.fitting import fit_k92, with_drive_input
+from granite_lab.fitting.tow import KEY, with_towed_load
 from granite_lab.hidden.command import trapezoid
 from granite_lab.inference.observation import observe
 from granite_lab.logs import write_canonical
@@ -119,9 +119,9 @@ def test_the_paper_s_model_and_another_program_agree_on_a_towed_load() -> None:
 def test_k92_of_a_trial_that_tows_is_right_if_the_load_is_said(source: str, tmp_path: Path) -> None:
     extra = {"log": f"{FORCE:g}", "list": f"0:{FORCE:g}, 30:{FORCE:g}"}.get(source)
     path = written(tmp_path, run(height=0.0), **({KEY: extra} if extra else {}))
-    trial, robot, motion = simulable(path, Options())
+    trial, robot, motion = with_simulation_input(path, Options())
     if source == "robot":
-        motion = towed(motion, trial, dataclasses.replace(robot, tow=Tow(force=FORCE)))
+        motion = with_towed_load(motion, trial, dataclasses.replace(robot, tow=Tow(force=FORCE)))
     assert "a towed load of 12 N is in the model" in motion.warnings[-1]
     assert isinstance(motion.variant, Course)
     fit = fit_k92(motion, trial, robot, SOIL, trajectory=source == "log")
@@ -137,7 +137,7 @@ def test_k92_of_a_trial_that_tows_is_right_if_the_load_is_said(source: str, tmp_
 
 def test_a_load_stays_where_wheels_drive(tmp_path: Path) -> None:
     path = written(tmp_path, run(height=0.0), **{KEY: "12"})
-    trial, robot, motion = simulable(path, dataclasses.replace(Options(), drive="wheels"))
+    trial, robot, motion = with_simulation_input(path, dataclasses.replace(Options(), drive="wheels"))
     assert is_driven(motion.variant)
     fit = fit_k92(motion, trial, robot, SOIL, trajectory=False)
     assert -math.log(fit.k92.value) / motion.variant.velocity == pytest.approx(A_THETA, abs=0.3)
@@ -148,14 +148,14 @@ def test_a_force_that_is_none_is_refused(text: str, tmp_path: Path) -> None:
     trial, robot, motion = corrected(written(tmp_path, run(height=0.0)), Options())
     said = dataclasses.replace(trial.info, extra={**trial.info.extra, KEY: text})
     with pytest.raises(InputError, match=f"{KEY} = .* cannot be used"):
-        towed(motion, dataclasses.replace(trial, info=said), robot)
+        with_towed_load(motion, dataclasses.replace(trial, info=said), robot)
 
 
 def test_a_list_of_forces_needs_the_start_of_the_command(tmp_path: Path) -> None:
     trial, robot, motion = corrected(written(tmp_path, run(height=0.0), **{KEY: "0:1, 9:1"}), Options())
     lost = dataclasses.replace(motion, t_start=dataclasses.replace(motion.t_start, value=math.nan))
     with pytest.raises(EstimateError, match="the towing force has no time"):
-        towed(lost, trial, robot)
+        with_towed_load(lost, trial, robot)
 
 
 def logged_force(folder: Path, unit: str = "N", factor: float = 1.0) -> tuple[Path, float]:
@@ -177,7 +177,7 @@ def logged_force(folder: Path, unit: str = "N", factor: float = 1.0) -> tuple[Pa
 @pytest.mark.parametrize(("unit", "factor"), [("N", 1.0), ("kN", 1e-3)])
 def test_a_logged_force_enters_as_it_was_measured(unit: str, factor: float, tmp_path: Path) -> None:
     path, start = logged_force(tmp_path, unit, factor)
-    trial, robot, motion = simulable(path, Options())
+    trial, robot, motion = with_simulation_input(path, Options())
     assert "N is in the model" in motion.warnings[-1]
     assert isinstance(motion.variant, Course)
     t = np.linspace(0.2, 6.0, 100)
@@ -196,14 +196,14 @@ def test_a_stated_force_counts_before_a_logged_one_and_a_logged_one_is_checked(t
     path, _ = logged_force(tmp_path)
     trial, robot, motion = corrected(path, Options())
     stated = dataclasses.replace(trial, info=dataclasses.replace(trial.info, extra={KEY: "7"}))
-    assert "a towed load of 7 N" in towed(motion, stated, robot).warnings[-1]
+    assert "a towed load of 7 N" in with_towed_load(motion, stated, robot).warnings[-1]
     assert trial.tow is not None
     turned = dataclasses.replace(trial, tow=dataclasses.replace(trial.tow, value=-trial.tow.value))
     with pytest.raises(InputError, match="negative while the robot is driven"):
-        towed(motion, turned, robot)
+        with_towed_load(motion, turned, robot)
     late = dataclasses.replace(trial, tow=dataclasses.replace(trial.tow, t=trial.tow.t + 100))
     with pytest.raises(InputError, match="no samples while the robot is driven"):
-        towed(motion, late, robot)
+        with_towed_load(motion, late, robot)
 
 
 def test_trials_under_other_loads_are_no_repetitions() -> None:
@@ -244,7 +244,9 @@ def test_wheels_of_several_radii_give_the_slip_of_wheels_that_are_alike(
     robot = changed_robot(tmp_path, wheels=f"radii_m = {list(radii)}")
     for name, trial, said in (("a", plain, None), ("b", uneven(plain, radii), str(robot))):
         write_canonical(tmp_path / f"{name}.csv", trial)
-        _, found, motion = simulable(tmp_path / f"{name}.csv", dataclasses.replace(Options(), robot=said))
+        _, found, motion = with_simulation_input(
+            tmp_path / f"{name}.csv", dataclasses.replace(Options(), robot=said)
+        )
         slips.append(motion.slip_ratio)
     assert slips[0].value == pytest.approx(slips[1].value, abs=0.001)
     assert "for its wheels have several radii" in motion.warnings[-1]
@@ -264,7 +266,7 @@ def test_motors_of_a_side_show_the_torque_of_both_their_wheels(tmp_path: Path) -
     currents = dataclasses.replace(trial.currents, current=logged)
     write_canonical(path, dataclasses.replace(trial, currents=currents))
     robot = changed_robot(tmp_path, 'motors = "side"')
-    trial, found, motion = simulable(path, dataclasses.replace(Options(), robot=str(robot)))
+    trial, found, motion = with_simulation_input(path, dataclasses.replace(Options(), robot=str(robot)))
     assert "for a motor drives both wheels of a side" in motion.warnings[-1]
     assert any("compared with the sum of both torques" in line for line in motion.warnings)
     seen = observe(trial, found, motion.variant, motion.t_start.value)
@@ -320,4 +322,4 @@ def test_the_command_line_simulates_a_robot_that_tows(tmp_path: Path) -> None:
 
 def test_driven_and_towed_leave_a_robot_without_a_load_alone(tmp_path: Path) -> None:
     trial, robot, motion = corrected(written(tmp_path, run(0.0)), Options())
-    assert towed(driven(motion, robot, "auto", SOIL), trial, robot) is motion
+    assert with_towed_load(with_drive_input(motion, robot, "auto", SOIL), trial, robot) is motion

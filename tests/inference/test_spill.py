@@ -15,7 +15,7 @@ from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.setup import baseline
 from granite_lab.inference.spill import SPILL_CACHE, Spillable, SpillCache
 from granite_lab.logs.trial import Array
-from granite_lab.processes import shared_out
+from granite_lab.processes import forked_map
 from tests.inference.stub import measure, measured, problem_of
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
@@ -72,7 +72,7 @@ def again(fits: list[Fit], k: int) -> Fit:
 def test_processes_read_what_another_one_has_put_away_and_send_it_back() -> None:
     found = fitted()
     found.spillable.spill()
-    for sent in shared_out(again, [found, found], 2, "read", jobs=2):
+    for sent in forked_map(again, [found, found], 2, "read", jobs=2):
         assert sent.predicted_drop == found.normal.size
         assert same((sent.derivatives, sent.normal), (found.derivatives, found.normal))
 
