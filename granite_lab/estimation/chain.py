@@ -14,10 +14,16 @@ from granite_lab.estimation import stages
 from granite_lab.estimation.clean import clean_trial
 from granite_lab.estimation.clock_rate import doubt_rate
 from granite_lab.estimation.closure import doubt_closure
-from granite_lab.estimation.guard import common_gaps, guard, silent_rates, unclosed, with_radius
 from granite_lab.estimation.health import assess
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.outcome import FEWEST_OF_IMU, motion_of, motion_without_imu
+from granite_lab.estimation.plausibility import (
+    common_gaps,
+    missing_rates,
+    open_end_changes,
+    with_plausibility,
+    with_radius,
+)
 from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.rest import named_rests
 from granite_lab.estimation.smoother import Solution
@@ -25,7 +31,7 @@ from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.sensors import mounting
 from granite_lab.logs.sensors.imu import mounted
 from granite_lab.logs.sensors.standstill import Interval
-from granite_lab.logs.sensors.two_clocks import together
+from granite_lab.logs.sensors.two_clocks import synchronize_roughly
 from granite_lab.logs.trial import ImuStream, Trial
 from granite_lab.parameters import Robot, Soil, load_soil
 
@@ -66,17 +72,16 @@ def correct(trial: Trial, robot: Robot, *, soil: Soil | None = None) -> tuple[Tr
         rolling = replace(rolling, doubts=(*turned, *rolling.doubts))
         motion = motion_without_imu(trial, robot, rolling, rests)
         return clean_trial(trial, robot, motion, wheels, rolling), motion
-    trial, moved = together(trial, robot)
-    apart = moved != 0.0 and trial.info.clock_offset is None
-    solved = solve(trial, robot, rests=rests, soil=soil, apart=apart)
+    trial, moved = synchronize_roughly(trial, robot)
+    solved = solve(trial, robot, rests=rests, soil=soil, moved=moved != 0.0)
     clean, motion = finish(trial, robot, solved)
     problem = solved.problem
     unsure = (
-        *common_gaps(motion, problem.faults.gaps, problem.wheels), *silent_rates(motion, problem.wheels),
-        *unclosed(motion, problem.open_ends),
+        *common_gaps(motion, problem.faults.gaps, problem.wheels), *missing_rates(motion, problem.wheels),
+        *open_end_changes(motion, problem.open_ends),
     )  # fmt: skip
     limits = [doubt for doubt in (*trial.doubts, *problem.doubts) if doubt.grade != "good"]
-    motion = with_radius(guard(motion, soil, (*limits, *unsure)), robot)
+    motion = with_radius(with_plausibility(motion, soil, (*limits, *unsure)), robot)
     offset = replace(motion.clock_offset, value=motion.clock_offset.value + moved)
     return clean, replace(motion, clock_offset=offset, clock_applied=motion.clock_applied + moved)
 
@@ -94,17 +99,19 @@ class Solved:
 
 
 def solve(
-    trial: Trial, robot: Robot, *, rests: Sequence[Interval] = (), soil: Soil, apart: bool = False
+    trial: Trial, robot: Robot, *, rests: Sequence[Interval] = (), soil: Soil, moved: bool = False
 ) -> Solved:
     """Filter and smooth a trial with an IMU; errors are those of `correct`.
 
-    The robot stands in `rests` [s]. The clocks were `apart` by seconds, and `together` has brought them
-    together roughly.
+    Args:
+        trial, robot, soil: as in `correct`.
+        rests: standstills that were named by hand [s].
+        moved: the clocks were seconds apart, and `synchronize_roughly` has moved the stamps of one.
     """
     problem = stages.stand(stages.roll(trial, robot), rests)
-    clock = stages.compare_clocks(problem, trial.info.clock_offset, apart=apart)
-    problem = stages.refer(problem, trial, clock.expected)
-    problem = stages.stand_by_clock(problem, clock.expected, rests)
+    clock = stages.compare_clocks(problem, trial.info.clock_offset, moved=moved)
+    problem = stages.add_reference(problem, trial, clock.expected)
+    problem = stages.stand_again(problem, clock.expected, rests)
     if trial.info.clock_offset is None and not problem.far:
         problem = replace(problem, doubts=(*problem.doubts, *doubt_rate(problem)))
     problem = stages.slip_and_noise(problem, clock, soil)

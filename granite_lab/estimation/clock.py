@@ -140,13 +140,13 @@ class Clock(NamedTuple):
     near: float
 
 
-def find_offset(problem: Problem, *, apart: bool = False) -> Clock:
+def find_offset(problem: Problem, *, moved: bool = False) -> Clock:
     """Find the clock offset by correlation, then by the likelihood of onsets and stops.
 
     A body that follows its wheels by tyres, play or a soft mount looks like an offset when it sets off. So
     the whole trial must prefer a large offset to an ordinary latency; and where the wheels seem to be ahead,
-    the body, which never leads them, must be stiff beside. Clocks of two computers, which were `apart` by
-    seconds and are brought together roughly, have no ordinary latency.
+    the body, which never leads them, must be stiff, too. Clocks of two computers, which were seconds apart
+    and were `moved`, have no ordinary latency.
     """
     coarse = coarse_offset(problem.imu, problem.rolling) if problem.rolling is not None else Estimate(0.0)
     shown = by_changes(problem, coarse) if np.isfinite(coarse.std) else None
@@ -154,7 +154,7 @@ def find_offset(problem: Problem, *, apart: bool = False) -> Clock:
         return Clock(coarse, coarse, coarse.value)
     latency = latency_of(problem)
     usual, unusual = Estimate(0.0, latency), Estimate(shown.value, latency)
-    if apart:
+    if moved:
         return Clock(shown, shown, shown.value)
     likely = shown.value * latency**2 / (latency**2 + shown.std**2)
     if abs(shown.value) < LATEST / LATENCY * latency:

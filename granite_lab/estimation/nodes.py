@@ -272,7 +272,7 @@ def build(
         parts.append(model.updates_of("distance", last, missed, {X: 1.0, P: -1.0}, distance.std**2))
     parts += [model.reference_updates(readings, nominal, course) for readings in problem.reference]
     updates = model.in_order(parts)
-    for kind, factor in problem.louder.items():
+    for kind, factor in problem.variance_factors.items():
         updates.R[updates.kind == kind] *= factor
     x0 = np.zeros((SIZE, 1))
     x0[[TH, BA, BG, TAU], 0] = -nominal.pitch[0], -nominal.accel_bias, -nominal.gyro_bias, left.value

@@ -89,7 +89,7 @@ class Problem(Sensors, Standing):
         jumps: (N,) square of the slip velocity's jumps per second, at the IMU's stamps [m^2/s^3].
         compliance: by which the displacement between wheels and body walks as thrust changes [s^2].
         soft: std of the compliance itself [s^2].
-        louder: factors on the variance of kinds of measurements.
+        variance_factors: factors on the variance of kinds of measurements.
         spacing: of the nodes in motion [s]; 0: a node at each stamp.
         reference: what an external reference measured.
     """
@@ -99,7 +99,7 @@ class Problem(Sensors, Standing):
     jumps: Array | None = None
     compliance: float = LOOSE
     soft: float = COMPLIANCE
-    louder: Mapping[str, float] = field(default_factory=dict)
+    variance_factors: Mapping[str, float] = field(default_factory=dict)
     spacing: float = 0.0
     reference: tuple[Readings, ...] = ()
 

@@ -45,8 +45,8 @@ FALSE_ALARM = 0.01
 SURE, LASTING = 0.02, 1.0
 """A body that stands on turning wheels is so slow, as a share of the wheels' speed, for so long [s]."""
 
-LISTEN = 6.0
-"""Length of a window of motion that is listened to [s]; the IMU is precise over these few seconds."""
+WINDOW = 6.0
+"""Length of a window of motion by which scatter is identified [s]; the IMU is precise over few seconds."""
 
 WINDOWS = 3
 """So many windows are spread over the longest motion: sand differs along the way."""
@@ -93,13 +93,13 @@ def with_jumps(problem: Problem, offset: float) -> Problem:
     assert rolling is not None
     while True:
         without = replace(problem, rolling=None, spacing=BIN / STEPS)
-        alone = smooth(settle(without, Estimate(offset), robust=False))
-        changes = slip_changes(alone, rolling, offset)
-        stands = stuck(changes, problem.rests)
+        by_imu = smooth(settle(without, Estimate(offset), robust=False))
+        changes = slip_changes(by_imu, rolling, offset)
+        stands = body_standstills(changes, problem.rests)
         if not stands:
             break
         # what the IMU alone knows next to a standstill may show more of it
-        stands = [between_swings(alone.nominal, interval, problem.rests) for interval in stands]
+        stands = [at_calm_instants(by_imu.nominal, interval, problem.rests) for interval in stands]
         still = runs(inside(problem.imu.t, [*problem.rests, *stands]))
         rests = tuple((float(problem.imu.t[a]), float(problem.imu.t[b - 1])) for a, b in still)
         problem = replace(problem, rests=rests)
@@ -118,7 +118,7 @@ def with_jumps(problem: Problem, offset: float) -> Problem:
     return replace(problem, jumps=rate)
 
 
-def stuck(changes: Changes, rests: Sequence[Interval]) -> list[Interval]:
+def body_standstills(changes: Changes, rests: Sequence[Interval]) -> list[Interval]:
     """Return intervals [s] in which the wheels turn and the body, by the IMU alone, stands still.
 
     The slip ratio is then known to be 100 % within `SURE`. Wheels that dig themselves in hold the body for
@@ -139,7 +139,7 @@ def stuck(changes: Changes, rests: Sequence[Interval]) -> list[Interval]:
     return standing
 
 
-def between_swings(nominal: Nominal, interval: Interval, rests: Sequence[Interval]) -> Interval:
+def at_calm_instants(nominal: Nominal, interval: Interval, rests: Sequence[Interval]) -> Interval:
     """Move both ends of a standstill [s] to instants at which vibration does not move the body.
 
     Wheels that turn shake a body that stands. What it does at the first instant is taken for its velocity.
@@ -154,10 +154,10 @@ def between_swings(nominal: Nominal, interval: Interval, rests: Sequence[Interva
     return at_calmest(interval[0]), at_calmest(interval[1])
 
 
-def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:
-    """Compare the rolled distance with the one that the IMU alone finds, bin by bin of each motion."""
-    nodes, smoothed = alone.nodes, alone.smoothed
-    travelled = np.interp(nodes.t, alone.nominal.t, alone.nominal.x) + smoothed.x[:, X] - smoothed.x[:, P]
+def slip_changes(by_imu: Solution, rolling: Rolling, offset: float) -> Changes:
+    """Compare the rolled distance with that of the solution `by_imu` alone, bin by bin of each motion."""
+    nodes, smoothed = by_imu.nodes, by_imu.smoothed
+    travelled = np.interp(nodes.t, by_imu.nominal.t, by_imu.nominal.x) + smoothed.x[:, X] - smoothed.x[:, P]
     v_std = std_of(smoothed.P, {V: 1.0})
     pull = std_of(smoothed.P, {TH: GRAVITY, BA: -1.0, BM: -1.0})
     parts = [np.empty((8, 0))]
@@ -169,8 +169,8 @@ def slip_changes(alone: Solution, rolling: Rolling, offset: float) -> Changes:
         slip = pace - np.diff(np.interp(edges, nodes.t, travelled)) / width
         wheel = np.where(pace < 0.0, -1.0, 1.0) * np.maximum(np.abs(pace), COAST)
         unsure, drift = (np.interp(edges[1:-1], nodes.t, std) for std in (v_std, pull))
-        two = (edges[:-2], edges[2:], slip[:-1], slip[1:], wheel[:-1], wheel[1:], unsure, width * drift)
-        parts.append(np.array(two))
+        pairs = (edges[:-2], edges[2:], slip[:-1], slip[1:], wheel[:-1], wheel[1:], unsure, width * drift)
+        parts.append(np.array(pairs))
     begin, end, slip_1, slip_2, wheel_1, wheel_2, unsure, drift = np.concatenate(parts, axis=1)
     slip, wheel = np.stack([slip_1, slip_2], axis=1), np.stack([wheel_1, wheel_2], axis=1)
     return Changes(begin, end, slip, wheel, unsure, drift)
@@ -198,7 +198,7 @@ def with_scatter(slip: SlipModel, scatter: float) -> SlipModel:
     return replace(slip, scatter=scatter, walk=scatter / float(np.sqrt(WANDER_TIME)))
 
 
-def listen_to(problem: Problem) -> list[Interval]:
+def scatter_windows(problem: Problem) -> list[Interval]:
     """Windows [s] at the start, in the middle and at the end of the longest motion after a standstill."""
     t = problem.imu.t
     ends = [end for _, end in problem.rests]
@@ -206,8 +206,8 @@ def listen_to(problem: Problem) -> list[Interval]:
     begin, end = max(zip(ends, begins, strict=True), key=lambda m: m[1] - m[0], default=(0.0, 0.0))
     if end - begin < 1.0:
         return []
-    count = min(WINDOWS, max(1, int((end - begin) / LISTEN)))
-    length = min(LISTEN, end - begin)
+    count = min(WINDOWS, max(1, int((end - begin) / WINDOW)))
+    length = min(WINDOW, end - begin)
     places = np.linspace(begin, end - length, count) if count > 1 else [begin]
     return [(float(a) - (STILL if i == 0 else 0.0), float(a) + length) for i, a in enumerate(places)]
 
@@ -222,7 +222,7 @@ def identify_scatter(problem: Problem, offset: float) -> SlipModel:
     imu = problem.imu
     if problem.rolling is None or problem.slip.far or not imu.has_pitch_rate or not imu.gravity:
         return problem.slip
-    windows = [window for window in listen_to(problem) if not problem.faults.touch(*window)]
+    windows = [window for window in scatter_windows(problem) if not problem.faults.touch(*window)]
     if not windows:
         return problem.slip
     parts = [_without_scatter(problem.cut(begin, end, offset), offset) for begin, end in windows]
@@ -254,13 +254,13 @@ def _without_scatter(part: Problem, offset: float) -> tuple[Nodes, Array, Array]
     return none, unit.Q - none.Q, unit.P0 - none.P0
 
 
-def expected(best: int, below: float, here: float, above: float) -> float:
+def expected(best: int, below: float, at_best: float, above: float) -> float:
     """Root of the posterior mean of the scatter's variance, which the std of the estimate goes by.
 
     The posterior of the scatter's logarithm is taken for normal, by the parabola through three log-
     likelihoods: of the best candidate, and of its neighbours.
     """
-    bend = below - 2.0 * here + above
+    bend = below - 2.0 * at_best + above
     if bend >= 0.0:
         return float(np.clip(REFERENCE * FACTOR**best, LEAST_SCATTER, MOST_SCATTER))
     peak = best + float(np.clip(0.5 * (above - below) / -bend, -0.5, 0.5))

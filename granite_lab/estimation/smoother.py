@@ -364,8 +364,9 @@ def settle(
         grown = {kind: sizes[kind] for kind in NOISY if sizes.get(kind, 1.0) > 1.0}
         if not more or (level and compliance == problem.compliance and not grown):
             break
-        louder = {kind: nis * problem.louder.get(kind, 1.0) for kind, nis in grown.items()}
-        problem = replace(problem, louder={**problem.louder, **louder}, compliance=compliance)
+        factors = problem.variance_factors
+        factors = {**factors, **{kind: nis * factors.get(kind, 1.0) for kind, nis in grown.items()}}
+        problem = replace(problem, variance_factors=factors, compliance=compliance)
         if not level:
             middle = x[x.shape[0] // 2]
             start = Start(

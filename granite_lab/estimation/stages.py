@@ -111,21 +111,21 @@ def stand(sensors: Sensors, by_hand: Sequence[Interval] = ()) -> Problem:
     return replace(problem, noise=with_motion_noise(problem, 0.0, folding=False))
 
 
-def compare_clocks(problem: Problem, given: float | None = None, *, apart: bool = False) -> Clock:
+def compare_clocks(problem: Problem, given: float | None = None, *, moved: bool = False) -> Clock:
     """Return the offset of the clocks: as `given` [s], or as it shows far from rest or at onsets and stops.
 
-    The clocks were `apart` by seconds, and `together` has brought them together roughly.
+    They were seconds apart, and are roughly synchronized already, if they were `moved`.
     """
     if given is not None:
         offset = Estimate(given, GIVEN)
     elif problem.far and problem.rolling is not None:
         offset = slow_offset(problem.imu, problem.rolling)
     else:
-        return find_offset(problem, apart=apart)
+        return find_offset(problem, moved=moved)
     return Clock(offset, offset, offset.value)
 
 
-def refer(problem: Problem, trial: Trial, offset: Estimate) -> Problem:
+def add_reference(problem: Problem, trial: Trial, offset: Estimate) -> Problem:
     """Add the external reference where the trial says that it is a measurement.
 
     Raises:
@@ -137,7 +137,7 @@ def refer(problem: Problem, trial: Trial, offset: Estimate) -> Problem:
     return replace(problem, far=problem.far and not problem.anchored)
 
 
-def stand_by_clock(problem: Problem, offset: Estimate, by_hand: Sequence[Interval] = ()) -> Problem:
+def stand_again(problem: Problem, offset: Estimate, by_hand: Sequence[Interval] = ()) -> Problem:
     """Find the standstills again now that the offset of the clocks is known, and restarts between them.
 
     Raises:
@@ -168,7 +168,7 @@ def slip_and_noise(problem: Problem, clock: Clock, soil: Soil) -> Problem:
         # a reference tells the velocity, and with it the pitch
         noise = with_motion_noise(problem, clock.expected.value, folding=False)
         return replace(problem, noise=replace(noise, gyro=LOST_PITCH))
-    least = SPIN if _spun(problem, clock.expected.value) else 0.0
+    least = SPIN if _turned_at_rest(problem, clock.expected.value) else 0.0
     if problem.rolling is not None:
         problem = (
             with_jumps(problem, clock.near) if problem.imu.has_pitch_rate and problem.imu.gravity else problem
@@ -205,7 +205,7 @@ def _slip_of_soil(problem: Problem, offset: float, soil: Soil) -> Problem:
     return replace(problem, slip=model, noise=noise, doubts=(*problem.doubts, doubt))
 
 
-def _spun(problem: Problem, offset: float) -> bool:
+def _turned_at_rest(problem: Problem, offset: float) -> bool:
     """Whether wheels turned during a standstill."""
     if problem.rolling is None:
         return False

@@ -73,9 +73,9 @@ def speeds_of(t: Array, y: Array, sigma: Array, *, rates: bool = False) -> tuple
     speed, std = np.empty_like(y), np.empty_like(t)
     of_part = np.searchsorted((begins[1:] + begins[:-1] + length) / 2, t)
     for k, part in enumerate(parts):
-        mine = of_part == k
-        std[mine] = np.interp(t[mine], part.at, stds[k])
-        speed[mine] = np.column_stack([np.interp(t[mine], part.at, v) for v in speeds[k].T])
+        inside = of_part == k
+        std[inside] = np.interp(t[inside], part.at, stds[k])
+        speed[inside] = np.column_stack([np.interp(t[inside], part.at, v) for v in speeds[k].T])
     return speed, std
 
 
@@ -107,16 +107,16 @@ class _Part:
         basis = BSpline.design_matrix(t[near], knots, degree)
         weighted = basis.multiply(weight[:, None]).T.tocsr()
         squares, m = weighted @ basis, basis.shape[1]
-        each = float(np.median(weight)) * weight.size / m if weight.size else 1.0
+        usual = float(np.median(weight)) * weight.size / m if weight.size else 1.0  # of a spline
         self.precision = np.zeros((degree + 2, m))
         for j in range(degree + 1):
             self.precision[-1 - j, j:] = squares.diagonal(j)
-        self.precision[-1] += WEAK * each
+        self.precision[-1] += WEAK * usual
         y = y - y[near.argmax()] if degree == 2 else y
         centre = grid.begin + grid.step * (np.arange(m) + (1 - degree) / 2)
         lines = np.column_stack([np.interp(centre, t, column) for column in y.T])
-        self.rhs = weighted @ y[near] + WEAK * each * lines
-        self.least = grid.step / (each * LONGEST ** (2 * degree + 2))
+        self.rhs = weighted @ y[near] + WEAK * usual * lines
+        self.least = grid.step / (usual * LONGEST ** (2 * degree + 2))
 
 
 def _smoothed(parts: list[_Part], h: float, degree: int) -> tuple[Array, Array]:
@@ -135,15 +135,17 @@ def _smoothed(parts: list[_Part], h: float, degree: int) -> tuple[Array, Array]:
         std = np.sqrt(_variance(covariance, slope))
         if k > COARSE and (np.abs(speed - before).max(axis=2) <= SETTLED * std).all():
             break
-        found = ((sliding_window_view(x, width, axis=1) @ change) ** 2).mean(axis=2) / h
-        told = np.clip(1 - _variance(covariance, change) / (rate * h), 0.0, 1.0)
+        squares = ((sliding_window_view(x, width, axis=1) @ change) ** 2).mean(axis=2) / h
+        determined = np.clip(1 - _variance(covariance, change) / (rate * h), 0.0, 1.0)  # degrees of freedom
         if k < COARSE:
-            found, told = (a.mean(axis=1, keepdims=True) for a in (found, told))
-            rate = np.maximum(found / np.maximum(told, WEAK), least) + np.zeros_like(rate)
+            squares, determined = (a.mean(axis=1, keepdims=True) for a in (squares, determined))
+            rate = np.maximum(squares / np.maximum(determined, WEAK), least) + np.zeros_like(rate)
         else:
-            found, told = (NEAR * uniform_filter1d(a, NEAR, axis=1, mode="nearest") for a in (found, told))
+            squares, determined = (
+                NEAR * uniform_filter1d(a, NEAR, axis=1, mode="nearest") for a in (squares, determined)
+            )
             usual = 1 / np.mean(1 / rate, axis=1, keepdims=True)
-            rate = np.maximum((FREEDOM * usual + found) / (FREEDOM + told), least)
+            rate = np.maximum((FREEDOM * usual + squares) / (FREEDOM + determined), least)
     return speed, std
 
 
@@ -175,8 +177,8 @@ def _band_of_inverse(factor: Array) -> Array:
     """Return (B, m, k + 1) the inverse's elements at i, i + j, of (B, k + 1, m) banded Cholesky factors.
 
     They follow from the last to the first one (Takahashi, Fagan & Chin 1973): an unknown is a sum of the k
-    next ones and an own part. About sqrt(m) stretches are passed at once, twice: first each as if what
-    follows it were known, then by what does follow it.
+    next ones and an independent part. About sqrt(m) stretches are passed at once, twice: first each as if
+    what follows it were known, then by what does follow it.
     """
     count, size, m = factor.shape
     length = int(np.ceil(np.sqrt(m)))
@@ -185,32 +187,32 @@ def _band_of_inverse(factor: Array) -> Array:
     for j in range(size):
         rows[: m - j, :, j] = factor[:, -1 - j, j:].T
     rows[m:, :, 0] = np.inf  # unknowns beyond the end have neither part
-    own = 1 / rows[:, :, 0]
-    ahead = -rows[:, :, 1:] * own[:, :, None]
-    ahead, own = (a.reshape(stretches, length, *a.shape[1:]).swapaxes(0, 1) for a in (ahead, own))
+    std = 1 / rows[:, :, 0]
+    ahead = -rows[:, :, 1:] * std[:, :, None]
+    ahead, std = (a.reshape(stretches, length, *a.shape[1:]).swapaxes(0, 1) for a in (ahead, std))
 
     inside = np.zeros((stretches, count, size - 1, size - 1))  # of the next unknowns
     weights = inside + np.eye(size - 1)  # of what follows a stretch
     for i in range(length - 1, -1, -1):
-        _step_back(inside, ahead[i], own[i])
+        _step_back(inside, ahead[i], std[i])
         first = ahead[i][..., None, :] @ weights
         weights[..., 1:, :] = weights[..., :-1, :].copy()
         weights[..., :1, :] = first
     block = np.zeros_like(inside)
     for n in range(stretches - 1, 0, -1):
         block[n - 1] = weights[n] @ block[n] @ weights[n].swapaxes(1, 2) + inside[n]
-    inverse = np.stack([_step_back(block, ahead[i], own[i]) for i in range(length - 1, -1, -1)])
+    inverse = np.stack([_step_back(block, ahead[i], std[i]) for i in range(length - 1, -1, -1)])
     return inverse[::-1].transpose(2, 1, 0, 3).reshape(count, -1, size)[:, :m]
 
 
-def _step_back(block: Array, ahead: Array, own: Array) -> Array:
+def _step_back(block: Array, ahead: Array, std: Array) -> Array:
     """Return the (..., k + 1) covariances of an unknown with itself and the k next ones.
 
     Their (..., k, k) covariance `block` becomes that of the unknown and the k - 1 next ones, in place.
     """
-    beside = (block @ ahead[..., None])[..., 0]
-    itself = own**2 + np.vecdot(ahead, beside)
-    found = np.concatenate([itself[..., None], beside], axis=-1)
+    covariance = (block @ ahead[..., None])[..., 0]
+    variance = std**2 + np.vecdot(ahead, covariance)
+    row = np.concatenate([variance[..., None], covariance], axis=-1)
     block[..., 1:, 1:] = block[..., :-1, :-1].copy()
-    block[..., 0] = block[..., 0, :] = found[..., :-1]
-    return found
+    block[..., 0] = block[..., 0, :] = row[..., :-1]
+    return row

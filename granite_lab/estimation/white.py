@@ -53,7 +53,7 @@ STEPS = 10
 NONE = 0.8
 """Probability, before the trial is seen, that motion adds no white noise."""
 
-ALONE = 0.5
+ONLY_WHITE = 0.5
 """Probability, before the trial is seen, that a band below the rise holds white noise alone."""
 
 HIGH, BELOW = 10.0, 0.45
@@ -161,9 +161,9 @@ def levels(frequency: Array, density: Array) -> Levels:
     decades = float(np.log10(max(float(np.max(total)), 1.0))) + 0.5
     white = np.logspace(0.0, decades, max(int(decades * STEPS), 2))
     height = np.logspace(-2.0, decades + 2.0, int((decades + 4.0) * STEPS / 2))
-    alone, loud = outside(bands, white)
-    below = _summed(np.logaddexp(np.log(ALONE) + alone, np.log(1.0 - ALONE) + loud))
-    above, flat = _summed(loud[::-1])[::-1], _summed(alone[::-1])[::-1]
+    only_white, more = outside(bands, white)
+    below = _summed(np.logaddexp(np.log(ONLY_WHITE) + only_white, np.log(1.0 - ONLY_WHITE) + more))
+    above, flat = _summed(more[::-1])[::-1], _summed(only_white[::-1])[::-1]
     beyond = np.flatnonzero(centre > MOTION)
     begins = beyond[(centre[beyond] < RESTLESS) | (beyond == beyond[:1])].tolist()
     rises = [
@@ -184,13 +184,13 @@ def outside(bands: Bands, white: Array) -> tuple[Array, Array]:
 
     What is beside it is as probable at each of the candidates; the larger of both is the level.
     """
-    alone = -bands.number[:, None] * np.log(white) - bands.total[:, None] / white
+    only_white = -bands.number[:, None] * np.log(white) - bands.total[:, None] / white
     place = np.arange(white.size)
-    more = np.logaddexp.accumulate(
-        np.append(alone[:, 1:], np.full((len(alone), 1), -np.inf), 1)[:, ::-1], axis=1
+    larger = np.logaddexp.accumulate(
+        np.append(only_white[:, 1:], np.full((len(only_white), 1), -np.inf), 1)[:, ::-1], axis=1
     )
-    loud = np.logaddexp(more[:, ::-1], alone + np.log(place + 1.0)) - np.log(white.size)
-    return np.asarray(alone), np.asarray(loud)
+    more = np.logaddexp(larger[:, ::-1], only_white + np.log(place + 1.0)) - np.log(white.size)
+    return np.asarray(only_white), np.asarray(more)
 
 
 def rising_to(

@@ -19,8 +19,8 @@ from scipy.optimize import brentq
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
-from granite_lab.estimation.guard import BY_RADIUS
 from granite_lab.estimation.motion import Motion
+from granite_lab.estimation.plausibility import BY_RADIUS
 from granite_lab.fitting.fit import K92_BOUNDS, LEAST, FitStatus, K92Fit, Shift
 from granite_lab.inference.constants import SAND_PER_TRIAL_STD, SAND_STD, TOLERANCE
 from granite_lab.inference.point import SHARED

@@ -11,8 +11,8 @@ from granite_lab.columns import FilledTable
 from granite_lab.discovery.finding import UNCONVERGED, Finding
 from granite_lab.discovery.words import waving
 from granite_lab.estimate import mean_over
-from granite_lab.estimation.guard import BY_RADIUS
 from granite_lab.estimation.motion import no_slip_is_known
+from granite_lab.estimation.plausibility import BY_RADIUS
 from granite_lab.fitting.fit import TRIALS, AThetaFit, View, views_of
 from granite_lab.inference.constants import FEWEST_SPEEDS
 from granite_lab.parameters import by_speed, load_paper

@@ -42,24 +42,24 @@ def other_counts(wheels: WheelStream, counts: float) -> Doubt | None:
     nominal = 2.0 * math.pi / counts
     if any(step and abs(step / nominal - 1.0) > MOST for step in wheels.resolution):
         return None
-    ways = np.abs(np.diff(wheels.angle, axis=0)).ravel()
-    ways = ways[(ways >= FEWEST_COUNTS * nominal) & (ways <= MOST_COUNTS * nominal)][:ENOUGH]
-    if ways.size == 0:
+    turns = np.abs(np.diff(wheels.angle, axis=0)).ravel()
+    turns = turns[(turns >= FEWEST_COUNTS * nominal) & (turns <= MOST_COUNTS * nominal)][:ENOUGH]
+    if turns.size == 0:
         return None
-    apart = CYCLE * nominal / float(ways.max())
-    off = np.arange(-MOST, MOST, apart)
-    score = _on_grid(ways, nominal * (1.0 + off))
+    spacing = CYCLE * nominal / float(turns.max())
+    off = np.arange(-MOST, MOST, spacing)
+    score = _on_grid(turns, nominal * (1.0 + off))
     best = int(np.argmax(score))
     share, step = float(off[best]), nominal * float(1.0 + off[best])
-    decimals = 10.0 ** np.arange(math.ceil(math.log10(step)), math.floor(math.log10(ways.min() / 4.0)) + 1)
-    coarser = _on_grid(ways, np.concatenate([step * np.arange(2, 6), decimals]))
+    decimals = 10.0 ** np.arange(math.ceil(math.log10(step)), math.floor(math.log10(turns.min() / 4.0)) + 1)
+    coarser = _on_grid(turns, np.concatenate([step * np.arange(2, 6), decimals]))
     elsewhere = score[(np.abs(off - share) > LEAST) | (np.abs(off) <= LEAST)]
     rival = max(float(elsewhere.max()), float(coarser.max()))
     # the phase of a whole multiple scatters normally, with a variance of 2 (1 - score); half a step of the
     # search off its place it seems to scatter, too. Wheels that turn alike tell as much as one
-    alone, missed = ways.size / wheels.angle.shape[1], 0.5 * (math.pi * CYCLE) ** 2
-    clearer = 0.5 * alone * math.log(max(1.0 - rival, missed) / max(1.0 - float(score[best]), missed))
-    if min(alone * float(score[best]) ** 2, clearer) < math.log(score.size / FALSE_ALARM):
+    independent, missed = turns.size / wheels.angle.shape[1], 0.5 * (math.pi * CYCLE) ** 2
+    clearer = 0.5 * independent * math.log(max(1.0 - rival, missed) / max(1.0 - float(score[best]), missed))
+    if min(independent * float(score[best]) ** 2, clearer) < math.log(score.size / FALSE_ALARM):
         return None
     return Doubt(
         f"the wheel angles go in steps of a turn over {2.0 * math.pi / step:.0f}, and the robot's file says "
@@ -69,8 +69,8 @@ def other_counts(wheels: WheelStream, counts: float) -> Doubt | None:
     )  # fmt: skip
 
 
-def _on_grid(ways: Array, steps: Array) -> Array:
-    """(K,) how well ways (N,) are whole multiples of each of the steps (K,): 1 for all, 0 by chance."""
-    cycles = ways / steps[:, None]
+def _on_grid(turns: Array, steps: Array) -> Array:
+    """(K,) how well turns (N,) are whole multiples of each of the steps (K,): 1 for all, 0 by chance."""
+    cycles = turns / steps[:, None]
     left = (cycles - np.rint(cycles)).astype(np.float32)  # of which cosines are quick
     return np.asarray(np.cos(np.float32(2.0 * math.pi) * left).mean(axis=1, dtype=np.float64))

@@ -35,8 +35,8 @@ DISTINCT = 0.5
 """Offsets that are closer than this belong to one peak of the correlation: a ramp takes about as long [s]."""
 
 
-def together(trial: Trial, robot: Robot) -> tuple[Trial, float]:
-    """Bring the clocks of IMU and encoders together where they are apart by a given offset, or by seconds.
+def synchronize_roughly(trial: Trial, robot: Robot) -> tuple[Trial, float]:
+    """Synchronize the clocks of IMU and encoders where their offset is given, or where it is of seconds.
 
     Returns:
         the trial, in which encoders, currents and command are moved; by how much [s], 0 where nothing is.

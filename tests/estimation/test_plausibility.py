@@ -11,7 +11,7 @@ import pytest
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import Motion, correct
-from granite_lab.estimation.guard import Doubt, guard
+from granite_lab.estimation.plausibility import Doubt, with_plausibility
 from granite_lab.logs import read_trial
 from granite_lab.parameters import load_robot, load_soil
 from tests.truth import field
@@ -27,7 +27,7 @@ def good() -> Motion:
 
 def test_a_good_estimate_passes_unchanged() -> None:
     assert good().health.grade == "good"
-    assert guard(good(), SAND) is good()
+    assert with_plausibility(good(), SAND) is good()
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ def test_slip_that_rolling_wheels_cannot_have_is_poor_and_its_std_covers_it(
     changed: dict[str, Any], reason: str
 ) -> None:
     wrong = replace(good(), **changed)
-    seen = guard(wrong, SAND)
+    seen = with_plausibility(wrong, SAND)
     assert seen.health.grade == "poor"
     assert not seen.health.good
     assert reason in seen.health.verdict
@@ -57,8 +57,8 @@ def test_slip_that_rolling_wheels_cannot_have_is_poor_and_its_std_covers_it(
 
 def test_wheels_that_roll_a_little_farther_than_their_file_says_widen_the_std_by_that_of_a_radius() -> None:
     unsure, wrong = (replace(good(), slip_ratio=Estimate(-0.06, std)) for std in (0.02, 0.01))
-    assert guard(unsure, SAND).health.grade == "good"
-    seen = guard(wrong, SAND)
+    assert with_plausibility(unsure, SAND).health.grade == "good"
+    seen = with_plausibility(wrong, SAND)
     assert seen.health.grade == "fair"
     assert "hard floor" in seen.health.verdict
     assert seen.slip_ratio.std == pytest.approx(0.04)
@@ -71,7 +71,7 @@ def test_a_body_that_swings_on_steady_wheels_is_never_good(amplitude: float) -> 
     moving = np.array([phase != "rest" for phase in motion.phase])
     since = np.where(moving, motion.t - motion.t[moving][0], 0.0)
     swing = amplitude * (1.0 - np.cos(np.pi * since)) / np.pi
-    seen = guard(replace(motion, v=motion.v + np.where(moving, swing, 0.0)), SAND)
+    seen = with_plausibility(replace(motion, v=motion.v + np.where(moving, swing, 0.0)), SAND)
     assert seen.health.grade != "good"
     assert "swings" in seen.health.verdict or "reaches" in seen.health.verdict
     missed = float(np.mean(swing[moving])) / 0.3
@@ -90,43 +90,43 @@ def slipping(share: float, steady: float) -> Motion:
 
 
 def test_wheels_that_lose_half_their_way_all_the_time_may_be_of_another_gear() -> None:
-    seen = guard(slipping(1.0, 0.6), SAND)
+    seen = with_plausibility(slipping(1.0, 0.6), SAND)
     assert seen.health.grade == "poor"
     assert "gear ratio" in seen.health.verdict
     assert abs(seen.slip_ratio.value - 0.2) < 2.0 * seen.slip_ratio.std
 
 
 def test_wheels_that_grip_now_and_then_are_of_the_right_gear() -> None:
-    assert "gear ratio" not in guard(slipping(0.8, 0.15), SAND).health.verdict
+    assert "gear ratio" not in with_plausibility(slipping(0.8, 0.15), SAND).health.verdict
 
 
 def test_a_soil_on_which_wheels_slip_so_much_may_be_stated() -> None:
     mud = replace(SAND, slip=0.6, slip_std=0.1)
-    assert "gear ratio" not in guard(slipping(1.0, 0.6), mud).health.verdict
+    assert "gear ratio" not in with_plausibility(slipping(1.0, 0.6), mud).health.verdict
 
 
 def test_driving_down_a_slope_explains_wheels_that_brake() -> None:
     down = replace(good(), slip_ratio=Estimate(-0.2, 0.01), pitch=good().pitch + 0.2)
-    assert guard(down, SAND).health.grade == "good"
+    assert with_plausibility(down, SAND).health.grade == "good"
     level = replace(down, pitch=good().pitch)
-    assert guard(level, SAND).health.grade == "poor"
+    assert with_plausibility(level, SAND).health.grade == "poor"
 
 
 def test_a_slip_far_from_what_the_soil_states_is_poor() -> None:
-    assert guard(good(), FIRM).health.grade == "poor"
-    assert "contradicts the soil's 0.5 ± 2.0 %" in guard(good(), FIRM).health.verdict
+    assert with_plausibility(good(), FIRM).health.grade == "poor"
+    assert "contradicts the soil's 0.5 ± 2.0 %" in with_plausibility(good(), FIRM).health.verdict
 
 
 def test_innovations_far_beyond_their_prediction_are_poor() -> None:
     loud = replace(good(), health=replace(good().health, nis={"wheel": 25.0}))
-    assert guard(loud, SAND).health.grade == "poor"
-    assert "5.0 times" in guard(loud, SAND).health.verdict
+    assert with_plausibility(loud, SAND).health.grade == "poor"
+    assert "5.0 times" in with_plausibility(loud, SAND).health.verdict
 
 
 def test_a_slip_ratio_known_to_several_points_is_not_called_good() -> None:
     vague = replace(good(), slip_ratio=Estimate(0.13, 0.08))
-    assert guard(vague, SAND).health.grade == "fair"
-    assert "± 8 points" in guard(vague, SAND).health.verdict
+    assert with_plausibility(vague, SAND).health.grade == "fair"
+    assert "± 8 points" in with_plausibility(vague, SAND).health.verdict
 
 
 @pytest.mark.parametrize("share", [0.6, 0.8, 1.25])
@@ -136,7 +136,7 @@ def test_a_wheel_that_rolls_unlike_three_that_agree_is_in_the_slip_of_the_robot(
     rolled = way * (3.0 + share) / 4.0
     slip = Estimate(1.0 - good().distance.value / rolled, good().slip_ratio.std)
     odd = replace(good(), v_wheel=turned, slip_ratio=slip, distance_wheels=Estimate(rolled, 1e-4))
-    seen = guard(odd, SAND)
+    seen = with_plausibility(odd, SAND)
     assert seen.health.grade == "fair"
     assert f"wheel rl rolls {100 * abs(share - 1):.0f} %" in seen.health.verdict
     assert abs(seen.slip_ratio.value - 0.0970) < 2.0 * seen.slip_ratio.std
@@ -147,11 +147,11 @@ def test_a_wheel_that_rolls_unlike_three_that_agree_is_in_the_slip_of_the_robot(
 @pytest.mark.parametrize("shares", [(1.0, 1.0, 0.92, 1.0), (0.7, 1.0, 0.7, 1.0), (1.0, 1.1, 1.2, 1.35)])
 def test_wheels_of_several_radii_and_sides_that_differ_are_no_odd_wheel(shares: tuple[float, ...]) -> None:
     other = replace(good(), v_wheel=good().v_wheel * np.array(shares))
-    assert guard(other, SAND) is other
+    assert with_plausibility(other, SAND) is other
 
 
 def test_what_was_put_right_keeps_the_grade_from_good() -> None:
-    seen = guard(good(), SAND, (Doubt("the IMU is 8.0 deg off level", grade="fair"),))
+    seen = with_plausibility(good(), SAND, (Doubt("the IMU is 8.0 deg off level", grade="fair"),))
     assert seen.health.grade == "fair"
     assert "8.0 deg" in seen.health.verdict
 
@@ -166,11 +166,11 @@ def surge(size: float) -> Motion:
 
 def test_a_body_that_swings_ahead_of_its_steady_wheels_is_poor() -> None:
     """As by a tone that a slow IMU folds to 1 Hz: the slip ratio over all looks usual."""
-    seen = guard(surge(0.5), SAND)
+    seen = with_plausibility(surge(0.5), SAND)
     assert seen.health.grade == "poor"
     assert "while the wheels turn steadily" in seen.health.verdict
     assert seen.slip_ratio.std > 0.2
-    assert guard(surge(0.05), SAND).health.grade == "good"
+    assert with_plausibility(surge(0.05), SAND).health.grade == "good"
 
 
 def test_a_wheel_that_loses_its_way_in_moments_is_in_the_slip_of_the_robot() -> None:
@@ -183,7 +183,7 @@ def test_a_wheel_that_loses_its_way_in_moments_is_in_the_slip_of_the_robot() -> 
     inside = (motion.t >= a) & (motion.t <= b)
     lost = 1.0 - float(np.mean(share[inside, 1]))
     slip = Estimate(1.0 - (1.0 - motion.slip_ratio.value) / (1.0 - lost / 4.0), motion.slip_ratio.std)
-    seen = guard(replace(motion, v_wheel=motion.v_wheel * share, slip_ratio=slip), SAND)
+    seen = with_plausibility(replace(motion, v_wheel=motion.v_wheel * share, slip_ratio=slip), SAND)
     assert seen.health.grade == "fair"
     assert "wheel fr rolls" in seen.health.verdict
     assert "in some moments" in seen.health.verdict

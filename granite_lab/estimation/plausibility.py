@@ -41,7 +41,7 @@ HALF = 0.5
 """Slip ratio that wheels seem to have at least whose angles are two or more times too large."""
 
 
-def guard(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) -> Motion:
+def with_plausibility(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) -> Motion:
     """Return the motion with the grade, and the std, that everything known beside the filter allows.
 
     Args:
@@ -82,7 +82,7 @@ def common_gaps(motion: Motion, gaps: Sequence[Interval], wheels: WheelStream | 
             )  # fmt: skip
 
 
-def silent_rates(motion: Motion, wheels: WheelStream | None) -> Iterator[Doubt]:
+def missing_rates(motion: Motion, wheels: WheelStream | None) -> Iterator[Doubt]:
     """Yield the time of the steady part in which no wheel's rate was logged.
 
     A counter goes on meanwhile; the way that a wheel rolled without one is assumed, and so is the slip.
@@ -100,7 +100,7 @@ def silent_rates(motion: Motion, wheels: WheelStream | None) -> Iterator[Doubt]:
         )  # fmt: skip
 
 
-def unclosed(motion: Motion, open_ends: Sequence[str]) -> Iterator[Doubt]:
+def open_end_changes(motion: Motion, open_ends: Sequence[str]) -> Iterator[Doubt]:
     """Yield the change of slip in a motion that begins or ends without a standstill.
 
     A bias that changes in motion looks like that, and no standstill tells them apart: each is as likely.
@@ -117,7 +117,7 @@ def unclosed(motion: Motion, open_ends: Sequence[str]) -> Iterator[Doubt]:
 
 
 @dataclass(frozen=True, eq=False)
-class Steadily:
+class SteadyPart:
     """How wheels and body go while the wheels turn steadily, and which slip ratios wheels and soil allow.
 
     Attributes:
@@ -139,18 +139,18 @@ def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
     stated = soil.slip_std < 1.0
     low = -SlipModel.per_acceleration * GRAVITY * max(_downhill(motion), 0.0)
     usual = soil.slip if stated else SlipModel.steady
-    steadily = Steadily(*_speeds(motion, _in_phase(motion, "steady")), low, usual, stated)
+    steady = SteadyPart(*_speeds(motion, _in_phase(motion, "steady")), low, usual, stated)
     for kind, nis in motion.health.nis.items():
         if nis > UNFIT**2:
             yield Doubt(scattering(kind, nis), grade="poor")
-    yield from _odd_wheel(motion)
+    yield from _differing_wheel(motion)
     if motion.slip_ratio.std > TELLING:
         points = 100.0 * motion.slip_ratio.std
         known = f"known to ± {points:.0f} points only" if points < 100.0 else "not known at all"
         yield Doubt(f"the slip ratio is {known}", grade="fair")
-    yield from _surging(steadily)
-    yield from _swinging(steadily)
-    yield from _geared(motion, steadily)
+    yield from _faster_than_wheels(steady)
+    yield from _oscillating(steady)
+    yield from _scaled_angles(motion, steady)
     for slip, where in slips_of(motion):
         seen = f"a slip ratio of {100 * slip.value:.1f} ± {100 * slip.std:.1f} % {where}"
         wrong = 0.5 * abs(slip.value - usual)
@@ -166,55 +166,55 @@ def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
             yield Doubt(f"{seen} contradicts the soil's {states}", grade="poor", std=wrong)
 
 
-def _surging(steadily: Steadily) -> Iterator[Doubt]:
+def _faster_than_wheels(steady: SteadyPart) -> Iterator[Doubt]:
     """Yield the doubt about a body that is faster, or goes the other way, than its steady wheels allow.
 
     The slip ratio over all may look usual while vibration that the IMU folds to slow frequencies, or a bias
     that changes, swings the velocity. It is judged over `FOLLOWS`, from `low` to 1 within its std.
     """
-    rolls = np.abs(steadily.wheels) > MOVING  # not where they are unknown
-    wheels = steadily.wheels[rolls]
-    slip, unsure = 1.0 - steadily.body[rolls] / wheels, steadily.std[rolls] / np.abs(wheels)
-    beyond = np.maximum(steadily.low - slip, slip - 1.0)
+    rolls = np.abs(steady.wheels) > MOVING  # not where they are unknown
+    wheels = steady.wheels[rolls]
+    slip, unsure = 1.0 - steady.body[rolls] / wheels, steady.std[rolls] / np.abs(wheels)
+    beyond = np.maximum(steady.low - slip, slip - 1.0)
     contradicted = beyond > CONTRADICTS * np.hypot(unsure, RADIUS)
     if slip.size >= FEWEST and np.count_nonzero(contradicted) > OUTLIERS * slip.size:
         worst = float(slip[np.argmax(beyond)])
         seen = f"the slip ratio reaches {100 * worst:.0f} % while the wheels turn steadily"
         why = "which rolling wheels do not allow"
-        yield Doubt(f"{seen}, {why}", grade="poor", std=0.5 * abs(worst - steadily.usual))
+        yield Doubt(f"{seen}, {why}", grade="poor", std=0.5 * abs(worst - steady.usual))
 
 
-def _swinging(steadily: Steadily) -> Iterator[Doubt]:
+def _oscillating(steady: SteadyPart) -> Iterator[Doubt]:
     """Yield the doubt about a body that goes faster and slower on steady wheels than uneven sand makes it.
 
     Vibration that is folded to a slow frequency looks like that. It also leaves an error of the velocity that
     does not change, since the body stood when it began: of any size up to the swing, so that the rms of the
     swing is the std. A jump of the slip swings once: the median of all accelerations tells.
     """
-    slip_velocity = steadily.wheels - steadily.body
+    slip_velocity = steady.wheels - steady.body
     gained = np.abs(np.diff(slip_velocity))
     if gained.size >= FEWEST and float(np.median(gained)) > UNEVEN * FOLLOWS:
-        swing = float(np.std(slip_velocity) / max(float(np.mean(np.abs(steadily.wheels))), MOVING))
+        swing = float(np.std(slip_velocity) / max(float(np.mean(np.abs(steady.wheels))), MOVING))
         seen = f"the slip ratio swings by ± {100 * swing:.0f} points while the wheels turn steadily"
         why = "uneven ground, or vibration that is folded to slow frequencies"
         remedy = "mount the IMU stiffly, with its low-pass on, and log it faster"
         yield Doubt(f"{seen}: {why}", remedy=remedy, grade="fair", std=swing)
 
 
-def _geared(motion: Motion, steadily: Steadily) -> Iterator[Doubt]:
+def _scaled_angles(motion: Motion, steady: SteadyPart) -> Iterator[Doubt]:
     """Yield the doubt about wheels that seem to slip by half at least, whenever they turn steadily.
 
     Angles that are too large by a whole number, by a gear or by the edges of a count, look like that. Wheels
     that slip so much by themselves grip now and then, or turn while the body stands; those that never do are
     as likely to be the one as the other.
     """
-    slip, wheels = motion.slip_ratio, steadily.wheels
+    slip, wheels = motion.slip_ratio, steady.wheels
     at_rest = np.abs(np.nan_to_num(mean_known(motion.v_wheel)))[_in_phase(motion, "rest")]
-    if steadily.stated or not slip.value + CONTRADICTS * slip.std > HALF or (at_rest > MOVING).any():
+    if steady.stated or not slip.value + CONTRADICTS * slip.std > HALF or (at_rest > MOVING).any():
         return
-    surely = np.sign(wheels) * steadily.body - CONTRADICTS * steadily.std
+    surely = np.sign(wheels) * steady.body - CONTRADICTS * steady.std
     grips = surely > (1.0 - HALF) * np.maximum(np.abs(wheels), MOVING)
-    factor = round((1.0 - steadily.usual) / max(1.0 - slip.value, 1e-3))
+    factor = round((1.0 - steady.usual) / max(1.0 - slip.value, 1e-3))
     if factor < 2 or np.count_nonzero(grips) > OUTLIERS * grips.size:
         return
     seen = f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % whenever wheels turn steadily"
@@ -223,7 +223,7 @@ def _geared(motion: Motion, steadily: Steadily) -> Iterator[Doubt]:
     yield Doubt(f"{seen}, {why}", remedy=remedy, grade="poor", rolled=math.sqrt(0.5) * (factor - 1))
 
 
-def _odd_wheel(motion: Motion) -> Iterator[Doubt]:
+def _differing_wheel(motion: Motion) -> Iterator[Doubt]:
     """Yield the doubt about a wheel that rolls another way than three that agree, in the steady part.
 
     They agree within the std of their radii, and it is beyond three of these: over all, or over `FOLLOWS`
@@ -233,10 +233,10 @@ def _odd_wheel(motion: Motion) -> Iterator[Doubt]:
     inside = (motion.t >= motion.steady[0]) & (motion.t <= motion.steady[1])
     if not inside.any() or not np.isfinite(motion.v_wheel[inside]).all():
         return
-    far = _odd_share(np.sum(motion.v_wheel[inside], axis=0, keepdims=True))
+    far = _differing_share(np.sum(motion.v_wheel[inside], axis=0, keepdims=True))
     how = f"{'more' if far.sum() > 0 else 'less'} than the others, which agree"
     if not far.any():
-        far = _odd_share(_means(motion, motion.v_wheel, inside))
+        far = _differing_share(_means(motion, motion.v_wheel, inside))
         far *= np.abs(far) > len(WHEELS) * motion.slip_ratio.std
         how = "unlike the others, which agree, in some moments"
     if far.any():
@@ -246,7 +246,7 @@ def _odd_wheel(motion: Motion) -> Iterator[Doubt]:
         yield Doubt(f"{seen}: {why}", grade="fair", rolled=share / len(WHEELS))
 
 
-def _odd_share(ways: Array) -> Array:
+def _differing_share(ways: Array) -> Array:
     """(4,) ways by which each wheel is at odds with three that agree, over the usual way of all (M, 4)."""
     usual = np.median(np.abs(ways), axis=1)
     far = np.abs(ways) / np.maximum(usual, MOVING)[:, None] - 1.0
