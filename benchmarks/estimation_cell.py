@@ -182,7 +182,7 @@ def summarise(scores: list[Score]) -> Summary:
     )
 
 
-def synchronize_roughly(cells: list[Summary]) -> str:
+def together(cells: list[Summary]) -> str:
     """Say what the coverages are over all cells, and whether the cells differ by more than chance."""
     trials = [s.trials - s.refused for s in cells]
     told = []

@@ -89,11 +89,11 @@ def hide(
         effect: ids joined by +; or ``random``: one of the library; ``pair``: two of it; ``outside``: one that
             it lacks; ``mixture``: several `causes`; ``none``.
         out: folder of the trials and the sealed answer.
-        causes: of a mixture, 2 to 5. Each alone reopens a tenth of the squared gap when it is absent.
+        causes: of a mixture, 2 to 5. Without any of them a tenth of the squared gap is left.
         soil_law: contact law in place of the paper's: ``stress_ahead``, ``exit_by_sinkage``,
             ``shear_softening``, ``bearing_limit``, or ``random``; the paper's by default.
         command: ``trapezoid``: the variants of Table 2; ``joystick``: a person's stick, another one in each
-            trial; ``recorded``: sticks that each repetition repeats.
+            trial; ``recorded``: sticks, the same in all repetitions.
         log_command: the desired velocity is a column of the logs.
         controller: ``paper``: (25), (26) by the robot's file; ``unknown``: one that no file states, drawn.
         seed: seed of all random numbers.

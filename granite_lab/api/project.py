@@ -62,7 +62,7 @@ class Project:
     logs: tuple[str, ...] = ()
     use_reference: bool = False
     ref_v_std: float | None = quantity("m/s", 1e-6, 10, "std of the reference's velocity", "", None)
-    ref_x_std: float | None = quantity("m", 1e-6, 100, "std of the reference's place", "", None)
+    ref_x_std: float | None = quantity("m", 1e-6, 100, "std of the reference's position", "", None)
     trial: tuple[OfTrial, ...] = ()
 
     def info_of(self, name: str) -> TrialInfo:

@@ -26,17 +26,17 @@ def hide(
         "lacks; mixture: several --causes; none.")],
     out: Annotated[Path, Option(help="Folder of the trials and the sealed answer.")],
     causes: Annotated[int, Option(
-        help="Of a mixture (2 to 5). Each alone reopens a tenth of the squared gap when it is absent.")] = 3,
+        help="Number of causes of a mixture (2 to 5). Without any of them a tenth of the squared gap is left.")] = 3,
     soil_law: Annotated[str, Option(
         help="Contact law in place of the paper's: stress_ahead, exit_by_sinkage, shear_softening, "
         "bearing_limit, or random.", show_default="the paper's")] = "",
     command: Annotated[str, Option(
         help="trapezoid: the variants of Table 2; joystick: a person's stick, another one in each trial; "
-        "recorded: sticks that each repetition repeats.")] = "trapezoid",
+        "recorded: sticks, the same in all repetitions.")] = "trapezoid",
     log_command: Annotated[bool, Option(
         "--log-command", help="The desired velocity is a column of the logs.")] = False,
     controller: Annotated[str, Option(
-        help="paper: as in the robot's file; unknown: another one, which no file states.")] = "paper",
+        help="paper: as in the robot's file; unknown: another one that is not in any file.")] = "paper",
     seed: Annotated[int, Option(help="Seed of all random numbers.")] = 0,
     strength: Annotated[float, Option(help="Factor on the effect's size (0.001 to 1000).")] = 1.0,
     sizes: Annotated[list[str] | None, Option(
@@ -85,7 +85,7 @@ def reveal(
 ) -> None:  # fmt: skip
     """Decode the answer of a set of trials, and compare a finding with it.
 
-    Without a discovery, only the answer is printed.
+    Without --finding only the answer is printed.
     """
     opened, printer = gl.reveal(folder, finding), Printer(as_json)
     warn(opened.warnings)

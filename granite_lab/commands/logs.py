@@ -177,7 +177,7 @@ def ingest(
 
     The motion of each log is written as a table, a row for each IMU sample.
 
-    The logs are listed beside the tables: they are the default of other commands.
+    Other commands take these logs where none are named.
     """
     from granite_lab.api.at_hand import refuse_others, remember
     from granite_lab.api.project import results_folder

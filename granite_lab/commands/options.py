@@ -64,7 +64,7 @@ UseReference = Annotated[bool, Option(
     "--use-reference", help="Use the log's external reference as a measurement; its std must be known.",
 )]  # fmt: skip
 RefVStd = Annotated[float | None, Option(help="Std of the reference's velocity [m/s].")]
-RefXStd = Annotated[float | None, Option(help="Std of the reference's place [m].")]
+RefXStd = Annotated[float | None, Option(help="Std of the reference's position [m].")]
 DriveBy = Annotated[str, Option(
     "--drive", help="What drives the simulation: wheels, as they were measured; command; or auto, the "
     "command where it is stated and the wheels follow it, else the wheels.")]  # fmt: skip

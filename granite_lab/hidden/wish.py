@@ -15,7 +15,7 @@ from granite_lab.hidden.influence import Size
 from granite_lab.parameters import Soil, Variant
 
 COMMANDS = ("trapezoid", "joystick", "recorded")
-"""Trapezoids of Table 2; a person's stick, another one in each trial; sticks that each repetition repeats."""
+"""Trapezoids of Table 2; a person's stick, another one in each trial; sticks, the same in all repetitions."""
 
 CONTROLS = ("paper", "unknown")
 """Who turns the wheels: (25), (26) by the robot's file, or a drawn controller that no file states."""

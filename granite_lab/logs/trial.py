@@ -139,7 +139,7 @@ class Stated:
     distance_measured: float | None = quantity("m", 1e-3, 1e6, "total distance by tape", "", None)
     distance_measured_std: float | None = quantity("m", 1e-6, 1e4, "its std", "", None)
     ref_v_std: float | None = quantity("m/s", 1e-6, 10, "std of the reference's velocity", "", None)
-    ref_x_std: float | None = quantity("m", 1e-6, 100, "std of the reference's place", "", None)
+    ref_x_std: float | None = quantity("m", 1e-6, 100, "std of the reference's position", "", None)
     use_reference: bool = False
 
     @property

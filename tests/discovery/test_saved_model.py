@@ -71,11 +71,12 @@ def test_a_set_that_carries_worse_than_the_files_is_set_aside(monkeypatch: pytes
         return None if found is None or "push" in of.point.effects else 0 * found
 
     assert search(problem, base, ("push", "pull"), TOLERANCE).best.effects == ("push",)
-    monkeypatch.setattr(searching, "carried", bad)
-    assert search(problem, base, ("push", "pull"), TOLERANCE).best.effects == (
-        "push",
-    )  # where all do, none is
-    monkeypatch.setattr(searching, "carried", lambda p, f, t: bad(p, f, t) if len(f.point.effects) else None)
+    monkeypatch.setattr(searching, "loss_of_model", bad)
+    found = search(problem, base, ("push", "pull"), TOLERANCE)
+    assert found.best.effects == ("push",)  # where all do, none is
+    monkeypatch.setattr(
+        searching, "loss_of_model", lambda p, f, t: bad(p, f, t) if len(f.point.effects) else None
+    )
     found = search(problem, base, ("push", "shove"), TOLERANCE)
     assert found.best.effects == ("shove",)
     assert "push" in found.negligible or found.models[0] is found.best
@@ -87,7 +88,7 @@ def test_the_files_are_saved_where_nothing_is_named_and_all_else_predicts_worse(
     problem, base, _ = pushed()
     found = search(problem, base, ("push",), TOLERANCE)  # a library of one effect
     judgement = judge(problem, found, TOLERANCE)
-    monkeypatch.setattr(stage, "worse", lambda *_: True)
+    monkeypatch.setattr(stage, "predicts_worse", lambda *_: True)
     assert savable(problem, found, judgement, TOLERANCE) is judgement  # what is named is saved
     unsure = replace(judgement, verdict="unknown", named=(), described=judgement.named)
     kept = savable(problem, found, unsure, TOLERANCE)
@@ -96,5 +97,5 @@ def test_the_files_are_saved_where_nothing_is_named_and_all_else_predicts_worse(
     assert kept.closed.value == kept.speeds.value == 0.0
     assert kept.described == ()
     assert [n.id for n in kept.small] == ["push"]
-    monkeypatch.setattr(stage, "worse", lambda *_: False)
+    monkeypatch.setattr(stage, "predicts_worse", lambda *_: False)
     assert savable(problem, found, unsure, TOLERANCE) is unsure

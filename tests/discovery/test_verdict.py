@@ -296,12 +296,9 @@ def test_a_small_effect_that_promises_most_does_not_hide_another(monkeypatch: py
         little = "shake" in after.point.effects and "shake" not in before.point.effects
         return {"accel_x": 0.5 * TOLERANCE if little else 1.0}
 
-    for name, told in (
-        ("good", lambda *_: True),
-        ("strained", lambda *_: False),
-        ("prediction_change", moved),
-    ):
-        monkeypatch.setattr(f"granite_lab.discovery.search.{name}", told)
+    monkeypatch.setattr("granite_lab.discovery.fitted_sets.is_adequate", lambda *_: True)
+    monkeypatch.setattr("granite_lab.discovery.fitted_sets.has_strained_trials", lambda *_: False)
+    monkeypatch.setattr("granite_lab.discovery.search.prediction_change", moved)
     found = ask.__wrapped__(push=0.3, shake=0.2).search
     assert (found.best.effects, found.negligible) == (("push",), ("shake",))
 
@@ -462,17 +459,17 @@ def test_an_effect_that_closes_less_than_a_channel_s_noise_leaves_unexplained_is
 ) -> None:
     """The set leaves 3 % of the gap."""
     answer = ask(push=0.3, shake=0.15, discrepancy=0.0)
-    asked, whole = verdict._named, verdict.performance_of
+    asked, whole = verdict._evidence_of, verdict.performance_of
 
     def one(*given: Any) -> EffectEvidence:
         effect = asked(*given)
         return replace(effect, closes=Estimate(closes, 0.001)) if effect.id == "shake" else effect
 
-    monkeypatch.setattr(verdict, "_named", one)
+    monkeypatch.setattr(verdict, "_evidence_of", one)
     monkeypatch.setattr(
         verdict, "performance_of", lambda *given: replace(whole(*given), closed=Estimate(0.97, 0.001))
     )
-    monkeypatch.setattr(verdict, "good", lambda *_: clean)
+    monkeypatch.setattr(verdict, "is_adequate", lambda *_: clean)
     found = judge(answer.problem, answer.search, TOLERANCE)
     assert {n.id for n in found.named} == named
     assert found.verdict == ("named" if len(named) == 2 else "partly named")

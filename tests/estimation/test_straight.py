@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from granite_lab.chain import sloped, soil_doubt
+from granite_lab.chain import slope_effects, soil_doubt
 from granite_lab.estimation import Motion
 from granite_lab.estimation.outcome import find_phases
 from granite_lab.estimation.straight import straightness_of
@@ -112,8 +112,8 @@ def test_the_sign_of_the_pitch_rate_is_not_judged_by_a_motion_that_turns() -> No
 def test_a_stated_slope_enters_the_model_and_an_assumed_soil_is_told() -> None:
     trial = truth().trial
     uphill = replace(trial, info=replace(trial.info, extra={"slope_deg": "4.0"}))
-    assert sloped(trial) == ()
-    (active,) = sloped(uphill)
+    assert slope_effects(trial) == ()
+    (active,) = slope_effects(uphill)
     assert (active.id, active.values) == ("ground_slope", (4.0,))
     husky, unnamed = load_robot("husky"), replace(trial, info=replace(trial.info, soil=None))
     assert "dry sand is assumed" in str(soil_doubt(unnamed, husky, Options()))

@@ -87,7 +87,7 @@ def test_wheels_drive_where_no_command_is_known(gains: float) -> None:
     assert abs(a - A_THETA) < 2 * std < 0.6
 
 
-def test_the_fit_finds_by_how_much_a_command_that_nobody_states_leads() -> None:
+def test_the_fit_finds_by_how_much_a_command_that_is_not_stated_leads() -> None:
     """By (24), (26) it is k_e n_d / k_P of the acceleration, whose transients are left out."""
     gains, drive = 0.4, ROBOT.drive
     assert drive is not None

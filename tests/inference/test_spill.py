@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granite_lab.discovery.search import Search, search
+from granite_lab.discovery.models import Search
+from granite_lab.discovery.search import search
 from granite_lab.inference.constants import TOLERANCE
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.setup import baseline
