@@ -26,7 +26,8 @@ def hide(
         "lacks; mixture: several --causes; none.")],
     out: Annotated[Path, Option(help="Folder of the trials and the sealed answer.")],
     causes: Annotated[int, Option(
-        help="Number of causes of a mixture (2 to 5). Without any of them a tenth of the squared gap is left.")] = 3,
+        help="Number of causes of a mixture (2 to 5). Without any of them a tenth of the squared gap is "
+        "left.")] = 3,
     soil_law: Annotated[str, Option(
         help="Contact law in place of the paper's: stress_ahead, exit_by_sinkage, shear_softening, "
         "bearing_limit, or random.", show_default="the paper's")] = "",
