@@ -42,15 +42,14 @@ HUSKY = str(BY_HAND / "husky.toml")
 
 ICP = (
     "A step of 6 s follows the one before without a standstill: without the reference its steady slip cannot "
-    "be seen. The places by ICP scatter by up to 0.4 m. The length of the path through them is too long: it "
-    "gave -11.1 ± 0.3 % for step_036 of the Warthog; their way along the heading is used."
+    "be seen. The positions by ICP scatter by up to 0.4 m, so that the path through them is too long "
+    "(step_036 of the Warthog would slip by -11.1 ± 0.3 %). Their distance along the heading is used."
 )
 """What is to be said of the reference of DRIVE."""
 
 REVERSED = (
-    "In step_074 the wheels come over from -1.2 m/s. An earlier estimate took them for standing while they "
-    "passed through zero, and found 94.8 ± 25.9 %; it no longer does. The wheels' stamps come some 0.35 s "
-    "after those of the IMU."
+    "In step_074 the wheels pass from -1.2 m/s through zero without standing. The wheels' stamps come some "
+    "0.35 s after those of the IMU."
 )
 """What is to be said of the Warthog."""
 

@@ -22,14 +22,14 @@ the reference that came with the set, k_92 or why there is none, and what the re
 licence are not part of the project; the sources are named. `make real DATA=FOLDER` writes this page;
 numbers: [tables/real-trials.csv](tables/real-trials.csv).
 
-The robots have no [drive]: the measured wheels drive the model. k_92 is that of the estimate with the
-reference, where there is one; its 95 % interval holds the soil's and the wheel radius' uncertainty ("to 0.3":
+The robots have no [drive]: the measured wheels drive the model. k_92 comes from the estimate with the
+reference, where there is one. Its 95 % interval contains the uncertainty of soil and wheel radius ("to 0.3":
 trials in which it is at most 0.3 wide). The ground of a set without a soil by its authors is assumed: DRIVE's
 grass as upland sandy loam.
 
-λ_R by the reference is one less its way over that of the wheels, over the same steady part, without any
-estimate. z: the estimate without the reference less it, over both std. Estimates by IMU and wheels of
-other sets: [estimation-real](estimation-real.md).
+λ_R by the reference is 1 − (its distance) / (distance of the wheels) over the same steady part; no estimate
+enters. z: λ_R of the estimate without the reference minus that by the reference, over both std. Estimates by IMU
+and wheels of other sets: [estimation-real](estimation-real.md).
 """
 
 

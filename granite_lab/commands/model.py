@@ -189,8 +189,8 @@ def robot(
         help="A robot whose numbers stand in for those that are not given: a name of the catalogue or a "
         ".toml file.")] = None,
     analysis: Annotated[str, Option(
-        help="Ask on a terminal for the numbers that this analysis needs: estimate, counts, wheels or motors. "
-        "Each needs those of the ones before it, too.")] = "motors",
+        help="Ask on a terminal for the numbers that this analysis needs: estimate, counts, wheels or "
+        "motors. Each needs those of the ones before it, too.")] = "motors",
     as_json: Json = False,
 ) -> None:  # fmt: skip
     """Write the commented file of a robot, and say which analyses it allows.
