@@ -28,8 +28,8 @@ trials in which it is at most 0.3 wide). The ground of a set without a soil by i
 grass as upland sandy loam.
 
 λ_R by the reference is 1 − (its distance) / (distance of the wheels) over the same steady part; no estimate
-enters. z: λ_R of the estimate without the reference minus that by the reference, over both std. Estimates by IMU
-and wheels of other sets: [estimation-real](estimation-real.md).
+enters. z: λ_R of the estimate without the reference minus that by the reference, over both std. Estimates by
+IMU and wheels of other sets: [estimation-real](estimation-real.md).
 """
 
 

@@ -185,8 +185,8 @@ class Stage:
         point = self.point(problem, model)
         if (number, model) not in self._derivatives:
             near = next((s for (n, _), s in self._derivatives.items() if n == number), None)
-            if (derivatives_there := differentiate(problem, point, near, central=False)) is not None:
-                self._derivatives[number, model] = derivatives_there
+            if (new := differentiate(problem, point, near, central=False)) is not None:
+                self._derivatives[number, model] = new
         derivatives = self._derivatives.get((number, model))
         runs = problem.respond([problem.centre(self.point(problem, other), 0) for other in others])
         if derivatives is None or runs is None:
