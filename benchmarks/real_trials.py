@@ -58,7 +58,7 @@ BACKWARDS = "Its IMU looks backwards: step_197 was refused until the robot's fil
 
 NO_ANCHOR = (
     "No run has a standstill, a reference or a measured way. Slip that is steady cannot be seen by an IMU "
-    "then: 0 to 100 % are possible, and no k_92 can be had whatever drives the model."
+    "then: 0 to 100 % are possible, and no k_92 follows, whatever drives the model."
 )
 """What is to be said of the logs of the Husky without a reference."""
 

@@ -80,7 +80,7 @@ def corrected(path: Path, options: Options) -> tuple[Trial, Robot, Motion]:
 
     Raises:
         InputError: the log cannot be used.
-        EstimateError: the motion cannot be had from it.
+        EstimateError: the motion cannot be estimated from it.
     """
     logged, robot = read(path, options)
     trial, motion = estimation.correct(logged, robot, soil=soil_of(logged, options.soil))

@@ -61,7 +61,7 @@ class InputError(LabError):
 
 
 class EstimateError(LabError):
-    """The data are readable, but the asked estimate or fit cannot be had from them."""
+    """The data are readable, but they do not allow the estimate or fit."""
 
     exit_code = 4
 

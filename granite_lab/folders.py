@@ -105,10 +105,10 @@ def refuse_foreign(folder: Path, names: Iterable[str | Path]) -> None:
     Raises:
         LabError: one of the files is in the way.
     """
-    mine = {name for files in written_in(folder).values() for name in files}
+    written = {name for files in written_in(folder).values() for name in files}
     for name in map(Path, names):
         target = folder / name
-        if os.path.lexists(target) and (name.as_posix() not in mine or target.is_dir()):
+        if os.path.lexists(target) and (name.as_posix() not in written or target.is_dir()):
             hint = "move it away, or choose another --out"
             raise LabError(f"{target}: is in the way, and granite-lab did not write it", hint)
 

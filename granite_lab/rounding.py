@@ -10,7 +10,7 @@ from decimal import Decimal
 from granite_lab.estimate import Estimate
 
 NONE = "–"
-"""What stands where a number could not be had."""
+"""What stands in place of a number that is not known."""
 
 _SPACE = "\u00a0"  # no line break between a number and its unit
 _UNIT = re.compile(r"(?<=\d) (?=[%°±]|(?:m/s|mm/s|s/m|N m|ms|mrad|points)\b)|(?<=±) ")

@@ -118,7 +118,7 @@ def ingest(
 
     Raises:
         InputError: no log can be used.
-        EstimateError: the motion cannot be had from any.
+        EstimateError: the motion cannot be estimated from any.
         UsageError: the arguments do not fit together.
     """
     options = options_of(locals())

@@ -151,12 +151,12 @@ def _projects_of(files: Sequence[Path]) -> dict[Path, tuple[Path, Project]]:
     """Return for each log the project that holds for it, behind the folder in which its file lies."""
     if files and not any(map(os.path.exists, files)):
         refuse_special(files[0])  # raises an error with the reason
-    here = Path()
-    mine = project_in(here)
-    listed = {path.resolve() for path in (trial_files(mine.logs) if mine.logs else ())}
+    working = Path()
+    project = project_in(working)
+    listed = {path.resolve() for path in (trial_files(project.logs) if project.logs else ())}
     beside = {folder: project_in(folder) for folder in dict.fromkeys(path.parent for path in files)}
     return {
-        path: (here, mine)
+        path: (working, project)
         if path.resolve() in listed and not (path.parent / FILE).is_file()
         else (path.parent, beside[path.parent])
         for path in files

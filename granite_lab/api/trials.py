@@ -98,7 +98,7 @@ def fit_k92(
 
     Raises:
         InputError: a log or file cannot be used.
-        EstimateError: an estimate or fit cannot be had.
+        EstimateError: an estimate or fit is not possible.
     """
     options = options_of(locals())
     execution = execution_of(jobs, scheduler, cache=cache)

@@ -148,8 +148,8 @@ def speeds_where(
     """
     speed, std = np.full_like(y, np.nan), np.full_like(y, np.nan)
     alike: dict[tuple[int, int], list[int]] = {}
-    for i, mine in enumerate(known.T):
-        for run in runs(mine):
+    for i, known_of_wheel in enumerate(known.T):
+        for run in runs(known_of_wheel):
             alike.setdefault(run, []).append(i)
     for (a, b), wheels in alike.items():
         if b - a >= FEWEST:

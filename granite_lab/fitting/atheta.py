@@ -84,7 +84,7 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
     fits = [item for item in items if isinstance(item, K92Fit)]
     if fits and len(fits) == len(items) and not any(fit.slip_known for fit in fits):
         raise EstimateError(
-            "no trial has a λ_R that is known to 5 points, so k_92 and a_θ cannot be had",
+            "no trial has a λ_R that is known to 5 points, so k_92 and a_θ cannot be computed",
             "granite-lab ingest shows why: it grades the estimate of each trial",
         )
     kept, points, notes = gather(items)

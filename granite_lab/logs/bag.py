@@ -270,5 +270,5 @@ def assign(joints: Sequence[str]) -> dict[str, tuple[str, ...]]:
         claims[joint] = wheels if len(wheels) == 1 or "wheel" in joint.lower() else ()
     order = sorted(joints, key=lambda joint: (len(claims[joint]), "wheel" not in joint.lower()))
     taken = {wheel: joint for joint in reversed(order) for wheel in claims[joint]}
-    mine = {joint: tuple(w for w in claims[joint] if taken[w] == joint) for joint in joints}
-    return {joint: wheels for joint, wheels in mine.items() if wheels}
+    wheels_of = {joint: tuple(w for w in claims[joint] if taken[w] == joint) for joint in joints}
+    return {joint: wheels for joint, wheels in wheels_of.items() if wheels}

@@ -1,4 +1,4 @@
-"""Who integrates: machine code where it can be had, otherwise the interpreted graph."""
+"""The integrator of a run: machine code where it can be compiled, otherwise the interpreted graph."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Engine(Protocol):
 
 @cache
 def _compiler() -> Callable[[tuple[Effect, ...], Kind], Engine] | None:
-    """Return what makes an engine of a graph, where machine code can be had at all."""
+    """Return what makes an engine of a graph, where machine code can be compiled at all."""
     if os.environ.get(INTERPRETED):
         return None
     try:

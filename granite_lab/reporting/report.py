@@ -225,7 +225,7 @@ def _slip(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
 
 
 def _slip_alone(decided: Answers) -> Iterator[Maybe]:
-    """Show what can be had where no slip ratio is known well enough for k_92: the motion of each speed."""
+    """Show the motion of each speed, where no slip ratio is known well enough for k_92."""
     yield (
         "No slip ratio is known to 5 points. So k_92, the comparison with the model and the search for a "
         "missing effect are left out."

@@ -91,9 +91,9 @@ def fingerprint(path: Path) -> str:
 def trial_key(computed: str, path: Path, options: Options) -> str:
     """Return the key of the result of some work, by its name, on one trial."""
     files = [(str(p), fingerprint(p), fingerprint(sidecar(p))) for p in (path, *options.files())]
-    mine = dataclasses.replace(options, tolerance=0.0, latency=0.0, exclude=())  # of all trials
-    mine = dataclasses.replace(mine, info=options.info_of(path), of_trials=())
-    return digest_of(code(), computed, files, content(mine))
+    of_trial = dataclasses.replace(options, tolerance=0.0, latency=0.0, exclude=())  # of all trials
+    of_trial = dataclasses.replace(of_trial, info=options.info_of(path), of_trials=())
+    return digest_of(code(), computed, files, content(of_trial))
 
 
 def digest_of(*parts: Any) -> str:

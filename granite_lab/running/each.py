@@ -40,7 +40,7 @@ AHEAD = 2
 PATIENCE = 10
 """Time after which a pool that finishes nothing is looked at, and that a scheduler has to answer [s]."""
 
-_alone = threading.Lock()
+_one_at_a_time = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -166,18 +166,18 @@ def _run(
         return
     queue, suspects = deque(enumerate(items)), deque[tuple[int, X]]()
     while queue or suspects:
-        alone, ended = not queue, False
+        single, ended = not queue, False
         inside: dict[Future[Y], tuple[int, X]] = {}
-        pool = worker_pool(1 if alone else workers)
-        room = partial(int, 1 if alone else workers * (1 + AHEAD))
+        pool = worker_pool(1 if single else workers)
+        room = partial(int, 1 if single else workers * (1 + AHEAD))
         try:
             for index, future in _finished(pool, call, queue or suspects, inside, room):
                 yield index, future.result()
             ended = True
         except BrokenProcessPool:
-            if not alone:
+            if not single:
                 suspects.extend(inside.values())
-            for index, item in inside.values() if alone else ():
+            for index, item in inside.values() if single else ():
                 yield index, LabError(f"{item}: the process that worked on it died", SHORT_OF_MEMORY)
         finally:
             shut_down(pool, kill=not ended)
@@ -279,7 +279,7 @@ def on_worker(call: Callable[[X], Y], item: X, folder: str, code: str) -> Y | La
             f"{item}: a worker runs another version of granite-lab, or other libraries",
             "install the same ones on all workers and start them again",
         )
-    with _alone:
+    with _one_at_a_time:
         try:
             os.chdir(folder)
         except OSError:
