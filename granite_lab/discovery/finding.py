@@ -278,7 +278,7 @@ class Residual:
 
 @dataclass(frozen=True)
 class GroundWave:
-    """What repeats with the place of the robot at all speeds, in another phase in each trial.
+    """What repeats with the position of the robot at all speeds, in another phase in each trial.
 
     Attributes:
         wavelength: of the ground [m].
@@ -345,7 +345,7 @@ class Finding(Shown):
         discrepancy: share of each channel's rms that the model with the effects misses, as learnt.
         scatter: channel to how far repetitions of a command differ slowly and beyond noise, as a share of its
             rms in motion; only where that is more than a tenth.
-        ground_wave: what repeats with the place of the robot; None where nothing does.
+        ground_wave: what repeats with the position of the robot; None where nothing does.
         trials_left_out, speeds_left_out: predictions; empty where nothing could be left out.
         dropped: name of a trial that nothing fits, and why it was left out of the analysis.
         notes: what could not be told and why.

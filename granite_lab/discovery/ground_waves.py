@@ -1,4 +1,4 @@
-"""Waves of the ground: what the model leaves and what repeats with the place of the robot at all speeds.
+"""Waves of the ground: what the model leaves and what repeats with the position of the robot at all speeds.
 
 Each trial meets them with another phase. What trials have in common does not show them then, and the noise
 as learnt takes them in. A wave has one wavelength at every speed, a resonance of the frame one frequency, and

@@ -156,7 +156,7 @@ class Judgement:
         scatter: channel to how far repetitions differ, where that is more than `LEAST_SHARE`; see
             `inference.gap.scatter`.
         competition: how often each set wins on other speeds or trials; None where no set competes.
-        ground_wave: what repeats with the place of the robot; None where nothing does.
+        ground_wave: what repeats with the position of the robot; None where nothing does.
     """
 
     verdict: Verdict

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -78,7 +78,7 @@ def differing(judgement: Judgement) -> str:
 
 def waving(wave: GroundWave) -> str:
     """Say how long the waves of the ground are, and how they show."""
-    length, by = plus_minus(wave.wavelength, "mm", 1e3), "the place of the robot"
+    length, by = plus_minus(wave.wavelength, "mm", 1e3), "the position of the robot"
     if math.isfinite(wave.order):
         by += f", or {wave.order:.2g} times a turn of the wheels,"
     return (
@@ -104,51 +104,61 @@ def _name(effect: EffectFinding) -> str:
     return effect.id
 
 
-def notes(
-    problem: Problem,
-    judgement: Judgement,
-    effects: Sequence[EffectFinding],
-) -> tuple[str, ...]:
+def notes(problem: Problem, judgement: Judgement, effects: Sequence[EffectFinding]) -> tuple[str, ...]:
     """List what could not be told and why."""
-    lines = []
+    return (
+        *_notes_on_trials(problem),
+        *_notes_on_model(problem, judgement, effects),
+        *_notes_on_sizes(judgement, effects),
+    )
+
+
+def _notes_on_trials(problem: Problem) -> Iterator[str]:
+    """Yield what the trials cannot show: too few speeds, sensors that were not logged."""
     if len(problem.commands) == 1:
-        lines.append(
+        yield (
             "At one speed, effects that differ in how they grow with speed cannot be told apart, nor from "
             "sand that differs from its file."
         )
     channels = {c for t in problem.trials for c in t.channels}
+    by_wheels = any(is_driven(t.observation.variant) for t in problem.trials)
     for kind, name, lost in (
         ("current", "currents", "friction, efficiency and torque constant of the drives"),
         ("accel", "accelerations", "the motion of the body"),
         ("wheel", "wheel angles", "the motion of the wheels"),
     ):
-        driven = kind == "wheel" and any(is_driven(t.observation.variant) for t in problem.trials)
-        if not driven and not any(c.startswith(kind) for c in channels):
-            lines.append(f"No {name} were logged, so {lost} cannot be seen.")
+        if not any(c.startswith(kind) for c in channels) and not (kind == "wheel" and by_wheels):
+            yield f"No {name} were logged, so {lost} cannot be seen."
+
+
+def _notes_on_model(
+    problem: Problem, judgement: Judgement, effects: Sequence[EffectFinding]
+) -> Iterator[str]:
+    """Yield what the likeliest model leaves open: weak candidates, another law, scatter, no optimum."""
     if judgement.verdict == "unknown" and judgement.small:
         best = ", ".join(n.id for n in judgement.small)
-        lines.append(f"The likeliest candidates ({best}) do not explain enough to be named.")
+        yield f"The likeliest candidates ({best}) do not explain enough to be named."
     library = problem.pool.scenario.effects
-    laws = [e.id for e in effects if e.id in library and library[e.id].law]
-    if laws:
-        lines.append(f"The soil follows another law than the model's: {' and '.join(laws)}.")
+    if laws := [e.id for e in effects if e.id in library and library[e.id].law]:
+        yield f"The soil follows another law than the model's: {' and '.join(laws)}."
     if judgement.scatter:
-        lines.append(differing(judgement))
+        yield differing(judgement)
     if not (fit := judgement.model.fit).converged:
-        std = np.sqrt(fit.predicted_drop)
-        lines.append(
-            f"{UNCONVERGED}: its derivatives predict an optimum {std:.1f} std away, which no step reached. "
-            "The shear stress (10) has kinks, on both sides of which they differ."
+        yield (
+            f"{UNCONVERGED}: its derivatives predict an optimum {np.sqrt(fit.predicted_drop):.1f} std away, "
+            "which no step reached. The shear stress (10) has kinks, on both sides of which they differ."
         )
+
+
+def _notes_on_sizes(judgement: Judgement, effects: Sequence[EffectFinding]) -> Iterator[str]:
+    """Yield which effects close little of the gap, and which numbers differ from trial to trial."""
     for n in judgement.named:
         if n.closes.value < LEAST_SHARE:
-            lines.append(
+            yield (
                 f"{n.id} closes {percent_of(n.closes)} of the whole gap; of the change of "
                 f"{n.channel[0]} by all effects, it makes {percent(n.channel[1])}."
             )
     for e in effects:
-        for p in e.parameters:
-            if p.per_trial and np.isfinite(p.estimate.value):
-                lines.append(f"{e.id}: {p.name} differs from trial to trial; its root mean square is given.")
-                break
-    return tuple(lines)
+        per_trial = (p for p in e.parameters if p.per_trial and np.isfinite(p.estimate.value))
+        if (p := next(per_trial, None)) is not None:
+            yield f"{e.id}: {p.name} differs from trial to trial; its root mean square is given."

@@ -253,22 +253,26 @@ def _convert(
             raise InputError(f"{place}: {key} = {value!r} is neither true nor false", "write true or false")
         return value
     if typing.get_origin(hint) is tuple:
-        item = typing.get_args(hint)[0]
-        if dataclasses.is_dataclass(item):
-            if not isinstance(value, list) or not all(isinstance(row, dict) for row in value):
-                raise InputError(f"{place}: '{key}' must be a list of tables", f"write [[{key}]] above each")
-            rows = enumerate(value, 1)
-            return tuple(build(typing.cast(type, item), row, where, f"{key}.{i}") for i, row in rows)
-        if not isinstance(value, list):
-            raise InputError(f"{place}: {key} = {value!r} is not a list", "write it as [a, b, …]")
-        if typing.get_origin(item) is tuple:
-            return tuple(_interval(place, key, pair) for pair in value)
-        if item is float:
-            m = field.metadata
-            if tuple(value) != field.default and len(value) != m.get("length", len(value)):
-                raise InputError(f"{place}: {key} has {len(value)} numbers", f"expected {m['length']}")
-            return tuple(
-                check_number(place, key, v, "", m.get("low", -1e9), m.get("high", 1e9)) for v in value
-            )
-        return tuple(str(v) for v in value)
+        return _convert_list(typing.get_args(hint)[0], field, key, value, where, place)
     raise AssertionError(f"field {field.name} has a type the reader does not know: {hint}")
+
+
+def _convert_list(
+    item: Any, field: dataclasses.Field[Any], key: str, value: Any, where: str, place: str
+) -> tuple[Any, ...]:
+    """Check a list of items of one type: tables, intervals, numbers or texts."""
+    if dataclasses.is_dataclass(item):
+        if not isinstance(value, list) or not all(isinstance(row, dict) for row in value):
+            raise InputError(f"{place}: '{key}' must be a list of tables", f"write [[{key}]] above each")
+        rows = enumerate(value, 1)
+        return tuple(build(typing.cast(type, item), row, where, f"{key}.{i}") for i, row in rows)
+    if not isinstance(value, list):
+        raise InputError(f"{place}: {key} = {value!r} is not a list", "write it as [a, b, …]")
+    if typing.get_origin(item) is tuple:
+        return tuple(_interval(place, key, pair) for pair in value)
+    if item is float:
+        m = field.metadata
+        if tuple(value) != field.default and len(value) != m.get("length", len(value)):
+            raise InputError(f"{place}: {key} has {len(value)} numbers", f"expected {m['length']}")
+        return tuple(check_number(place, key, v, "", m.get("low", -1e9), m.get("high", 1e9)) for v in value)
+    return tuple(str(v) for v in value)
