@@ -30,7 +30,7 @@ FOLLOWS = 0.25
 """Time within which a body follows its wheels on sand [s]."""
 
 
-def alone(problem: Problem, offset: float) -> Solution:
+def motion_by_imu(problem: Problem, offset: float) -> Solution:
     """Return the motion by the IMU and standstills alone; the wheels' stamps are moved by `offset` [s]."""
     # biases that changed at an unknown instant are what is looked for
     known = tuple(restart for restart in problem.faults.restarts if restart.gap)
@@ -68,7 +68,7 @@ def doubt_closure(problem: Problem, offset: float) -> list[Doubt]:
     rolling = problem.rolling
     if rolling is None or problem.far or not problem.rests or not np.isfinite(rolling.speed).any():
         return []
-    by_imu = alone(problem, offset)
+    by_imu = motion_by_imu(problem, offset)
     doubts = _doubt_reference(problem, by_imu, offset)
     beyond = [x for x in left_at_rest(problem, by_imu, offset) if abs(x.value) > CONTRADICTS * x.std]
     if not beyond:

@@ -29,7 +29,7 @@ from granite_lab.hidden.mixture import (
 )
 from granite_lab.hidden.model import DigsInError, Setup
 from granite_lab.hidden.parts import exponential_k92
-from granite_lab.hidden.sensors import louder, read_currents, read_imu, read_wheels
+from granite_lab.hidden.sensors import read_currents, read_imu, read_wheels, with_noise
 from granite_lab.hidden.simulator import DT, Body, drive
 from granite_lab.hidden.vehicle import ClockOffset
 from granite_lab.hidden.wish import Wish, chosen, drawn, raked, sand
@@ -137,8 +137,8 @@ def _reopened(plans: list[Plan]) -> dict[str, float]:
 
     def under(active: Sequence[str]) -> list[Trial]:
         """Make both trials under some of the causes alone."""
-        alone = [replace(plan, sizes={name: plan.sizes[name] for name in active}) for plan in pair]
-        return [make_trial(plan)[0] for plan in alone]
+        changed = [replace(plan, sizes={name: plan.sizes[name] for name in active}) for plan in pair]
+        return [make_trial(plan)[0] for plan in changed]
 
     try:
         return reopened(under, tuple(plans[0].sizes), plans[0].lab.robot.filed)
@@ -206,7 +206,7 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame]:
     rng, lab, command = lot(*plan.seed, 1), plan.lab, plan.command
     truth = model_of(tuple(plan.sizes), plan.setup, command, plan.sizes)
     body = drive(truth, rng.uniform(*lab.before), rng.uniform(*lab.after))
-    rig, wrong = louder(lab.robot.real, plan.wish.noise), truth.misreading()
+    rig, wrong = with_noise(lab.robot.real, plan.wish.noise), truth.misreading()
     imu, *_ = read_imu(rng, body, rig, lab.logger, wrong)
     wheels = read_wheels(rng, body, rig, -wrong.late, wrong.encoder / (1.0 if lab.rolls else plan.radii))
     currents = read_currents(rng, body, rig, -wrong.late * wrong.later, lab.logger)

@@ -214,7 +214,7 @@ def read_currents(
     return CurrentStream(stamped(rng, instants, robot.encoders.jitter) - clock_offset, sampled)
 
 
-def louder(robot: Robot, factor: float) -> Robot:
+def with_noise(robot: Robot, factor: float) -> Robot:
     """Return the robot with noise, drift, vibration and jitter of its sensors times a factor."""
     grade = robot.imu_grade
     if grade is None or factor == 1.0:

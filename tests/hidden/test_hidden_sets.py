@@ -18,7 +18,7 @@ from granite_lab.hidden.mixture import LEAST, share_closed
 from granite_lab.hidden.model import Setup
 from granite_lab.hidden.parts import exponential_k92
 from granite_lab.hidden.sealed import open_answer
-from granite_lab.hidden.sensors import Logger, felt_at, louder, read_imu
+from granite_lab.hidden.sensors import Logger, felt_at, read_imu, with_noise
 from granite_lab.hidden.simulator import body_from_states
 from granite_lab.hidden.wish import SAND_OFF, Wish, chosen, drawn, sand
 from granite_lab.logs import read_trial
@@ -166,8 +166,8 @@ def test_louder_sensors_are_as_much_louder_at_rest_and_in_motion() -> None:
         spread = [np.diff(t.imu.specific_force[part, 1]).std() for t in (quiet, loud)]
         assert spread[1] / spread[0] == pytest.approx(3.0, rel=0.1)
     robot = load_robot()
-    assert louder(robot, 1.0) == robot
-    kept = louder(robot, 3.0).imu_grade
+    assert with_noise(robot, 1.0) == robot
+    kept = with_noise(robot, 3.0).imu_grade
     assert kept.accel_bias == robot.imu_grade.accel_bias
 
 

@@ -267,12 +267,12 @@ def _joined(t: Array, angle: Array, wheel: Wheel, doubts: list[Doubt]) -> Array:
     wild = too_fast(np.diff(angle), np.diff(t))
     if not wild.any() or wild.all() or np.count_nonzero(wild) > 0.01 * len(wild) + 2:
         return angle
-    alone = np.zeros(len(angle), dtype=bool)
-    alone[1:-1] = wild[:-1] & wild[1:] & ~too_fast(angle[2:] - angle[:-2], t[2:] - t[:-2])
-    angle = np.interp(t, t[~alone], angle[~alone])
+    single = np.zeros(len(angle), dtype=bool)
+    single[1:-1] = wild[:-1] & wild[1:] & ~too_fast(angle[2:] - angle[:-2], t[2:] - t[:-2])
+    angle = np.interp(t, t[~single], angle[~single])
     wild = too_fast(np.diff(angle), np.diff(t))
     for flags, kind, done in (
-        (alone[1:], "thrown off", "replaced by their neighbours"),
+        (single[1:], "thrown off", "replaced by their neighbours"),
         (wild, "from which the counter starts anew", "joined to what was before"),
     ):
         if flags.any():

@@ -268,12 +268,12 @@ def without_free_wheels(wheels: WheelStream, log: Log) -> WheelStream:
         (slips, speed.argmin(axis=1), high, "its encoder slipped on the shaft"),
     ):
         for i, channel in enumerate(ENCODERS):
-            mine = at & (odd == i)
-            long = [(a, b) for a, b in runs(mine) if (b - a) * dt >= _FREE_FOR]
+            of_wheel = at & (odd == i)
+            long = [(a, b) for a, b in runs(of_wheel) if (b - a) * dt >= _FREE_FOR]
             for a, b in long:
                 angle[a : b + n, i] = np.nan
             if long:
-                ratio = float(np.median(speed[mine, i] / usual[mine]))
+                ratio = float(np.median(speed[of_wheel, i] / usual[of_wheel]))
                 since = f"from t = {wheels.t[long[0][0]]:.2f} s on"
                 seen = f"the wheel turns {ratio:.2g} times as fast as the others {since}"
                 log.doubt(f"{seen}, as if {as_if}", log.column(channel), "left out there")
