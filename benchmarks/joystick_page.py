@@ -106,13 +106,13 @@ def page(lines: Lines) -> str:
 Virtual runs of `granite-lab hide --command joystick` and `--command recorded`
 ([hidden effects](hidden.md#commands-and-controllers)), laboratory `bench`. A person's stick gives a desired
 velocity that is linear between corners, with changes of speed and pauses. In one half of the sets it is
-logged, in the other nothing says what was commanded. In one half the wheels have a controller that no file
-states: other gains, a voltage fed forward, proportional and integral with limited current, or a cascade. The
+logged, in the other the command is not known. In one half the wheels have a controller that is in no file:
+other gains, a voltage fed forward, proportional and integral with limited current, or a cascade. The
 robot's file is that of the paper's controller everywhere. What drives the simulation is left to the tool
 (`--drive auto`).
 
-No version was developed on these seeds, and each code judged them once. (600000 to 600014 and 610000,
-judged before, showed errors that are mended: they are not among them.) Shares are with their 95 % interval
+No version was developed on these seeds, and each code judged them once. (Seeds 600000 to 600014 and 610000
+were used in development and do not count.) Shares are with their 95 % interval
 after Wilson. `make joystick` continues the list.
 
 ## a_θ
