@@ -49,10 +49,10 @@ that were left out:
   {POINTS} bins.
 
 Trials, gap, residual (of the fit without effects) and left-out splits are the same. The inputs of both peers
-are commanded speed and acceleration, wheel speed, slip velocity and acceleration, all smoothed. *Command*: the
-inputs are those of the model without effects, so that the peers know of a trial that is left out what this
-search knows, its command. *Trial*: the inputs are estimated from the trial that is left out, its accelerometer
-included. A prediction does not have these.
+are commanded speed and acceleration, wheel speed, slip velocity and acceleration, all smoothed. *Command*:
+the inputs are those of the model without effects, so that the peers know of a trial that is left out what
+this search knows, its command. *Trial*: the inputs are estimated from the trial that is left out, its
+accelerometer included. A prediction does not have these.
 In all cases start, offsets, gains and sand of a trial that is left out are refitted. A share may exceed one,
 and is below zero where the prediction is worse than none. Peers name no cause.
 
