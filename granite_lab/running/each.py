@@ -167,17 +167,17 @@ def _run(
     queue, suspects = deque(enumerate(items)), deque[tuple[int, X]]()
     while queue or suspects:
         single, ended = not queue, False
-        inside: dict[Future[Y], tuple[int, X]] = {}
+        pending: dict[Future[Y], tuple[int, X]] = {}
         pool = worker_pool(1 if single else workers)
-        room = partial(int, 1 if single else workers * (1 + AHEAD))
+        capacity = partial(int, 1 if single else workers * (1 + AHEAD))
         try:
-            for index, future in _finished(pool, call, queue or suspects, inside, room):
+            for index, future in _finished(pool, call, queue or suspects, pending, capacity):
                 yield index, future.result()
             ended = True
         except BrokenProcessPool:
             if not single:
-                suspects.extend(inside.values())
-            for index, item in inside.values() if single else ():
+                suspects.extend(pending.values())
+            for index, item in pending.values() if single else ():
                 yield index, LabError(f"{item}: the process that worked on it died", SHORT_OF_MEMORY)
         finally:
             shut_down(pool, kill=not ended)
@@ -187,8 +187,8 @@ def _finished(
     pool: Executor,
     call: Callable[[X], Y],
     queue: deque[tuple[int, X]],
-    inside: dict[Future[Y], tuple[int, X]],
-    room: Callable[[], int],
+    pending: dict[Future[Y], tuple[int, X]],
+    capacity: Callable[[], int],
 ) -> Iterator[tuple[int, Future[Y]]]:
     """Yield (index, future) as a pool finishes the items of a queue.
 
@@ -196,24 +196,24 @@ def _finished(
         pool: that works.
         call: on each item.
         queue: of items with their index.
-        inside: what the pool works on; filled here.
-        room: returns how many items the pool may hold; 0 where it has no workers.
+        pending: what the pool works on; filled here.
+        capacity: returns how many items the pool may hold; 0 where it has no workers.
 
     Raises:
         LabError: nothing is finished any more, for all workers are gone.
     """
-    while queue or inside:
+    while queue or pending:
         with starting():
-            while queue and len(inside) < max(1, room()):
-                inside[pool.submit(call, queue[0][1])] = queue[0]
+            while queue and len(pending) < max(1, capacity()):
+                pending[pool.submit(call, queue[0][1])] = queue[0]
                 queue.popleft()
-        done = wait(inside, PATIENCE, FIRST_COMPLETED).done
-        if not done and not room():
+        done = wait(pending, PATIENCE, FIRST_COMPLETED).done
+        if not done and not capacity():
             hint = "start new ones; finished trials are remembered"
             raise LabError("the cluster has lost all its workers", hint)
         for future in done:
-            yield inside[future][0], future
-            del inside[future]
+            yield pending[future][0], future
+            del pending[future]
 
 
 @contextmanager
@@ -253,15 +253,15 @@ def run_on(client: Any, call: Callable[[X], Y], items: Sequence[X]) -> Iterator[
     Raises:
         LabError: all workers are gone.
     """
-    there = partial(on_worker, call, folder=str(Path.cwd()), code=remembered.code())
+    remote = partial(on_worker, call, folder=str(Path.cwd()), code=remembered.code())
     pool = client.get_executor(pure=False)
 
-    def room() -> int:
+    def capacity() -> int:
         threads: int = sum(client.nthreads().values())
         return threads * (1 + AHEAD)
 
     try:
-        for index, future in _finished(pool, there, deque(enumerate(items)), {}, room):
+        for index, future in _finished(pool, remote, deque(enumerate(items)), {}, capacity):
             if (error := future.exception()) is None:
                 yield index, future.result()
                 continue
