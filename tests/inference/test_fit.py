@@ -246,14 +246,14 @@ def test_sand_stays_within_three_std_of_its_file() -> None:
     assert moved.shared[: len(SAND)] == pytest.approx(3 * problem.sand_std)
 
 
-def test_slopes_are_taken_backwards_where_a_step_has_no_solution() -> None:
+def test_derivatives_are_taken_backwards_where_a_step_has_no_solution() -> None:
     """The response is linear, so that both directions give the same derivative."""
     free = problem_of(FOUR)
     expected = differentiate(free, free.neutral())
     point = replace(free.neutral(), shared=np.where(np.arange(len(SHARED)) == 0, 0.095, 0.0))
     one_way = differentiate(problem_of(FOUR, respond=Respond(bound=0.1)), point)
     for command, _ in enumerate(free.commands):
-        np.testing.assert_allclose(expected.simulated(command), one_way.simulated(command), atol=1e-9)
+        np.testing.assert_allclose(expected.by_simulated(command), one_way.by_simulated(command), atol=1e-9)
 
 
 @pytest.mark.parametrize("size", [0.02, 0.3])
