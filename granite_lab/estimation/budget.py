@@ -107,7 +107,7 @@ def _sources(nodes: Nodes, noise: Noise, scatter: float) -> Mapping[str, tuple[K
 
 
 def _reference(nodes: Nodes) -> tuple[str, float]:
-    """Return unit and std of an external reference: of its velocity if it has one, else of its place."""
+    """Return unit and std of an external reference: of its velocity if it has one, else of its position."""
     for kind, unit in (("reference_v", "m/s"), ("reference_x", "m")):
         variances = nodes.updates.R[nodes.updates.kind == kind]
         if variances.size:
@@ -135,7 +135,7 @@ def _variances(nodes: Nodes, smoothed: Smoothed, towards: Array, i: int, j: int)
         of_kind = updates.kind == kind
         shares[MEASURED[kind]] += float(np.sum(of_updates[of_kind] ** 2 * updates.R[of_kind]))
     begun, origin = np.diagonal(nodes.P0).copy(), -float(nodes.P0[X, D])
-    begun[[X, D]] -= origin  # of a reference's place, which both have in common
+    begun[[X, D]] -= origin  # of a reference's position, which both have in common
     shares[MEASURED["reference_x"]] += float((c[0, X] - c[0, D]) ** 2 * origin)
     for place, variance in enumerate(begun):
         shares[BEGUN[place]] += float(c[0, place] ** 2 * variance)

@@ -288,7 +288,7 @@ def build(
 
 
 def _origin(problem: Problem) -> Array:
-    """(14, 14) covariance at the start by the origin of a reference's place; that of X + D is the wheels'."""
+    """(14, 14) covariance at the start by the origin of a reference's position; X + D is on the wheels'."""
     covariance = np.zeros((SIZE, SIZE))
     if any(readings.kind == "reference_x" for readings in problem.reference):
         covariance[np.ix_([X, D], [X, D])] = ORIGIN**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])

@@ -1,8 +1,8 @@
 """The external reference of a trial as a measurement: motion capture, RTK, a laser, with its stated std.
 
-A place along the path counts from an origin that is not that of the wheels: what both are apart is a state,
-by the covariance at the start. Places in a plane or on the globe tell how fast the robot goes, not which way;
-the wheels say whether it is ahead. Velocities that were computed from several places share them, so that
+A position along the path counts from an origin that is not that of the wheels: their difference is a state,
+by the covariance at the start. Positions in a plane or on the globe show how fast the robot goes, not which way;
+the wheels show that. Velocities that were computed from several positions share them, so that
 only every one of as many counts.
 """
 
@@ -24,16 +24,16 @@ from granite_lab.logs.sensors.standstill import Interval, inside
 from granite_lab.logs.trial import Array, Series, Trial
 
 TOLD = 3.0
-"""A speed by places in a plane is never below zero: below so many std it tells nothing of its noise."""
+"""A speed by positions in a plane is never below zero: below so many std it tells nothing of its noise."""
 
 PAUSE = 2.0
 """A reference that pauses for longer than this in motion [s] leaves the velocity to drift."""
 
 LOST = Doubt(
-    "the reference is not used: the robot is slower than three std of the speeds that its places tell",
-    remedy="state the std of the places (ref_x_std_m), which may be smaller over seconds, or log a velocity",
+    "the reference is not used: the robot is slower than three std of the speeds by its positions",
+    remedy="state the std of the positions over seconds (ref_x_std_m), which may be smaller, or log a velocity",
 )
-"""Speeds by places in a plane tell no direction where they hide in their noise."""
+"""Speeds by positions in a plane show no direction where they hide in their noise."""
 
 STEP, FARTHEST = 0.05, 2.0
 """Of the lags at which reference and wheels are compared, and the largest of them [s]."""
@@ -121,25 +121,25 @@ def readings_of(trial: Trial, rolling: Rolling | None, offset: float) -> tuple[R
     if not info.use_reference:
         return ()
     readings = []
-    place, speed = trial.reference_x, trial.reference_v
-    if place is not None and place.places == 1 and info.ref_x_std:
-        readings.append(_readings("reference_x", place, info.ref_x_std))
+    position, speed = trial.reference_x, trial.reference_v
+    if position is not None and position.places == 1 and info.ref_x_std:
+        readings.append(_readings("reference_x", position, info.ref_x_std))
     if speed is not None and (std := _speed_std(trial)):
         if speed.places > 1:
             speed = Series(speed.t[:: speed.places], speed.value[:: speed.places], speed.places)
         speeds = _readings("reference_v", speed, std)
-        if place is None or place.places > 1:
-            readings.append(_ahead(speeds, rolling, offset) if place is not None else speeds)
+        if position is None or position.places > 1:
+            readings.append(_ahead(speeds, rolling, offset) if position is not None else speeds)
         elif not readings or trial.reference_v.places == 1:  # type: ignore[union-attr]
             readings.append(speeds)
     if readings:
         return tuple(readings)
-    if place is None and speed is None:
+    if position is None and speed is None:
         raise EstimateError(
             f"{trial.name}: there is no external reference to use",
             "a reference is a column ref_v_mps or ref_x_m, or a file given with --reference",
         )
-    keys = ["ref_v_std_mps"] * (speed is not None) + ["ref_x_std_m"] * (place is not None)
+    keys = ["ref_v_std_mps"] * (speed is not None) + ["ref_x_std_m"] * (position is not None)
     raise EstimateError(
         f"{trial.name}: the reference cannot be used as a measurement: its std is not known",
         f"write {' or '.join(f'{key} = …' for key in keys)} into the TOML file beside the log",

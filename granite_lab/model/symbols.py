@@ -95,7 +95,7 @@ def model_parameters(
         raise InputError(
             f"the wheels of '{robot.name}' differ by {100 * robot.wheels.uneven:.0f} % from radius_m: the "
             f"model holds for up to {100 * MOST_UNEVEN:.0f} %",
-            "velocity and slip can be estimated (ingest), no simulation",
+            "ingest still estimates velocity and slip; there is no simulation",
         )
     assert robot.chassis is not None
     drive = robot.drive or (DIRECT if turned else None)

@@ -64,7 +64,7 @@ def load_robot(name: str | Path = "granite", grade: str | None = None, changes: 
     if isinstance(wheels, dict) and (count := wheels.pop("count", len(WHEELS))) != len(WHEELS):
         raise InputError(
             f"{path}: [wheels]: count = {count}: robots with four wheels can be analysed, on two axles",
-            "of one with six there is neither an estimate nor a model",
+            "one with another number of wheels can be neither estimated nor simulated",
         )
     robot = build(Robot, table, str(path))
     if grade is not None or robot.imu_grade is None:
