@@ -137,11 +137,11 @@ def _tape(trial: Trial, rolling: Rolling | None) -> Estimate | None:
     info = trial.info
     if info.distance_measured is None:
         return None
-    way = math.inf if rolling is None or not np.isfinite(rolling.speed).any() else rolling.way
-    if info.distance_measured > OTHER_UNIT * way:
+    rolled = math.inf if rolling is None or not np.isfinite(rolling.speed).any() else rolling.path_length
+    if info.distance_measured > OTHER_UNIT * rolled:
         raise EstimateError(
             f"{trial.name}: the distance by tape, {info.distance_measured:g} m, is "
-            f"{info.distance_measured / max(way, 1e-3):.3g} times the {way:.2f} m that the wheels roll",
+            f"{info.distance_measured / max(rolled, 1e-3):.3g} times the {rolled:.2f} m that the wheels roll",
             "state it in metres (distance_measured_m), or check wheel radius and counts of a turn",
         )
     return Estimate(info.distance_measured, info.distance_measured_std or TAPE)

@@ -3,7 +3,7 @@
 From one standstill to the next the integral of the specific force returns to zero within its noise. What is
 left beyond that is a bias that changed in motion, or a vibration that sampling folded to slow frequencies.
 The filter spreads it over the motion as the noise allows. When it came, no log tells. Nor does a log tell
-whether the IMU or a reference is wrong where they go unlike ways.
+whether the IMU or a reference is wrong where their distances differ.
 """
 
 from __future__ import annotations
@@ -100,16 +100,16 @@ def _doubt_reference(problem: Problem, by_imu: Solution, offset: float) -> list[
             order = "after" if late > 0 else "before"
             seen = f"the reference tells of the motion {abs(late):.1f} s {order} the wheels"
             doubts.append(Doubt(seen, remedy="correct its stamps", grade="fair"))
-        way = readings.way(begin, end)
-        if own is None or way is None:
+        distance = readings.distance(begin, end)
+        if own is None or distance is None:
             continue
-        miss = abs(way.value - own.value)
-        if miss > CONTRADICTS * math.hypot(way.std, own.std):
+        miss = abs(distance.value - own.value)
+        if miss > CONTRADICTS * math.hypot(distance.std, own.std):
             seen = (
-                f"between the standstills the reference goes {way.value:.2f} m, the IMU alone "
+                f"between the standstills the reference goes {distance.value:.2f} m, the IMU alone "
                 f"{own.value:.2f} ± {own.std:.2f} m"
             )
-            std = math.hypot(miss / math.sqrt(2.0), own.std) / rolling.way
+            std = math.hypot(miss / math.sqrt(2.0), own.std) / rolling.path_length
             remedy = "check scale, clock and std of the reference"
             doubts.append(Doubt(seen, remedy=remedy, grade="fair", std=std))
     return doubts

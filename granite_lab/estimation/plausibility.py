@@ -56,9 +56,11 @@ def with_plausibility(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) 
     grade = min((motion.health.grade, *(doubt.grade for doubt in doubts)), key=order.index)
     reasons = tuple(dict.fromkeys([*map(str, doubts), *motion.health.reasons]))
     health = replace(motion.health, grade=grade, reasons=reasons, verdict=sentence(grade, reasons))
-    motion = _widened(motion, max(doubt.std for doubt in doubts))
+    motion = _with_slip_std(motion, max(doubt.std for doubt in doubts))
     for doubt in doubts:
-        motion = _rolled(_farther(motion, doubt.way, doubt.after), doubt.rolled)
+        motion = _with_rolled_std(
+            _with_distance_std(motion, doubt.distance_std, doubt.after), doubt.rolled_std
+        )
     return replace(motion, health=health)
 
 
@@ -73,19 +75,19 @@ def common_gaps(motion: Motion, gaps: Sequence[Interval], wheels: WheelStream | 
     stamps = np.empty(0) if wheels is None else wheels.t + motion.clock_offset.value
     for begin, end in gaps:
         between = np.count_nonzero((stamps > begin) & (stamps < end))
-        way = float(np.interp(0.5 * (begin + end), motion.t, np.abs(motion.v))) * (end - begin)
-        if way > motion.distance.std and between <= 1:
+        bridged = float(np.interp(0.5 * (begin + end), motion.t, np.abs(motion.v))) * (end - begin)
+        if bridged > motion.distance.std and between <= 1:
             yield Doubt(
                 f"all sensors stop for {end - begin:.3g} s at {begin:.2f} s: samples are missing, or the "
                 "clock was set forward",
-                grade="fair", way=math.sqrt(0.5) * way, after=end,
+                grade="fair", distance_std=math.sqrt(0.5) * bridged, after=end,
             )  # fmt: skip
 
 
 def missing_rates(motion: Motion, wheels: WheelStream | None) -> Iterator[Doubt]:
     """Yield the time of the steady part in which no wheel's rate was logged.
 
-    A counter goes on meanwhile; the way that a wheel rolled without one is assumed, and so is the slip.
+    A counter goes on meanwhile; the distance that a wheel rolled without one is assumed, and so is the slip.
     """
     if wheels is None or wheels.rate is None:
         return
@@ -220,7 +222,7 @@ def _scaled_angles(motion: Motion, steady: SteadyPart) -> Iterator[Doubt]:
     seen = f"a slip ratio of {100 * slip.value:.0f} ± {100 * slip.std:.0f} % whenever wheels turn steadily"
     why = f"or gear ratio, counts of a turn or unit are wrong by a factor, such as {factor}"
     remedy = "roll ten turns on a hard floor; if the wheels do slip so much, state it in the soil's file"
-    yield Doubt(f"{seen}, {why}", remedy=remedy, grade="poor", rolled=math.sqrt(0.5) * (factor - 1))
+    yield Doubt(f"{seen}, {why}", remedy=remedy, grade="poor", rolled_std=math.sqrt(0.5) * (factor - 1))
 
 
 def _differing_wheel(motion: Motion) -> Iterator[Doubt]:
@@ -243,13 +245,13 @@ def _differing_wheel(motion: Motion) -> Iterator[Doubt]:
         wheel, share = int(np.argmax(np.abs(far))), float(np.max(np.abs(far)))
         seen = f"wheel {WHEELS[wheel]} rolls {100 * share:.0f} % {how}"
         why = "its encoder counts wrongly, or it slips by itself"
-        yield Doubt(f"{seen}: {why}", grade="fair", rolled=share / len(WHEELS))
+        yield Doubt(f"{seen}: {why}", grade="fair", rolled_std=share / len(WHEELS))
 
 
-def _differing_share(ways: Array) -> Array:
+def _differing_share(distances: Array) -> Array:
     """(4,) ways by which each wheel is at odds with three that agree, over the usual way of all (M, 4)."""
-    usual = np.median(np.abs(ways), axis=1)
-    far = np.abs(ways) / np.maximum(usual, MOVING)[:, None] - 1.0
+    usual = np.median(np.abs(distances), axis=1)
+    far = np.abs(distances) / np.maximum(usual, MOVING)[:, None] - 1.0
     by_size = np.take_along_axis(far, np.argsort(np.abs(far), axis=1), axis=1)
     agree = (np.ptp(by_size[:, :-1], axis=1) <= RADIUS) & (usual > MOVING)
     odd = agree[:, None] & (np.abs(far) >= CONTRADICTS * RADIUS)
@@ -285,10 +287,10 @@ def with_radius(motion: Motion, robot: Robot) -> Motion:
     made = share * abs(1.0 - motion.slip_ratio.value)
     part = Part(BY_RADIUS, "B", "normal", "m", robot.wheels.radius_std, made)
     parts = sorted([*motion.slip_parts, part], key=lambda one: -one.contribution)
-    return replace(_rolled(motion, share), slip_parts=tuple(parts))
+    return replace(_with_rolled_std(motion, share), slip_parts=tuple(parts))
 
 
-def _rolled(motion: Motion, share: float) -> Motion:
+def _with_rolled_std(motion: Motion, share: float) -> Motion:
     """Return the motion whose wheels' distance has an error of the std `share` [-] more."""
     if share == 0.0:
         return motion
@@ -311,19 +313,19 @@ def _downhill(motion: Motion) -> float:
     return float(np.mean(ahead * motion.pitch[moving] + 2.0 * motion.pitch_std[moving]))
 
 
-def _farther(motion: Motion, way: float, after: float) -> Motion:
-    """Return the motion whose distance has an error of the std `way` [m] more `after` an instant."""
-    if way == 0.0:
+def _with_distance_std(motion: Motion, std: float, after: float) -> Motion:
+    """Return the motion whose distance has an error of this std [m] more `after` an instant [s]."""
+    if std == 0.0:
         return motion
-    x_std = np.where(motion.t >= after, np.hypot(motion.x_std, way), motion.x_std)
+    x_std = np.where(motion.t >= after, np.hypot(motion.x_std, std), motion.x_std)
     distance, rolled = (
-        replace(travelled, std=math.hypot(travelled.std, way))
+        replace(travelled, std=math.hypot(travelled.std, std))
         for travelled in (motion.distance, motion.distance_wheels)
     )
     return replace(motion, x_std=x_std, distance=distance, distance_wheels=rolled)
 
 
-def _widened(motion: Motion, std: float) -> Motion:
+def _with_slip_std(motion: Motion, std: float) -> Motion:
     """Return the motion whose std covers an error of the slip ratio of `std` [-], in all that follows it."""
     if std == 0.0:
         return motion

@@ -1,9 +1,9 @@
 """The external reference of a trial as a measurement: motion capture, RTK, a laser, with its stated std.
 
 A position along the path counts from an origin that is not that of the wheels: their difference is a state,
-by the covariance at the start. Positions in a plane or on the globe show how fast the robot goes, not which way;
-the wheels show that. Velocities that were computed from several positions share them, so that
-only every one of as many counts.
+by the covariance at the start. Positions in a plane or on the globe show the speed and not its sign, which
+the wheels show. Velocities that were computed from several positions share them, so that only every one of as
+many counts.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ PAUSE = 2.0
 
 LOST = Doubt(
     "the reference is not used: the robot is slower than three std of the speeds by its positions",
-    remedy="state the std of the positions over seconds (ref_x_std_m), which may be smaller, or log a velocity",
+    remedy="state the std of the positions over seconds (ref_x_std_m), or log a velocity",
 )
 """Speeds by positions in a plane show no direction where they hide in their noise."""
 
@@ -57,7 +57,7 @@ class Readings:
     value: Array
     std: Array
 
-    def way(self, begin: float, end: float) -> Estimate | None:
+    def distance(self, begin: float, end: float) -> Estimate | None:
         """Return the way from one instant to another [s], with its std [m].
 
         None where the reference misses a part of it.

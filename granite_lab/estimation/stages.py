@@ -268,6 +268,6 @@ def _limits(problem: Problem, offset: Estimate) -> list[Doubt]:
         return [Doubt(f"no encoders: no wheel velocity and no slip; {alone}", grade="fair"), *doubts]
     if not np.isfinite(offset.std):
         unseen = "clock offset between IMU and encoders unobservable: taken as zero"
-        by_nothing = Doubt(unseen, grade="fair" if rolling.way else "good")
+        by_nothing = Doubt(unseen, grade="fair" if rolling.path_length else "good")
         doubts.append(by_nothing if problem.far or not ramps(rolling) else UNMATCHED)
     return [*rolling.doubts, *doubts]

@@ -60,8 +60,8 @@ class Rolling:
         return max(self.resolution)
 
     @property
-    def way(self) -> float:
-        """The way that the wheels roll in all, forward or back [m]."""
+    def path_length(self) -> float:
+        """How far the wheels roll in all, forward or back [m]."""
         return float(integral(self.t, np.abs(np.nan_to_num(self.speed)))[-1])
 
     def speed_at(self, t: Array | float, offset: float = 0.0) -> Array:

@@ -88,7 +88,7 @@ def test_only_steps_near_those_of_the_file_contradict_it(
     doubt = other_counts(WheelStream(t, logged(angle), None, (0.0,) * 4), 106_000)
     assert (doubt is not None) == scaled
     if doubt is not None:
-        assert doubt.rolled == pytest.approx(math.sqrt(0.5) * (106_000 / 98_500 - 1.0), rel=0.01)
+        assert doubt.rolled_std == pytest.approx(math.sqrt(0.5) * (106_000 / 98_500 - 1.0), rel=0.01)
 
 
 def test_a_stated_std_of_the_radius_is_in_the_slip_and_once_in_k92() -> None:

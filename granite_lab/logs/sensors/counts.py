@@ -65,7 +65,7 @@ def other_counts(wheels: WheelStream, counts: float) -> Doubt | None:
         f"the wheel angles go in steps of a turn over {2.0 * math.pi / step:.0f}, and the robot's file says "
         f"{counts:.0f} counts a turn: the logger divides by a wrong number, or the file is wrong",
         remedy="correct counts_per_rev or the log; ten turns on a hard floor tell which",
-        grade="fair", rolled=math.sqrt(0.5) * abs(share),
+        grade="fair", rolled_std=math.sqrt(0.5) * abs(share),
     )  # fmt: skip
 
 

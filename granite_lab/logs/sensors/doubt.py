@@ -19,8 +19,8 @@ class Doubt:
         remedy: what was done about it, or what the user can do; "" for neither.
         grade: the best that an estimate can still be.
         std: of slip ratios, which covers what is seen [-]; 0 where the std need not grow.
-        way: std of the distance after the instant `after` [s], beside its own [m].
-        rolled: std of the distance that the wheels rolled, as a share of it, beside its own [-].
+        distance_std: is added to that of the distance after the instant `after` [s] [m].
+        rolled_std: is added to that of the distance that the wheels rolled, as a share of it [-].
         dead: a channel that should measure holds no measurement.
     """
 
@@ -29,9 +29,9 @@ class Doubt:
     remedy: str = ""
     grade: Grade = "good"
     std: float = 0.0
-    way: float = 0.0
+    distance_std: float = 0.0
     after: float = math.inf
-    rolled: float = 0.0
+    rolled_std: float = 0.0
     dead: bool = False
 
     def __str__(self) -> str:

@@ -112,7 +112,7 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
                 why = "the gear ratio or the counts of a turn may be wrong instead"
                 remedy = "state the unit in a column map"
                 rolled = math.sqrt(0.5) * (left - 1.0)
-                log.doubt(f"{more}: {why}", remedy=remedy, grade="poor", rolled=rolled)
+                log.doubt(f"{more}: {why}", remedy=remedy, grade="poor", rolled_std=rolled)
             rate = None if wheels.rate is None else wheels.rate * factor
             resolution = tuple(step * factor for step in wheels.resolution)
             return dataclasses.replace(wheels, angle=wheels.angle * factor, rate=rate, resolution=resolution)
