@@ -209,11 +209,11 @@ class Motion(BodyMotion, WheelMotion, Totals, Clocks, Shown):
     warnings: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        slip, way = self.slip_ratio, self.distance
+        slip, distance = self.slip_ratio, self.distance
         return (
             f"Motion('{self.trial}'{', virtual' if self.virtual else ''}: {self.variant.velocity:g} m/s, "
-            f"slip ratio {slip.value:.4f} ± {slip.std:.4f}, distance {way.value:.4f} ± {way.std:.4f} m, "
-            f"{len(self.t)} samples, {self.health!r})"
+            f"slip ratio {slip.value:.4f} ± {slip.std:.4f}, "
+            f"distance {distance.value:.4f} ± {distance.std:.4f} m, {len(self.t)} samples, {self.health!r})"
         )
 
     def to_frame(self) -> pd.DataFrame:
@@ -325,13 +325,13 @@ def _compare(quantity: str, t: Array, series: tuple[Array, Array, Array], refere
     if quantity == "distance":
         estimate, wheels, truth = (s - s[0] for s in (estimate, wheels, truth))
 
-    def way(values: Array) -> float:
+    def length(values: Array) -> float:
         finite = np.isfinite(values)
         if quantity == "distance":
             return float(values[-1] - values[0])
         return float(np.trapezoid(values[finite], stamps[finite]))
 
-    rolled = way(wheels)
+    rolled = length(wheels)
     error, error_wheels = estimate - truth, wheels - truth
     ratio = np.abs(error) / np.where(error_std > 0, error_std, np.inf)
     within = np.where(np.isnan(ratio), NAN, ratio <= 2.0)
@@ -341,5 +341,5 @@ def _compare(quantity: str, t: Array, series: tuple[Array, Array, Array], refere
     return Judgement(
         quantity=quantity, samples=stamps.size, rmse=rmse, bias=bias, rmse_wheels=rmse_wheels,
         improvement=rmse_wheels / rmse if rmse > 0 else NAN, nees=nees, coverage=coverage,
-        slip=1.0 - way(truth) / rolled if abs(rolled) > LEAST_WAY else NAN,
+        slip=1.0 - length(truth) / rolled if abs(rolled) > LEAST_WAY else NAN,
     )  # fmt: skip

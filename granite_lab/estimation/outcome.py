@@ -61,14 +61,14 @@ def motion_of(trial: Trial, problem: Problem, solution: Solution, health: Health
             "cut the log with --from and --to",
         )
     pace = body.v if rolling is None else rolling.speed_at(t, offset.value)
-    way = straightness_of(t, solution.nominal.heading_rate, pace, health.rests, problem.robot)
-    course = find_phases(t, pace, health.rests, way.off)
+    straight = straightness_of(t, solution.nominal.heading_rate, pace, health.rests, problem.robot)
+    course = find_phases(t, pace, health.rests, straight.off)
     totals = totals_of(problem, solution, body, course.steady)
     start = command_start(trial.command, offset, course.onset)
     variant, source, doubt = _command(trial, start, offset, replace(course, steady=totals.steady))
-    more = [*way.said, *([doubt] if doubt else [])]
+    more = [*straight.warnings, *([doubt] if doubt else [])]
     if not np.isfinite(course.steady[0]):
-        why = "no straight stretch is long enough" if way.off.any() else "the wheels hardly turn"
+        why = "no straight stretch is long enough" if straight.off.any() else "the wheels hardly turn"
         more.append(f"{why}: the robot's slip ratio is not defined")
     elif not course.constant:
         a, b = course.steady
@@ -100,9 +100,8 @@ def body_motion(problem: Problem, solution: Solution) -> BodyMotion:
     extra = np.where(sparse, problem.noise.vibration / omega, 0.0)
     v_std = np.hypot(at_stamps(std_of(drift.P, {V: 1.0, PD: -1.0})), extra)
     x_std = np.hypot(at_stamps(std_of(drift.P, {X: 1.0, P: -1.0})), extra / omega)
-    if any(
-        readings.kind == "reference_x" for readings in problem.reference
-    ):  # whose origin is none of the motion's
+    if any(readings.kind == "reference_x" for readings in problem.reference):
+        # the origin of the reference is not that of the motion
         x_std = np.hypot(x_std, x_std[0])
     return BodyMotion(
         x=x - x[0], x_std=x_std, v=v, v_std=np.hypot(v_std, _by_latency(t, v, problem, solution)),
@@ -318,11 +317,11 @@ def _whole(t: Array, pace: Array, speed: Array, rest: Mask, off: Mask | None) ->
     if moving.size < 2:
         return NAN, NAN
     a, b = max(int(moving[0]) - 1, 0), min(int(moving[-1]) + 1, t.size - 1)
-    way = integral(t, speed)
+    rolled = integral(t, speed)
     straight = np.ones(b + 1 - a, dtype=bool) if off is None else ~off[a : b + 1]
     pieces = [(a + i, a + j - 1) for i, j in runs(straight)]
-    first, last = max(pieces, key=lambda piece: way[piece[1]] - way[piece[0]], default=(a, a))
-    return (float(t[first]), float(t[last])) if way[last] - way[first] > LEAST_WAY else (NAN, NAN)
+    first, last = max(pieces, key=lambda piece: rolled[piece[1]] - rolled[piece[0]], default=(a, a))
+    return (float(t[first]), float(t[last])) if rolled[last] - rolled[first] > LEAST_WAY else (NAN, NAN)
 
 
 def first_crossing(t: Array, pace: Array, rest: np.ndarray, begin: int, plateau: float) -> Estimate:

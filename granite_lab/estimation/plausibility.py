@@ -330,14 +330,14 @@ def _with_slip_std(motion: Motion, std: float) -> Motion:
     if std == 0.0:
         return motion
     pace = np.abs(np.nan_to_num(mean_known(motion.v_wheel)))
-    way = integral(motion.t, pace)
+    rolled = integral(motion.t, pace)
 
     def least(estimate: Estimate, by: float) -> Estimate:
         return replace(estimate, std=max(estimate.std, by))
 
     return replace(
-        motion, v_std=np.maximum(motion.v_std, std * pace), x_std=np.maximum(motion.x_std, std * way),
+        motion, v_std=np.maximum(motion.v_std, std * pace), x_std=np.maximum(motion.x_std, std * rolled),
         slip_std=np.maximum(motion.slip_std, std),
         slip_velocity_std=np.maximum(motion.slip_velocity_std, std * pace),
-        slip_ratio=least(motion.slip_ratio, std), distance=least(motion.distance, std * float(way[-1])),
+        slip_ratio=least(motion.slip_ratio, std), distance=least(motion.distance, std * float(rolled[-1])),
     )  # fmt: skip

@@ -84,10 +84,10 @@ def named_rests(trial: Trial, robot: Robot) -> tuple[Interval, ...]:
     for begin, end in info.rests if wheels is not None else ():
         assert wheels is not None
         angle = wheels.angle[(wheels.t >= begin) & (wheels.t <= end)]
-        way = max((float(np.ptp(a[np.isfinite(a)])) for a in angle.T if np.isfinite(a).any()), default=0.0)
-        if (way := way * robot.wheels.radius) > MOVING * (end - begin):
+        turned = max((float(np.ptp(a[np.isfinite(a)])) for a in angle.T if np.isfinite(a).any()), default=0.0)
+        if (rolled := turned * robot.wheels.radius) > MOVING * (end - begin):
             raise EstimateError(
-                f"{trial.name}: the wheels roll {way:.2f} m in the standstill named from {begin:g} s to "
+                f"{trial.name}: the wheels roll {rolled:.2f} m in the standstill named from {begin:g} s to "
                 f"{end:g} s",
                 "name the part in which they stand; where they spin while the body stands, name it in "
                 "body_rests (--body-rest)",

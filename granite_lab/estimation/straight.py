@@ -54,7 +54,7 @@ class Straightness:
     straight: tuple[Interval, ...] = ()
 
     @property
-    def said(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Warning in plain words; empty for a straight course."""
         if not self.bends and not self.back:
             return ()

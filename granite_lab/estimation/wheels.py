@@ -195,8 +195,8 @@ def mask_dead(t: Array, distance: Array, resolution: Sequence[float]) -> tuple[A
         dead = 0.0
         for a, b in runs(np.nan_to_num(step[:, i]) == 0.0):
             at = np.arange(a, b)[rolling[a:b]]
-            silent, way = float(dt[at].sum()), abs(float(others[at].sum()))
-            if silent >= STUCK_AFTER and way > COUNTS * resolution[i]:
+            silent, rolled = float(dt[at].sum()), abs(float(others[at].sum()))
+            if silent >= STUCK_AFTER and rolled > COUNTS * resolution[i]:
                 step[a : b + 1, i] = np.nan  # the sample after it may hold the missed counts at once
                 dead += silent
         if dead > 0:

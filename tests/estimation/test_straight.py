@@ -35,7 +35,7 @@ def yaw(begin: float, end: float, angle: float) -> np.ndarray:
 def test_a_straight_course_is_no_bend() -> None:
     course = straightness_of(T, yaw(10, 20, 12.0), speed(), RESTS, load_robot())
     assert not course.off.any()
-    assert course.said == ()
+    assert course.warnings == ()
     unknown = straightness_of(T, np.full(T.size, np.nan), speed(), RESTS, load_robot())
     assert not unknown.off.any()
 
@@ -50,8 +50,8 @@ def test_a_bend_is_found_and_what_is_straight_is_offered(angle: float) -> None:
     first, second = course.straight
     assert first == pytest.approx((0.0, begin), abs=0.05)
     assert second == pytest.approx((end, 29.99), abs=0.05)
-    assert "the robot turns at" in course.said[0]
-    assert f"--from {first[0]:.1f} --to {first[1]:.1f}" in course.said[0]
+    assert "the robot turns at" in course.warnings[0]
+    assert f"--from {first[0]:.1f} --to {first[1]:.1f}" in course.warnings[0]
 
 
 def test_the_way_back_is_no_part_of_a_drive_ahead() -> None:
@@ -59,7 +59,7 @@ def test_the_way_back_is_no_part_of_a_drive_ahead() -> None:
     course = straightness_of(T, yaw(0, 1, 0.0), back, RESTS, load_robot())
     (only,) = course.back
     assert only == pytest.approx((20.0, 28.0), abs=0.5)
-    assert "drives back at" in course.said[0]
+    assert "drives back at" in course.warnings[0]
     whole = straightness_of(T, yaw(0, 1, 0.0), -speed(), RESTS, load_robot())
     assert not whole.off.any()
 
