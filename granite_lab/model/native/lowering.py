@@ -23,8 +23,8 @@ class _Point:
         self.program = program
         self.groups = schedule(program)
         self.lane = used(self.groups)
-        self.one = Writer()
-        self.all = Writer(LANES, self.one.lines, self.one.numbers)  # both fill one function
+        self.scalar = Writer()
+        self.vector = Writer(LANES, self.scalar.lines, self.scalar.numbers)  # both fill one function
         self.values: dict[int, str] = {}  # node to number
         self.vectors: dict[int, str] = {}  # group to vector
         for g, group in enumerate(self.groups):
@@ -34,32 +34,34 @@ class _Point:
         """Write what one operation gives, for one node or for all of a group."""
         first, node = group[0], self.program.nodes[group[0]]
         if node.op == ca.OP_CONST:
-            self.values[first] = self.one.constant(node.value)
+            self.values[first] = self.scalar.constant(node.value)
         elif node.op == ca.OP_INPUT:
             self.values[first] = self.load(node)
         elif len(group) == 1:
-            self.values[first] = operation(self.one, node.op, [self.number(o) for o in node.operands])
+            self.values[first] = operation(self.scalar, node.op, [self.number(o) for o in node.operands])
         else:
             columns = zip(*(self.program.nodes[k].operands for k in group), strict=True)
-            self.vectors[g] = operation(self.all, node.op, [self.gather(column) for column in columns])
+            self.vectors[g] = operation(self.vector, node.op, [self.gather(column) for column in columns])
 
     def load(self, node: Node) -> str:
         argument, entry = node.place
         if argument == 0:
             return "%t"
-        place = self.one.new(f"getelementptr double, ptr %{'_xp'[argument]}, i64 {entry}")
-        return self.one.new(f"load double, ptr {place}")
+        address = self.scalar.new(f"getelementptr double, ptr %{'_xp'[argument]}, i64 {entry}")
+        return self.scalar.new(f"load double, ptr {address}")
 
     def number(self, k: int) -> str:
         """Return a node as a number."""
         if k not in self.values:
             g, lane = self.lane[k]
-            self.values[k] = self.one.new(f"extractelement {self.all.real} {self.vectors[g]}, i32 {lane}")
+            self.values[k] = self.scalar.new(
+                f"extractelement {self.vector.real} {self.vectors[g]}, i32 {lane}"
+            )
         return self.values[k]
 
     def gather(self, nodes: Sequence[int]) -> str:
         """Return nodes as the lanes of a vector."""
-        real = self.all.real
+        real = self.vector.real
         if all(k in self.lane for k in nodes):
             sources = list(dict.fromkeys(self.lane[k][0] for k in nodes))
             lanes = [self.lane[k][1] for k in nodes]
@@ -72,20 +74,20 @@ class _Point:
                     for k, lane in zip(nodes, lanes, strict=True)
                 ]
                 listed = ", ".join(f"i32 {m}" for m in mask + mask[-1:] * (LANES - len(mask)))
-                return self.one.new(
+                return self.scalar.new(
                     f"shufflevector {real} {vectors[0]}, {real} {vectors[-1]}, <{LANES} x i32> <{listed}>"
                 )
         texts = [self.number(k) for k in nodes]
         if not any(text.startswith("%") for text in texts):
             return Writer.constants(texts + texts[-1:] * (LANES - len(texts)))
         if len(set(texts)) == 1:
-            first = self.one.new(f"insertelement {real} poison, double {texts[0]}, i32 0")
-            return self.one.new(
+            first = self.scalar.new(f"insertelement {real} poison, double {texts[0]}, i32 0")
+            return self.scalar.new(
                 f"shufflevector {real} {first}, {real} poison, <{LANES} x i32> zeroinitializer"
             )
         vector = "poison"
         for lane, text in enumerate(texts):
-            vector = self.one.new(f"insertelement {real} {vector}, double {text}, i32 {lane}")
+            vector = self.scalar.new(f"insertelement {real} {vector}, double {text}, i32 {lane}")
         return vector
 
 
@@ -102,10 +104,10 @@ def point(name: str, program: Program, rows: Sequence[int]) -> str:
     """
     body = _Point(program)
     for _, entry, k in program.results:
-        value, target = body.number(k), body.one.new(f"getelementptr double, ptr %out, i64 {rows[entry]}")
-        body.one.lines.append(f"  store double {value}, ptr {target}")
+        value, target = body.number(k), body.scalar.new(f"getelementptr double, ptr %out, i64 {rows[entry]}")
+        body.scalar.lines.append(f"  store double {value}, ptr {target}")
     head = f"define void @{name}(double %t, ptr noalias %x, ptr noalias %p, ptr noalias %out) {{"
-    return "\n".join([head, *body.one.lines, "  ret void", "}"])
+    return "\n".join([head, *body.scalar.lines, "  ret void", "}"])
 
 
 def column(name: str, program: Program, rows: Sequence[int]) -> str:
@@ -121,13 +123,13 @@ def column(name: str, program: Program, rows: Sequence[int]) -> str:
         NotImplementedError: an instruction cannot be compiled.
     """
     numbers = count()
-    still, moving = Writer(LANES, numbers=numbers), Writer(LANES, numbers=numbers)
+    invariant, varying = Writer(LANES, numbers=numbers), Writer(LANES, numbers=numbers)
     fixed: list[bool] = []
     value: list[str] = []
     for node in program.nodes:
         same = node.place[0] == 2 if node.op == ca.OP_INPUT else all(fixed[o] for o in node.operands)
         fixed.append(same)
-        w = still if same else moving
+        w = invariant if same else varying
         if node.op == ca.OP_CONST:
             value.append(w.constant(node.value))
         elif node.op == ca.OP_INPUT:
@@ -135,17 +137,17 @@ def column(name: str, program: Program, rows: Sequence[int]) -> str:
         else:
             value.append(operation(w, node.op, [value[o] for o in node.operands]))
     for _, entry, k in program.results:
-        row = moving.new(f"mul i64 %stride, {rows[entry]}")
-        start = moving.new(f"getelementptr double, ptr %out, i64 {row}")
-        target = moving.new(f"getelementptr double, ptr {start}, i64 %at")
-        moving.lines.append(f"  store {moving.real} {value[k]}, ptr {target}, align 8")
+        row = varying.new(f"mul i64 %stride, {rows[entry]}")
+        start = varying.new(f"getelementptr double, ptr %out, i64 {row}")
+        target = varying.new(f"getelementptr double, ptr {start}, i64 %at")
+        varying.lines.append(f"  store {varying.real} {value[k]}, ptr {target}, align 8")
     head = (
         f"define void @{name}(i64 %blocks, i64 %stride, ptr noalias %t, ptr noalias %x, "
         "ptr noalias %p, ptr noalias %out) {"
     )
     return "\n".join([
-        head, "entry:", *still.lines, f"  %end = mul i64 %blocks, {LANES}", "  br label %loop", "loop:",
-        "  %at = phi i64 [0, %entry], [%next, %loop]", *moving.lines,
+        head, "entry:", *invariant.lines, f"  %end = mul i64 %blocks, {LANES}", "  br label %loop", "loop:",
+        "  %at = phi i64 [0, %entry], [%next, %loop]", *varying.lines,
         f"  %next = add i64 %at, {LANES}", "  %more = icmp slt i64 %next, %end",
         "  br i1 %more, label %loop, label %done", "done:", "  ret void", "}",
     ])  # fmt: skip
@@ -154,16 +156,16 @@ def column(name: str, program: Program, rows: Sequence[int]) -> str:
 def _column_load(w: Writer, node: Node) -> str:
     argument, entry = node.place
     if argument == 2:
-        place = w.new(f"getelementptr double, ptr %p, i64 {entry}")
-        single = w.new(f"load double, ptr {place}")
+        address = w.new(f"getelementptr double, ptr %p, i64 {entry}")
+        single = w.new(f"load double, ptr {address}")
         first = w.new(f"insertelement {w.real} poison, double {single}, i32 0")
         return w.new(f"shufflevector {w.real} {first}, {w.real} poison, <{LANES} x i32> zeroinitializer")
     start = "%t"
     if argument == 1:
         row = w.new(f"mul i64 %stride, {entry}")
         start = w.new(f"getelementptr double, ptr %x, i64 {row}")
-    place = w.new(f"getelementptr double, ptr {start}, i64 %at")
-    return w.new(f"load {w.real}, ptr {place}, align 8")
+    address = w.new(f"getelementptr double, ptr {start}, i64 %at")
+    return w.new(f"load {w.real}, ptr {address}, align 8")
 
 
 def declarations(*, functions: bool = True) -> str:
