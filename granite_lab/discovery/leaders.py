@@ -93,7 +93,7 @@ def _prospects(screenings: Sequence[Screening]) -> dict[str, Prospect]:
 
 
 def _best_prospects(prospects: Mapping[str, Prospect], most: int) -> list[Prospect]:
-    """Return what is promised by the candidates to be fitted.
+    """Return the prospects of the candidates to be fitted.
 
     They are the `most` best. A rival must promise `RIVAL` of what the best one does: the screen is linear,
     and full fits have changed the order of candidates by factors of up to two.
@@ -104,7 +104,7 @@ def _best_prospects(prospects: Mapping[str, Prospect], most: int) -> list[Prospe
 
 
 def _best_and_rivals(screenings: Sequence[Screening], most: int) -> list[Prospect]:
-    """Return what is promised by the best candidate and its rivals.
+    """Return the prospects of the best candidate and of its rivals.
 
     What adds to the best candidate in place of being its rival has its turn beside it.
     """

@@ -145,7 +145,7 @@ STAGING: dict[str, Effect] = {e.id: e for e in (OnABlock(), InTheRut())}
 
 @dataclass(frozen=True)
 class StagedScenario(Scenario):
-    """A world in which each command is driven under conditions of its own.
+    """A scenario in which each command is driven under conditions of its own.
 
     A slope of the ground changes sign for a robot that is turned round; every other effect of the
     library belongs to the robot or does not know directions. In the rut of a trial before, all four
@@ -178,7 +178,7 @@ class StagedScenario(Scenario):
 
 
 def under_conditions(scenario: Scenario, trials: Sequence[Trial], models: Sequence[TrialModel]) -> Scenario:
-    """Return a world that simulates each trial under its conditions; a plain one for plain trials.
+    """Return a scenario that simulates each trial under its conditions; a plain one for plain trials.
 
     Args:
         scenario: of the trials without conditions.

@@ -46,7 +46,7 @@ TOP = 0.8
 """Largest share of the Nyquist frequency at which the band above the cut may begin."""
 
 ABOVE = LOW_PASS / CUT
-"""The band above `CUT` that tells how loud noise and vibration are ends at this multiple of it, where an
+"""The band above `CUT` that shows how large noise and vibration are ends at this multiple of it, where an
 IMU's low-pass may begin."""
 
 WHOLE = 20.0
@@ -197,7 +197,7 @@ def identify(
 ) -> list[Whitener]:
     """Identify the noise of one channel from the trials of one command; those with the same bins share it.
 
-    Without repetitions the slow part of the spectrum is taken to be as loud as the band above, and there is
+    Without repetitions the slow part of the spectrum is taken to be as large as in the band above, and there is
     no jitter: what the model lacks is largest where the signal is steep, too.
 
     Args:
@@ -297,4 +297,4 @@ NOMINAL = {
     "accel_x": 0.05, "accel_z": 0.07, "pitch_rate": 0.003, "wheel": 1e-3, "wheel_split": 3e-4,
 } | dict.fromkeys(("current_f", "current_r", "current_side"), 0.05)  # fmt: skip
 """Std of a bin with which the first fit weights the channels [unit of the channel]: on a robot that drives
-each is 3 to 35 times louder than `FLOOR`. The fits that follow learn the noise."""
+each is 3 to 35 times as large as `FLOOR`. The fits that follow learn the noise."""

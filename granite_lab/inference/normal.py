@@ -61,7 +61,7 @@ class Scales:
 
     @property
     def poor_fit(self) -> bool:
-        """Whether the noise of a channel is so much louder than its repetitions show that the fit is bad."""
+        """Whether the noise of a channel is so much larger than its repetitions show that the fit is bad."""
         return max(self.noise_factor.values(), default=1.0) > POOR_FIT
 
 

@@ -46,7 +46,7 @@ def posterior_at(problem: Problem, point: Point, normal: NormalEquations, scales
 
 
 def log_prior(problem: Problem, scales: Scales, formula: bool) -> float:
-    """Return the logarithm of the prior density of the scales, and of the noise being louder than learnt.
+    """Return the logarithm of the prior density of the scales, and of the noise being larger than learnt.
 
     The logarithm of a scale is normal about the value at which its search begins, with a std of one: a factor
     of 2.7 either way; convention. The std of a number that differs from trial to trial has an inverse gamma
