@@ -299,8 +299,8 @@ def _possible(problem: Problem) -> tuple[Problem, tuple[tuple[str, str], ...]]:
 def _outliers(problem: Problem, base: Fit) -> dict[int, str]:
     """Return the trials that nothing fits, each with the reason.
 
-    They are weighed by the nominal noise and the first values of the priors: what was learnt is large and wide
-    where such a trial differs from its repetitions.
+    They are weighed by the nominal noise and the first values of the priors: what was learnt is large where
+    such a trial differs from its repetitions.
     """
     if len(problem.trials) <= 2:  # which of two is strange?
         return {}

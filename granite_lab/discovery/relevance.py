@@ -15,7 +15,7 @@ from granite_lab.inference.problem import Problem
 
 
 def is_adequate(problem: Problem, result: Fit, tolerance: float) -> bool:
-    """Tell whether a fit leaves no discrepancy beyond the tolerance, and no noise larger than repetitions show."""
+    """Tell whether a fit leaves no discrepancy beyond the tolerance and no larger noise."""
     return (
         max(largest_discrepancies(problem, result).values(), default=0.0) <= tolerance
         and not result.scales.poor_fit

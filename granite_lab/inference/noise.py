@@ -197,8 +197,8 @@ def identify(
 ) -> list[Whitener]:
     """Identify the noise of one channel from the trials of one command; those with the same bins share it.
 
-    Without repetitions the slow part of the spectrum is taken to be as large as in the band above, and there is
-    no jitter: what the model lacks is largest where the signal is steep, too.
+    Without repetitions the slow part of the spectrum is taken to be as large as in the band above, and there
+    is no jitter: what the model lacks is largest where the signal is steep, too.
 
     Args:
         residuals: (n,) per trial, NaN where nothing was measured, aligned on the command.
