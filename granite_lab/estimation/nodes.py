@@ -232,59 +232,105 @@ def build(
 
     The wheels' stamps are moved by `offset` [s]; `left` of the clock offset is expected to be left then.
     """
-    imu, rolling, noise, slip = problem.imu, problem.rolling, problem.noise, problem.slip
-    course = course_of(problem, nominal, offset)
-    t, dt, rest, speed = course.t, course.dt, course.rest, course.speed
-    # a scale error multiplies acceleration, not the bias that the nominal velocity drifts by
-    going = speed - (course.loss if rolling is not None else np.interp(t, t[rest], speed[rest]))
-    gain, omega = np.diff(going, prepend=going[0]), noise.vibration_omega
-    F = model.transitions(course, gain, slip, noise, pitch_gyro=imu.has_pitch_rate)
-    # yaw rate that leaks into the pitch gyro, and keeps its sign for seconds
-    turn = nominal.roll_std * np.abs(nominal.heading_rate[course.index]) * np.sqrt(TURN_TIME)
-    gyro = np.hypot(np.hypot(noise.gyro, noise.gyro_motion), turn)
-    size = shaking(noise, nominal, course)
-    Q = model.noises(F, course, gyro, size, slip, noise)
-    if problem.jumps is not None:
-        Q[:, S, S] += course.moving * problem.jumps[course.index] * dt / course.w**2
-    inflate(Q, course, problem, nominal.rest)
-    blur(Q, course, imu, noise)
-    # a standstill that was named: the wheels may spin while the body stands
-    Q[course.spinning, D, D] += FREE**2
-    begins, creep = np.zeros(t.size, dtype=bool), np.zeros(t.size)
-    if problem.unseen is not None:  # what a standstill begins with is gone by the next node
-        creep[1:] = (rest * problem.unseen[course.index])[:-1]
-        begins[:-1] = creep[1:] > 0
-        Q[:, V, V] += creep**2
-    shaken = np.where(course.spinning, size / omega, 0.0)
-    parts = model.rest_updates(imu, nominal, noise, problem.faults, course, shaken, begins)
+    rolling, noise, course = problem.rolling, problem.noise, course_of(problem, nominal, offset)
+    size, creep = shaking(noise, nominal, course), _creep(problem, course)
+    F = _transitions(problem, course)
+    Q = _process_noise(problem, nominal, course, F, size)
+    Q[:, V, V] += creep**2
+    shaken = np.where(course.spinning, size / noise.vibration_omega, 0.0)
+    begins = np.append(creep[1:] > 0, False)
+    parts = model.rest_updates(problem.imu, nominal, noise, problem.faults, course, shaken, begins)
     start = 0.0
     if rolling is not None:
-        walked = problem.compliance * np.gradient(course.thrust, t)
-        Q[:, D, D] += course.moving * walked**2 * LOOSE_TIME * dt
+        walked = problem.compliance * np.gradient(course.thrust, course.t)
+        Q[:, D, D] += course.moving * walked**2 * LOOSE_TIME * course.dt
         wheels, start = model.wheel_updates(rolling, nominal, course, offset)
         parts.append(wheels)
-    last = np.array([t.size - 1])
-    if problem.coasts:  # then the body is as slow as the wheels
-        R = ZERO_VELOCITY**2 + float(speed[-1]) ** 2
-        parts.append(model.updates_of("zero_velocity", last, -float(nominal.v[-1]), {V: 1.0, PD: -1.0}, R))
-    if distance is not None:
-        missed = distance.value - float(nominal.x[-1])
-        parts.append(model.updates_of("distance", last, missed, {X: 1.0, P: -1.0}, distance.std**2))
+    parts += _end_updates(problem, nominal, course, distance)
     parts += [model.reference_updates(readings, nominal, course) for readings in problem.reference]
     updates = model.in_order(parts)
     for kind, factor in problem.variance_factors.items():
         updates.R[updates.kind == kind] *= factor
     x0 = np.zeros((SIZE, 1))
     x0[[TH, BA, BG, TAU], 0] = -nominal.pitch[0], -nominal.accel_bias, -nominal.gyro_bias, left.value
-    std = np.array([
-        1e-6, np.hypot(1e-6, start), ZERO_VELOCITY if rest[0] else 1.0 + abs(speed[0]), noise.pitch,
-        noise.accel_bias, max(noise.gyro_bias, noise.gyro_level, abs(nominal.gyro_bias)),
-        1e-7 if rest[0] else noise.motion_bias, 1e-6 if rest[0] else slip.limit,
-        1e-6 if rest[0] else slip.scatter, left.std, noise.accel_scale,
-        1e-8 if slip.far else problem.soft, 1e-8 + size[0] / omega**2, 1e-7 + size[0] / omega,
-    ])  # fmt: skip
+    P0 = np.diag(_start_std(problem, nominal, course, float(size[0]), start, left.std) ** 2) + _origin(
+        problem
+    )
     places = {f.name: getattr(course, f.name) for f in fields(model.Places)}
-    return Nodes(**places, F=F, Q=Q, updates=updates, x0=x0, P0=np.diag(std**2) + _origin(problem))
+    return Nodes(**places, F=F, Q=Q, updates=updates, x0=x0, P0=P0)
+
+
+def _transitions(problem: Problem, course: Course) -> Array:
+    """(K, 14, 14) transitions from each node to the next.
+
+    A scale error multiplies acceleration, not the bias that the nominal velocity drifts by.
+    """
+    t, rest, speed = course.t, course.rest, course.speed
+    going = speed - (course.loss if problem.rolling is not None else np.interp(t, t[rest], speed[rest]))
+    gain = np.diff(going, prepend=going[0])
+    return model.transitions(course, gain, problem.slip, problem.noise, pitch_gyro=problem.imu.has_pitch_rate)
+
+
+def _process_noise(problem: Problem, nominal: Nominal, course: Course, F: Array, size: Array) -> Array:
+    """(K, 14, 14) covariance of what the states change by to each node, beside the wheels' compliance.
+
+    The yaw rate leaks into the pitch gyro by the roll, and keeps its sign for seconds. `size` (K,) is the rms
+    of the acceleration by vibration [m/s^2].
+    """
+    noise = problem.noise
+    turn = nominal.roll_std * np.abs(nominal.heading_rate[course.index]) * np.sqrt(TURN_TIME)
+    gyro = np.hypot(np.hypot(noise.gyro, noise.gyro_motion), turn)
+    Q = model.noises(F, course, gyro, size, problem.slip, noise)
+    if problem.jumps is not None:
+        Q[:, S, S] += course.moving * problem.jumps[course.index] * course.dt / course.w**2
+    inflate(Q, course, problem, nominal.rest)
+    blur(Q, course, problem.imu, noise)
+    # a standstill that was named: the wheels may spin while the body stands
+    Q[course.spinning, D, D] += FREE**2
+    return Q
+
+
+def _creep(problem: Problem, course: Course) -> Array:
+    """(K,) velocities that a standstill may begin with at the node before, gone at this one [m/s]."""
+    creep = np.zeros(course.t.size)
+    if problem.unseen is not None:
+        creep[1:] = (course.rest * problem.unseen[course.index])[:-1]
+    return creep
+
+
+def _end_updates(
+    problem: Problem, nominal: Nominal, course: Course, distance: Estimate | None
+) -> list[model.Updates]:
+    """Return what is known of the last node: a body that coasts with slow wheels, the measured distance."""
+    last, parts = np.array([course.t.size - 1]), []
+    if problem.coasts:
+        R = ZERO_VELOCITY**2 + float(course.speed[-1]) ** 2
+        parts.append(model.updates_of("zero_velocity", last, -float(nominal.v[-1]), {V: 1.0, PD: -1.0}, R))
+    if distance is not None:
+        missed = distance.value - float(nominal.x[-1])
+        parts.append(model.updates_of("distance", last, missed, {X: 1.0, P: -1.0}, distance.std**2))
+    return parts
+
+
+def _start_std(
+    problem: Problem, nominal: Nominal, course: Course, size: float, start: float, left: float
+) -> Array:
+    """(14,) std of the states at the start.
+
+    Args:
+        problem, nominal, course: as in `build`.
+        size: rms of the acceleration by vibration [m/s^2].
+        start: std of the rolled distance [m].
+        left: std of the clock offset that is left [s].
+    """
+    noise, slip, rest, omega = problem.noise, problem.slip, course.rest[0], problem.noise.vibration_omega
+    return np.array([
+        1e-6, np.hypot(1e-6, start), ZERO_VELOCITY if rest else 1.0 + abs(course.speed[0]), noise.pitch,
+        noise.accel_bias, max(noise.gyro_bias, noise.gyro_level, abs(nominal.gyro_bias)),
+        1e-7 if rest else noise.motion_bias, 1e-6 if rest else slip.limit,
+        1e-6 if rest else slip.scatter, left, noise.accel_scale,
+        1e-8 if slip.far else problem.soft, 1e-8 + size / omega**2, 1e-7 + size / omega,
+    ])  # fmt: skip
 
 
 def _origin(problem: Problem) -> Array:
