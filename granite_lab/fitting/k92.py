@@ -11,7 +11,7 @@ priors.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +23,7 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.plausibility import BY_RADIUS
 from granite_lab.fitting.fit import K92_BOUNDS, LEAST, FitStatus, K92Fit, Shift
 from granite_lab.inference.constants import SAND_PER_TRIAL_STD, SAND_STD, TOLERANCE
+from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import SHARED
 from granite_lab.inference.pool import SAND, SAND_PER_TRIAL, Scenario, SimulationPool
 from granite_lab.inference.priors import radius_std, sand_std
@@ -305,22 +306,10 @@ def _with_trajectory(
     v, a_theta = reference_velocity(by_slip.variant), load_paper().a_theta * float(np.exp(log.value))
     k92 = math.exp(-a_theta * v)  # (5)
     std = k92 * v * a_theta * log.std if fit.converged else math.nan  # elsewhere the curvature is none
-    side = "behind" if latency.value > 0 else "ahead of"
-    discrepancies = {c: fit.scales.discrepancy_of(c) for c in problem.counts}
-    off = [f"{c} {100 * share:.0f} %" for c, share in discrepancies.items() if share > TOLERANCE]
-    larger = [f"{c} {value:.2f}" for c, value in fit.scales.noise_factor.items() if value > 1.0]
-    most = ", ".join(off or [f"less than {100 * TOLERANCE:.0f} %"])
-    notes = [
-        f"discrepancy of the model, as a share of a channel's rms in motion: {most}.",
-        f"IMU {abs(1e3 * latency.value):.1f} ± {1e3 * latency.std:.1f} ms {side} the encoders.",
-    ]
-    if larger:
-        notes.append(f"residuals over the noise: {', '.join(larger)}.")
-    if not fit.converged:
-        notes.append("fit not converged.")
+    lead = None
     if count := count_of(motion.variant):
         lead = total(*(common + SHARED.index(name) for name in LEADS[:count]))
-        notes.append(f"the command leads the wheels by {1e3 * lead.value:.0f} ± {1e3 * lead.std:.0f} ms.")
+    notes = _trajectory_notes(fit.scales, problem.counts, latency, lead, converged=fit.converged)
     return replace(
         by_slip,
         k92_trajectory=Estimate(k92, std),
@@ -329,3 +318,22 @@ def _with_trajectory(
         status_trajectory="ok" if fit.converged else "not_converged",
         notes=(*by_slip.notes, *(f"Trajectory: {note}" for note in notes)),
     )
+
+
+def _trajectory_notes(
+    scales: Scales, channels: Iterable[str], latency: Estimate, lead: Estimate | None, *, converged: bool
+) -> Iterator[str]:
+    """Yield what a fit to the trajectory leaves: discrepancy, latency [s], noise, lead of the command [s]."""
+    discrepancies = {c: scales.discrepancy_of(c) for c in channels}
+    off = [f"{c} {100 * share:.0f} %" for c, share in discrepancies.items() if share > TOLERANCE]
+    most = ", ".join(off or [f"less than {100 * TOLERANCE:.0f} %"])
+    yield f"discrepancy of the model, as a share of a channel's rms in motion: {most}."
+    side = "behind" if latency.value > 0 else "ahead of"
+    yield f"IMU {abs(1e3 * latency.value):.1f} ± {1e3 * latency.std:.1f} ms {side} the encoders."
+    larger = [f"{c} {value:.2f}" for c, value in scales.noise_factor.items() if value > 1.0]
+    if larger:
+        yield f"residuals over the noise: {', '.join(larger)}."
+    if not converged:
+        yield "fit not converged."
+    if lead is not None:
+        yield f"the command leads the wheels by {1e3 * lead.value:.0f} ± {1e3 * lead.std:.0f} ms."
