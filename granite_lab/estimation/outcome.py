@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
 from granite_lab.errors import EstimateError
@@ -278,22 +279,11 @@ def find_phases(t: Array, speed: Array, rests: Sequence[Interval], off: Mask | N
     longest: tuple[int, int] = (0, 0)
     onset, acceleration = Estimate(NAN), NAN
     for a, b in runs(~rest):
-        part = pace[a:b]
-        if part.max() < MOVING:
+        if pace[a:b].max() < MOVING:
             name[a:b] = UP if b == t.size else DOWN
             continue
-        plateau = float(np.median(part[part > 0.6 * part.max()]))
-        flat = np.abs(part - plateau) < BAND * plateau
-        flat &= True if off is None else ~off[a:b]
-        pieces = runs(bridged(np.arange(b - a), flat, round(0.2 / period) + 1.5))
-        first, last = max(pieces, key=lambda p: p[1] - p[0], default=(0, 0))
-        slow = uniform_filter1d(np.gradient(part, t[a:b]), max(round(0.1 / period), 1))
-        label = np.where(slow >= 0, UP, DOWN)
-        label[:first], label[last:] = UP, DOWN
-        for i, j in pieces:
-            if j - i > round(0.3 / period):
-                label[i:j] = STEADY
-        name[a:b] = label
+        straight = np.ones(b - a, dtype=bool) if off is None else ~off[a:b]
+        name[a:b], plateau, (first, last) = _drive(t[a:b], pace[a:b], straight, period)
         if last - first > longest[1] - longest[0]:
             longest = (a + first, a + last)
             ramp = slice(a, a + max(first, 1))
@@ -309,6 +299,32 @@ def find_phases(t: Array, speed: Array, rests: Sequence[Interval], off: Mask | N
         plateau = float(np.median(speed[(t >= steady[0]) & (t <= steady[1])]))
     distance = float(np.trapezoid(np.where(rest, 0.0, speed), t))
     return Phases(tuple(PHASES[i] for i in name), steady, plateau, onset, acceleration, distance, constant)
+
+
+def _drive(
+    t: Array, pace: Array, straight: Mask, period: float
+) -> tuple[npt.NDArray[np.int64], float, tuple[int, int]]:
+    """Divide a drive from one standstill to the next into acceleration, steady motion and braking.
+
+    Args:
+        t, pace: (n,) instants [s], and magnitudes of the wheels' speed [m/s].
+        straight: (n,) where the robot drives straight ahead.
+        period: between two instants [s].
+
+    Returns:
+        (n,) places in `PHASES`; the speed of the plateau [m/s]; begin and end of its longest stretch.
+    """
+    plateau = float(np.median(pace[pace > 0.6 * pace.max()]))
+    flat = (np.abs(pace - plateau) < BAND * plateau) & straight
+    pieces = runs(bridged(np.arange(t.size), flat, round(0.2 / period) + 1.5))
+    first, last = max(pieces, key=lambda p: p[1] - p[0], default=(0, 0))
+    slow = uniform_filter1d(np.gradient(pace, t), max(round(0.1 / period), 1))
+    label = np.where(slow >= 0, UP, DOWN)
+    label[:first], label[last:] = UP, DOWN
+    for i, j in pieces:
+        if j - i > round(0.3 / period):
+            label[i:j] = STEADY
+    return label, plateau, (first, last)
 
 
 def _whole(t: Array, pace: Array, speed: Array, rest: Mask, off: Mask | None) -> Interval:
