@@ -151,6 +151,7 @@ def run(
     record = rosenbrock.record(
         (start.size, grid.size, len(bends) + 1), (accuracy.relative, accuracy.absolute),
         most_steps(grid.size, len(bends)), 0 if kind == "trapezoid" else vector.shape[1],
+        smooth=kind in ("wheels", "sides"),
     )  # fmt: skip
     work, out = rosenbrock.work_space(start), np.empty((start.size, grid.size))
     arrays = (array.ctypes.data for array in (record, times, vector, work, out))

@@ -65,18 +65,23 @@ AFTER = 1e-9
 """The next piece begins so much after a corner [s], where derivatives in time are those of the next piece."""
 
 FIRST = 1e-4
-"""First step of a piece [s]."""
+"""First step of a run, and after a jump of the equations [s]."""
 
 
-N, SAMPLES, PIECES, RELATIVE, ABSOLUTE, MOST, NOW, END, SAMPLE, STEPS, STRIDE, COEFFICIENTS = range(12)
+N, SAMPLES, PIECES, RELATIVE, ABSOLUTE, MOST, NOW, END = range(8)
+SAMPLE, STEPS, STRIDE, SMOOTH, NEXT, COEFFICIENTS = range(8, 14)
 """Places in the record of a run, which is an array because the machine code knows no other record: numbers of
 states, of instants and of pieces, tolerances, most steps; where the run is: t and end of the piece [s],
-instants written, steps taken; how far apart the parameters of the pieces are, 0 where all have the same; and
-behind them `TABLE`."""
+instants written, steps taken; how far apart the parameters of the pieces are, 0 where all have the same;
+1 where the equations do not jump from piece to piece, else 0; the next step [s]; and behind them `TABLE`."""
 
 
 def record(
-    sizes: tuple[int, int, int], tolerances: tuple[float, float], most: int, stride: int = 0
+    sizes: tuple[int, int, int],
+    tolerances: tuple[float, float],
+    most: int,
+    stride: int = 0,
+    smooth: bool = False,
 ) -> Floats:
     """Return the record of a run that has not begun.
 
@@ -86,8 +91,9 @@ def record(
         tolerances: relative, absolute.
         most: steps, rejected ones included.
         stride: from the parameters of one piece to those of the next; 0 where all have the same.
+        smooth: the equations do not jump from piece to piece, so that the step is kept.
     """
-    head = (*sizes, *tolerances, most, 0.0, 0.0, 0.0, 0.0, stride)
+    head = (*sizes, *tolerances, most, 0.0, 0.0, 0.0, 0.0, stride, smooth, FIRST)
     return np.concatenate([np.array(head, dtype=np.float64), TABLE])
 
 
@@ -266,7 +272,7 @@ def piece(
 ) -> int:
     """Integrate to the end of a piece; arguments and result are those of `integrate`."""
     jacobian = work[8 * int(run[N]) :]
-    h = FIRST
+    h = max(FIRST, run[SMOOTH] * run[NEXT])
     last_h = 0.0
     last_error = 1.0
     rejected = 1
@@ -275,6 +281,7 @@ def piece(
         run[STEPS] = run[STEPS] + 1.0
         if run[STEPS] > run[MOST]:
             return TOO_MANY
+        run[NEXT] = h
         if run[NOW] + 1.001 * h >= run[END]:
             h = run[END] - run[NOW]
         error = step(rates, h, run, p, work)
