@@ -157,13 +157,21 @@ def _fitted_together(sets: FittedSets, model: Model, prospects: list[Prospect]) 
 
 
 def _best_of(sets: FittedSets, model: Model, tried: Sequence[Prospect]) -> Model:
-    """Return the likeliest set with one of the tried whose new effect stays; the set itself if none."""
+    """Return the likeliest set with one of the tried whose new effect stays; the set itself if none.
+
+    Where a likelier set predicts worse, its sand may still stand in for what was missing: it is fitted again
+    from the numbers of the files.
+    """
     keys = [model.with_effect(p.score.candidate) for p in tried]
     for larger in ranked(sets.models[k] for k in keys if k in sets.models and k not in sets.set_aside):
         if larger.log_posterior <= model.log_posterior + LEAST_GAIN:
             break
-        if model.is_improved_by(larger) and stays(sets, model, larger):
-            return larger
+        if model.is_improved_by(larger):
+            if stays(sets, model, larger):
+                return larger
+            again = _refit_from_files(sets, larger)
+            if again is not larger and stays(sets, model, again):
+                return again
         sets.set_aside.add(larger.effects)  # it cannot be named; it is listed
     return model
 
