@@ -20,7 +20,7 @@ from granite_lab.inference.priors import width_of
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import V_FLOOR, smoothstep
-from granite_lab.model.dictionary import QUANTITIES, Motion, Term, phi
+from granite_lab.model.dictionary import QUANTITIES, Motion, Term, phi, place_of
 from granite_lab.model.effect import activate
 from granite_lab.model.latent import PUSHES, SPACING, WIDTH
 from granite_lab.model.simulator import along
@@ -60,7 +60,7 @@ def forces(problem: Problem, impulses: ImpulseResponses, number: int, terms: Seq
     trial, command = problem.trials[i], problem.command_of[i]
     of = {axle: [plain[row[name.format(axle)]] for name in OF_AXLE] for axle in "fr"}
     groups = {t.groups for t in terms}
-    φ = {axle: {g: _phi(g, of[axle], p) for g in groups} for axle in "fr"}
+    φ = {axle: {g: _phi(g, of[axle], axle == "f", p) for g in groups} for axle in "fr"}
     amplitudes = np.zeros((len(terms), impulses.kind[command].size))
     for n, term in enumerate(terms):
         of_term = {axle: φ[axle][term.groups] for axle in "fr"}
@@ -77,11 +77,11 @@ def forces(problem: Problem, impulses: ImpulseResponses, number: int, terms: Seq
     return np.asarray(amplitudes / overlap)  # neighbouring pushes overlap
 
 
-def _phi(groups: tuple[str, ...], of: Sequence[Array], p: ModelParameters) -> Array:
-    """Return (N,) φ along a run, without the part near standstill."""
+def _phi(groups: tuple[str, ...], of: Sequence[Array], front: bool, p: ModelParameters) -> Array:
+    """Return (N,) φ of an axle along a run, without the part near standstill."""
     λ, z, v, x, θ, T, ω = (ca.DM(values) for values in of[:7])
     moving = smoothstep(ca.fabs(ω * p.wheels.radius) / (2 * V_FLOOR))
-    return np.asarray(moving * phi(groups, Motion(λ, z, v, x, θ, T), p)).ravel()
+    return np.asarray(moving * phi(groups, Motion(λ, z, v, x, place_of(x, front, p), θ, T), p)).ravel()
 
 
 def _acting(

@@ -40,6 +40,7 @@ class Motion:
         sinkage: z_0 [m].
         velocity: v [m/s].
         travel: x [m].
+        place: of the wheel on the ground, from the middle of the robot at its start [m].
         angle: θ [rad].
         torque: T of the motor on one wheel [N m]; None where a formula cannot know it.
     """
@@ -48,6 +49,7 @@ class Motion:
     sinkage: Any
     velocity: Any
     travel: Any
+    place: Any
     angle: Any
     torque: Any = None
 
@@ -79,6 +81,19 @@ GROUPS = {
 """L is the wheel base, W the load of a wheel."""
 
 
+def _at(number: int) -> Group:
+    """Return a bump about one place of the ground; those of neighbouring places add up to a smooth course."""
+    return Group(
+        f"exp(−(4 x_w/L − {number})²/2)", 1.0, f"place ({number / 4:g} wheel bases from the start)",
+        lambda m, p: ca.exp(-((4 * m.place / p.chassis.wheel_base - number) ** 2) / 2),
+    )  # fmt: skip
+
+
+PLACES = {f"at_{number}": _at(number) for number in range(48)}
+"""Places of the ground, a quarter of the wheel base apart, up to 12 wheel bases (convention); x_w is where
+the wheel stands."""
+
+
 class Quantity(NamedTuple):
     """What is corrected.
 
@@ -108,13 +123,16 @@ QUANTITIES = {
 }
 """Those of the soil cannot depend on T, which follows from them where wheels are turned."""
 
+LOCAL = ("modulus", "strength", "force", "lift", "moment")
+"""Quantities that may differ at one place of the ground."""
+
 
 class Term(Effect):
     """One correction; `term` makes the class of each.
 
     Class attributes:
         quantity: key of `QUANTITIES`.
-        groups: keys of `GROUPS` whose product is φ; none: φ = 1.
+        groups: keys of `GROUPS` or `PLACES` whose product is φ; none: φ = 1.
     """
 
     quantity: ClassVar[str]
@@ -167,13 +185,20 @@ class Term(Effect):
         return replace(load, x=load.x + x, z=load.z + z)
 
     def _factor(self, state: WheelState, sym: Symbols) -> Any:
-        motion = Motion(state.slip, state.sinkage, state.velocity, state.travel, state.angle)
-        return ca.exp(sym.p["a"] * _moving(state) * phi(self.groups, motion, sym.model))
+        return ca.exp(sym.p["a"] * _moving(state) * phi(self.groups, _motion(state, sym.model), sym.model))
 
     def _phi(self, axle: Axle, p: ModelParameters) -> Any:
-        s = axle.state
-        motion = Motion(s.slip, s.sinkage, s.velocity, s.travel, s.angle, axle.drive_torque)
-        return _moving(s) * phi(self.groups, motion, p)
+        return _moving(axle.state) * phi(self.groups, _motion(axle.state, p, axle.drive_torque), p)
+
+
+def _motion(s: WheelState, p: ModelParameters, torque: Any = None) -> Motion:
+    place = place_of(s.travel, s.front, p)
+    return Motion(s.slip, s.sinkage, s.velocity, s.travel, place, s.angle, torque)
+
+
+def place_of(travel: Any, front: bool, p: ModelParameters) -> Any:
+    """Return where a wheel stands on the ground, see `Motion.place` [m]."""
+    return travel + p.chassis.wheel_base / 2 * (1 if front else -1)
 
 
 def _moving(state: WheelState) -> Any:
@@ -185,12 +210,12 @@ def phi(groups: tuple[str, ...], motion: Motion, p: ModelParameters) -> Any:
     """Return the product of some groups, expressions or arrays as the motion has them."""
     value: Any = 1.0
     for name in groups:
-        value = value * GROUPS[name].of(motion, p)
+        value = value * (GROUPS | PLACES)[name].of(motion, p)
     return value
 
 
 def products() -> list[tuple[str, ...]]:
-    """Return the groups of each φ: none, one, and the products of two."""
+    """Return the groups of each φ of any quantity: none, one, and the products of two."""
     names = list(GROUPS)
     same = (("slip_size", "slip_size"), ("sin_angle", "sin_angle"))  # λ² is |λ|², sin² is 1 − cos²
     dropped = {*same, ("torque", "torque")}  # the current must enter in no higher power
@@ -203,7 +228,8 @@ def dictionary() -> dict[str, Effect]:
     """Return every term by its id."""
     terms: dict[str, Effect] = {}
     for quantity, of in QUANTITIES.items():
-        for groups in products():
+        local = [(name,) for name in PLACES] if quantity in LOCAL else []
+        for groups in [*products(), *local]:
             if of.factor and "torque" in groups:
                 continue
             made = _term(quantity, groups)
@@ -222,12 +248,12 @@ def is_term(id_: str) -> bool:
 
 
 def _term(quantity: str, groups: tuple[str, ...]) -> Term:
-    of = QUANTITIES[quantity]
+    of, every = QUANTITIES[quantity], GROUPS | PLACES
     size = SIZES[0 if of.factor else 1]
     for name in groups:
-        size /= GROUPS[name].size
-    formula = " · ".join(["a", *(GROUPS[name].formula for name in groups)])
-    words = " times ".join(GROUPS[name].words for name in groups)
+        size /= every[name].size
+    formula = " · ".join(["a", *(every[name].formula for name in groups)])
+    words = " times ".join(every[name].words for name in groups)
     fields = {
         "__module__": __name__,
         "id": "_by_".join([f"{PREFIX}_{quantity}", *(["_and_".join(groups)] if groups else [])]),

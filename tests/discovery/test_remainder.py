@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -22,16 +23,35 @@ from granite_lab.inference.pool import Scenario, Task
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model import Accuracy, simulate
-from granite_lab.model.dictionary import QUANTITIES, Term, dictionary, is_term, term
-from granite_lab.model.effect import activate
+from granite_lab.model.command import smoothstep
+from granite_lab.model.contact import WheelState, stiffer
+from granite_lab.model.dictionary import PLACES, QUANTITIES, Term, dictionary, is_term, place_of, term
+from granite_lab.model.effect import Effect, EffectParameter, Symbols, activate
 from granite_lab.model.latent import LatentForce
-from granite_lab.parameters import GRAVITY, load_robot, load_soil, variant_of
+from granite_lab.parameters import GRAVITY, Soil, load_robot, load_soil, variant_of
 from tests.inference.stub import COMMANDS, drawn, measure, problem_of
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 FINE = Accuracy(1e-8, 1e-10)
 TOLERANCE = 0.02
-SIMULATED = library() | dictionary() | {LatentForce.id: LatentForce()}
+
+
+class SoftPatch(Effect):
+    """Loose ground about one place, with soft edges: another shape than that of any term."""
+
+    id = "soft_patch"
+    title = "a soft patch of ground"
+    equation = "k · exp(−a) for |x_w − 0.35 m| < 0.08 m"
+    source = "made for this test"
+    signature = "at one place"
+    parameters = (EffectParameter("a", "", "loss of stiffness", 0.0, 2.0, 0.0, 0.0, 0.5),)
+
+    def soil(self, soil: Soil, state: WheelState, sym: Symbols) -> Soil:
+        away = ca.fabs(place_of(state.travel, state.front, sym.model) - 0.35)
+        return stiffer(soil, ca.exp(-sym.p["a"] * smoothstep((0.12 - away) / 0.08)))
+
+
+SIMULATED = library() | dictionary() | {e.id: e for e in (LatentForce(), SoftPatch())}
 
 
 def simulator(scenario: Scenario, tasks: Sequence[Task]) -> list[Array | None]:
@@ -97,7 +117,8 @@ def test_terms_come_back_from_a_model_file_and_simulate_the_same(tmp_path: Path)
 @pytest.mark.parametrize(
     "id_",
     ["term_modulus_by_speed", "term_strength_by_speed", "term_ratio_by_speed", "term_force_by_distance",
-     "term_lift_by_speed", "term_moment_by_torque", "term_torque_f_by_speed", "term_drive_by_speed"],
+     "term_lift_by_speed", "term_moment_by_torque", "term_torque_f_by_speed", "term_drive_by_speed",
+     "term_force_by_at_3"],
 )  # fmt: skip
 def test_responses_to_pushes_foretell_what_a_term_shows(id_: str) -> None:
     """A simulation with a little of the term shows the same."""
@@ -148,3 +169,18 @@ def test_a_hidden_force_is_described_by_its_formula_and_the_ceiling_shows_its_si
     assert abs(found.point.common[0] + 0.03) < 3 * std + 0.003
     before, after = (predict(problem, f, TOLERANCE) for f in (base, found))
     assert after.speed_left_out.sum() < before.speed_left_out.sum()
+
+
+def test_a_soft_patch_is_described_by_its_place_and_closes_the_gap_at_speeds_left_out() -> None:
+    (problem, base), impulses = (f(soft_patch=0.5) for f in (measured, pushes_of))
+    found = described(problem, impulses, TOLERANCE)
+    assert found is not None
+    largest = term(found.point.effects[int(np.argmax(np.abs(found.point.common)))])
+    assert isinstance(largest, Term)
+    chassis = load_robot().chassis
+    assert chassis is not None
+    place = list(PLACES).index(largest.groups[0]) * chassis.wheel_base / 4
+    assert place == pytest.approx(0.35, abs=0.12)
+    before, after = (predict(problem, f, TOLERANCE) for f in (base, found))
+    excess = [float((p.speed_left_out - p.expected).sum()) for p in (before, after)]
+    assert excess[1] < excess[0] / 4
