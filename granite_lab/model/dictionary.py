@@ -84,7 +84,7 @@ GROUPS = {
 def _at(number: int) -> Group:
     """Return a bump about one place of the ground; those of neighbouring places add up to a smooth course."""
     return Group(
-        f"exp(−(4 x_w/L − {number})²/2)", 1.0, f"place ({number / 4:g} wheel bases from the start)",
+        f"exp(−(4 x_w/L − {number})²/2)", 1.0, f"{number / 4:g} wheel bases from the start",
         lambda m, p: ca.exp(-((4 * m.place / p.chassis.wheel_base - number) ** 2) / 2),
     )  # fmt: skip
 
@@ -254,13 +254,16 @@ def _term(quantity: str, groups: tuple[str, ...]) -> Term:
         size /= every[name].size
     formula = " · ".join(["a", *(every[name].formula for name in groups)])
     words = " times ".join(every[name].words for name in groups)
+    if groups:
+        words = f"at {words}" if groups[0] in PLACES else f"by {words}"
+    id_ = "_and_".join(groups) if not groups or groups[0] in PLACES else f"by_{'_and_'.join(groups)}"
     fields = {
         "__module__": __name__,
-        "id": "_by_".join([f"{PREFIX}_{quantity}", *(["_and_".join(groups)] if groups else [])]),
-        "title": f"{of.words}, {f'by {words}' if groups else 'constant while moving'}",
+        "id": "_".join(filter(None, [PREFIX, quantity, id_])),
+        "title": f"{of.words}, {words or 'constant while moving'}",
         "equation": of.formula.format(formula),
         "source": "fitted to the trials; sparse regression as in Brunton, Proctor, Kutz, PNAS 113, 2016",
-        "name": f"{of.words}, {f'by {words}' if groups else 'constant'}",
+        "name": f"{of.words}, {words or 'constant'}",
         "signature": "no cause: it describes what the candidates do not explain",
         "quantity": quantity,
         "groups": groups,

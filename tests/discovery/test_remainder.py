@@ -118,7 +118,7 @@ def test_terms_come_back_from_a_model_file_and_simulate_the_same(tmp_path: Path)
     "id_",
     ["term_modulus_by_speed", "term_strength_by_speed", "term_ratio_by_speed", "term_force_by_distance",
      "term_lift_by_speed", "term_moment_by_torque", "term_torque_f_by_speed", "term_drive_by_speed",
-     "term_force_by_at_3"],
+     "term_force_at_3"],
 )  # fmt: skip
 def test_responses_to_pushes_foretell_what_a_term_shows(id_: str) -> None:
     """A simulation with a little of the term shows the same."""
