@@ -48,8 +48,8 @@ MODEL = (
 LAW = (
     "These terms describe the disagreement; they are no cause and hold for trials like these only. W: load "
     "of a wheel at rest; λ: slip ratio of the wheel; z: its sinkage; θ: its angle; r: its radius; T: torque "
-    "that drives it; v: speed of the robot; x: distance; x_w: place of the wheel; L: wheel base; M: torque of "
-    "the ground."
+    "that drives it; v: speed of the robot; x: distance; x_w: place of the wheel; L: wheel base; M: torque "
+    "of the ground."
 )
 NOT_CONVERGED = (
     "A fit that did not converge stopped before its minimum, so that its value is a guess. Most often the "
