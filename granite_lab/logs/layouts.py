@@ -347,7 +347,7 @@ def best(fits: list[Match]) -> Match:
     return first
 
 
-def unused(layout: Layout, read: Sequence[Match]) -> InputError:
+def not_used(layout: Layout, read: Sequence[Match]) -> InputError:
     """Say why no file of a trial is read by a map that was given for one of them."""
     tries = [match(layout, taken.table) for taken in read]
     near = max(tries, key=lambda m: (not m.missing, m.columns))

@@ -11,7 +11,7 @@ import numpy as np
 
 from granite_lab.errors import InputError
 from granite_lab.logs.canonical import trial_info
-from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, unused
+from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, not_used
 from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.sensors.aliasing import resolve_aliases
 from granite_lab.logs.sensors.doubt import Doubt
@@ -113,7 +113,7 @@ def read_trial(
         files.append((role, read_source(recognise(file, maps, topics, channels), *of_all)))
     for layout in given_maps(map, folders=False):
         if all(source.match.layout != layout for _, source in files):
-            raise unused(layout, [source.match for _, source in files])
+            raise not_used(layout, [source.match for _, source in files])
     trial = assemble(first, files, robot, info, window=window)
     if window is None or trial.wheels is None:
         return trial
