@@ -85,7 +85,8 @@ def recognise(
             layout, doubts = bag_layout(table, roles)
             tries = [match(layout, table.doubted(*doubts))]
     misfits: list[InputError] = []
-    for layout in maps if not bag else ():
+    meant = [layout for layout in maps if not layout.file or re.search(layout.file, path.name)]
+    for layout in (meant or maps) if not bag else ():
         try:  # the map may be meant for another file of the trial
             tries.append(match(layout, open_table(path, layout.table)))
         except InputError as error:
