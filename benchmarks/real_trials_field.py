@@ -49,7 +49,7 @@ def car(data: Path, work: Path) -> Prepared:
          "robot: chassis by its parts, the IMU a quarter turn round",
          "sidecar of each run: std of the reference"),
         reference_is=f"particle filter on lidar, ± {1000 * PLACE_STD:.0f} mm",
-        remark="The page of the set states m/s², rad/s and x ahead. The log holds g, °/s and an IMU turned by "
+        remark="The page of the set states m/s², rad/s and x ahead. The log has g, °/s and an IMU turned by "
         "90°: units were found by their values, and the mounting was refused until the robot's file "
         "had it. The car is hardly ever on a straight for 2 s. In the part of DS2 that is used, between two "
         "gaps, the particle filter moves by 3.3 m while the wheels roll 1.1 m and stand: its std does not "
@@ -68,8 +68,8 @@ def roomba(data: Path, work: Path) -> Prepared:
         ("column maps: two, for the orders of columns of two years; names by the programs that logged",
          "robot: wheels and counts of the data sheet"),
         remark=f"{FLOOR} No file has a header. The counters run over at 16 bits. With the gyro's y as logged "
-        "IMUData_2-18-21 was refused, because its sign or that of ax is wrong: the sensor (LSM9DS1) has "
-        "left-handed axes. Two wheels and a castor: no [chassis], so that nothing is simulated.",
+        "IMUData_2-18-21 was refused, because its sign or that of ax is wrong: while ax falls by 0.2 m/s², gy adds "
+        "up to -1°. Two wheels and a castor: no [chassis], so that nothing is simulated.",
     )  # fmt: skip
 
 

@@ -385,6 +385,8 @@ def no_match(tries: list[Match], given: bool) -> InputError:
         if canonical
         else f"columns here: {shown}"
     )
+    if not given and not canonical:  # the layout that comes closest need not be the file's
+        hint += "; granite-lab inspect LOG --write-map FILE drafts a map of them"
     more = f" (and {len(near.missing) - 1} more)" if len(near.missing) > 1 else ""
     message = f"column '{lacking}' is missing{more}, expected by layout '{near.layout.name}'"
     return table.error(message, hint + numbered_ones, table.header_line)

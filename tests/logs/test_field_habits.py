@@ -130,6 +130,23 @@ def test_a_file_given_for_its_wheels_is_read_by_the_map_of_wheels(tmp_path: Path
         read_trial(body, {"encoders": wheel}, map=[one, two])
 
 
+def test_a_map_of_other_files_is_not_tried(tmp_path: Path) -> None:
+    """Its key `file` is not in the file's name, though its columns are in the table."""
+    t, _, wheels = make.rows()
+    table = np.column_stack([t, wheels[:, 0], 0 * t, 0 * t])
+    lines = ["when,turned,x,y", *(",".join(f"{v:.9g}" for v in row) for row in table)]
+    make.written(tmp_path, "\n".join(lines) + "\n", "drive/odometry.csv")
+    make.written(tmp_path, make.only("t_s", *make.IMU), "drive/imu.csv")
+    clock = ENTRY.format("when", '"t"', "s")
+    turned = 'name = "turned"\n' + clock + ENTRY.format("turned", '"enc_fl", "enc_fr"', "rad")
+    place = 'name = "place"\n' + clock + ENTRY.format("x", '"ref_x"', "m") + ENTRY.format("y", '"ref_y"', "m")
+    make.written(tmp_path, turned, "maps/turned.toml")
+    make.written(tmp_path, place.replace("\n", '\nfile = "pose"\n', 1), "maps/place.toml")
+    got = read_trial(tmp_path / "drive", map=tmp_path / "maps")
+    assert got.wheels is not None
+    assert got.reference_x is None
+
+
 def test_an_attitude_and_flags_are_not_taken_for_gravity(tmp_path: Path) -> None:
     """Three parts of a quaternion of unit length; and readings of about 1 beside flags of 0 and 1."""
     t = np.arange(400) / 50
