@@ -68,8 +68,8 @@ def roomba(data: Path, work: Path) -> Prepared:
         ("column maps: two, for the orders of columns of two years; names by the programs that logged",
          "robot: wheels and counts of the data sheet"),
         remark=f"{FLOOR} No file has a header. The counters run over at 16 bits. With the gyro's y as logged "
-        "IMUData_2-18-21 was refused, because its sign or that of ax is wrong: while ax falls by 0.2 m/s², gy adds "
-        "up to -1°. Two wheels and a castor: no [chassis], so that nothing is simulated.",
+        "IMUData_2-18-21 was refused, because its sign or that of ax is wrong: while ax falls by 0.2 m/s² "
+        "gy adds up to -1°. Two wheels and a castor: no [chassis], so that nothing is simulated.",
     )  # fmt: skip
 
 
