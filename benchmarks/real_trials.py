@@ -24,8 +24,10 @@ import pandas as pd
 import granite_lab as gl
 from benchmarks.real_logs import BY_HAND, SNOW_STD, by_hand, standstills
 from benchmarks.real_trials_drive import steps_of
+from benchmarks.real_trials_field import FIELD
 from benchmarks.real_trials_page import page, picture
 from benchmarks.real_trials_plot import slips
+from benchmarks.real_trials_set import Prepared
 from granite_lab.errors import LabError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
@@ -66,43 +68,6 @@ TWO_SIDED = 1.96
 """Half of a 95 % interval in std."""
 
 BOREAL = ("SANDY_LOAM_{}_01", "SANDY_LOAM_{}_06", "SNOW_{}_01")
-
-
-@dataclass(frozen=True)
-class Prepared:
-    """A set of trials, ready to be analysed.
-
-    Attributes:
-        title, source, licence: what it is and where it is from.
-        logs: folder of the logs with their sidecars.
-        robot, column_map: files or names; None where the log says it or is recognised.
-        written: what was written by hand, one line each.
-        soil: file or name; None where nobody states it.
-        remark: what a reader of its numbers should know, in a paragraph.
-        reference_is: what the reference is, whose std the sidecars state; empty where there is none.
-    """
-
-    title: str
-    source: str
-    licence: str
-    logs: Path
-    robot: str | None = None
-    column_map: str | None = None
-    written: tuple[str, ...] = ()
-    soil: str | None = None
-    reference_is: str = ""
-    remark: str = ""
-
-    @property
-    def known(self) -> dict[str, Any]:
-        """Keywords of the verbs that take the reference as a measurement."""
-        return {"use_reference": True} if self.reference_is else {}
-
-    @property
-    def about(self) -> dict[str, Any]:
-        """Keywords of the verbs."""
-        said = {"robot": self.robot, "column_map": self.column_map, "soil": self.soil}
-        return {name: value for name, value in said.items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -217,6 +182,7 @@ SETS: dict[str, Callable[[Path, Path], Prepared]] = {
     "snow": snow,
     "vulpi": vulpi,
     "borealtc_husky": boreal,
+    **FIELD,
 }
 """What must be in the data's folder, and what prepares the set."""
 

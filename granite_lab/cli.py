@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Annotated, Any, cast
@@ -79,6 +80,21 @@ def _as_usage_error() -> Iterator[None]:
         raise UsageError(f"{message[:1].lower()}{message[1:]}", f"{hint}{path} --help lists all") from None
 
 
+def _refuse_repeated(command: Any, given: Sequence[str]) -> None:
+    """Refuse an option that takes one value and is given twice: the parser would take the last of them."""
+    single = {
+        name: parameter.opts[0]
+        for parameter in command.params
+        if parameter.param_type_name == "option" and not (parameter.multiple or parameter.is_flag)
+        for name in (*parameter.opts, *parameter.secondary_opts)
+    }
+    typed = Counter(single[name] for text in given if (name := text.partition("=")[0]) in single)
+    for name, count in typed.items():
+        if count > 1:
+            hint = "a folder stands for several maps" if name == "--map" else "give it once"
+            raise UsageError(f"{name} is given {count} times, and takes one value", hint)
+
+
 class _Group(TyperGroup):
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
@@ -87,6 +103,12 @@ class _Group(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
         """Return a command, which is imported now; None where there is none of that name."""
         return command_of(cmd_name) if cmd_name in COMMANDS else None
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command of some arguments, its name and what is left of them."""
+        name, command, left = super().resolve_command(ctx, args)
+        _refuse_repeated(command, left)
+        return name, command, left
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         """Read the arguments before the command."""

@@ -100,7 +100,7 @@ def simulate(
     *,
     v: float | None = None, a: float | None = None, distance: float | None = None,
     command: str | Sequence[tuple[float, float]] | None = None, wheels: File = None,
-    log: File = None, seed: int = 0,
+    column_map: File = None, log: File = None, seed: int = 0,
     k92: float | None = None, a_theta: float | None = None, robot: File | Robot = None,
     soil: File | Soil = None, changes: Changes = None,
     model: File = None, effects: File = None, active: Switched = None,
@@ -114,6 +114,7 @@ def simulate(
         distance: total distance [m] (with `v`).
         command: any desired velocity, linear between times, as ``0:0, 1:0.3, 5:0.3, 6:0`` in s and m/s.
         wheels: a log whose measured wheel speeds drive the simulation; its robot and soil are used.
+        column_map: column map of that log, as in `ingest`.
         log: file for the log of virtual sensors (CSV).
         seed: seed of the random numbers of the sensors.
         k92: constant k_92, 0 to 1; by default the law (5), k_92 = exp(-a_θ v).
@@ -139,7 +140,7 @@ def simulate(
         others = "--variant, --v, --a and --distance"
         raise UsageError(f"--wheels and --command exclude each other, {others}", "give one of them")
     if wheels is not None:
-        course, robot, soil = _of_log(Path(wheels), robot, soil, changes)
+        course, robot, soil = _of_log(Path(wheels), robot, soil, changes, column_map)
     else:
         course = _trapezoid(*trapezoid) if command is None else _commanded(command)
     chosen = _model(robot, soil, (k92, a_theta), model, effects, active, changes)
@@ -158,13 +159,13 @@ def simulate(
 
 
 def _of_log(
-    log: Path, robot: File | Robot, soil: File | Soil, changes: Changes
+    log: Path, robot: File | Robot, soil: File | Soil, changes: Changes, column_map: File
 ) -> tuple[Variant, File | Robot, File | Soil]:
     """Return the motion of a log's wheels, with robot and soil: as given, else those of the log."""
     from granite_lab.chain import with_simulation_input  # noqa: PLC0415, heavy
 
     of_robot, of_soil = (None if isinstance(x, (Robot, Soil)) else x for x in (robot, soil))
-    given = options(robot=of_robot, soil=of_soil, drive="wheels", changes=changes)
+    given = options(robot=of_robot, soil=of_soil, drive="wheels", changes=changes, column_map=column_map)
     trial, of_log, motion = with_simulation_input(log, given)
     return motion.variant, robot or of_log, soil or trial.info.soil
 

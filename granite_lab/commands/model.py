@@ -15,6 +15,7 @@ import granite_lab as gl
 from granite_lab import reporting
 from granite_lab.commands.options import (
     Changes,
+    ColumnMap,
     EffectFile,
     Format,
     Json,
@@ -63,6 +64,7 @@ def simulate(
         help="Any desired velocity, linear between times, as '0:0, 1:0.3, 5:0.3, 6:0' [s, m/s].")] = None,
     wheels: Annotated[Path | None, Option(
         help="Log whose measured wheel speeds drive the simulation.")] = None,
+    column_map: ColumnMap = None,
     log: Annotated[Path | None, Option(help="File for the log of virtual sensors (CSV).")] = None,
     seed: Annotated[int, Option(help="Seed of the random numbers of the sensors.")] = 0,
     k92: K92 = None, a_theta: ATheta = None, robot: ModelRobot = None, soil: ModelSoil = None,
@@ -77,7 +79,8 @@ def simulate(
     """
     ending = ending_of(out, table_format)
     run = gl.simulate(
-        variant, v=v, a=a, distance=distance, command=command, wheels=wheels, log=log, seed=seed,
+        variant, v=v, a=a, distance=distance, command=command, wheels=wheels, column_map=column_map, log=log,
+        seed=seed,
         k92=k92, a_theta=a_theta, robot=robot, soil=soil, model=model, effects=effects,
         active=effects_of(active), changes=changes_of(changes),
     )  # fmt: skip

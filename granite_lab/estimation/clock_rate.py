@@ -112,7 +112,11 @@ def clock_rate(problem: Problem) -> Estimate:
         return Estimate(0.0)
     likely, shape = last.likely.value - first.likely.value, last.shape - first.shape
     change = min(likely, shape, key=abs) if likely * shape > 0.0 else 0.0
-    return Estimate(change / length, float(np.hypot(first.likely.std, last.likely.std)) / length)
+    # Stamps that were spread evenly are off by their scatter, at one ramp by other samples than at the other.
+    spread = np.sqrt(2.0) * problem.stamp_std
+    return Estimate(
+        change / length, float(np.linalg.norm([first.likely.std, last.likely.std, spread])) / length
+    )
 
 
 def doubt_rate(problem: Problem) -> list[Doubt]:

@@ -19,6 +19,7 @@ from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.reference import lag_of
 from granite_lab.estimation.smoother import Solution, settle, smooth
 from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.rounding import plus_minus
 
 SPACING = 0.05
 """Of the filter's nodes [s]: what is left at rest builds up over seconds."""
@@ -74,8 +75,9 @@ def doubt_closure(problem: Problem, offset: float) -> list[Doubt]:
     if not beyond:
         return doubts
     worst = max(beyond, key=lambda x: abs(x.value))
+    rest = plus_minus(worst, "m/s") if abs(worst.value) >= 1.0 else plus_minus(worst, "mm/s", 1e3)
     seen = (
-        f"the IMU comes to rest at {1e3 * worst.value:.0f} ± {1e3 * worst.std:.0f} mm/s: its bias changed in "
+        f"the IMU comes to rest at {rest}: its bias changed in "
         "motion, or vibration is folded to slow frequencies"
     )
     pace = float(np.nanmax(np.abs(rolling.speed)))

@@ -49,7 +49,8 @@ def with_plausibility(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) 
         soil: what the robot drives on; its slip ratio counts where the soil states one.
         limits: what was put right or could not be judged while the motion was estimated.
     """
-    doubts = [*limits, *(_doubts(motion, soil) if np.isfinite(motion.v).any() else ())]
+    least = max((doubt.std for doubt in limits), default=0.0)
+    doubts = [*limits, *(_doubts(motion, soil, least) if np.isfinite(motion.v).any() else ())]
     if not doubts:
         return motion
     order: tuple[Grade, ...] = ("poor", "fair", "good")
@@ -136,8 +137,8 @@ class SteadyPart:
     stated: bool
 
 
-def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
-    """Yield what contradicts an estimate of body velocity."""
+def _doubts(motion: Motion, soil: Soil, least: float) -> Iterator[Doubt]:
+    """Yield what contradicts an estimate of body velocity, whose slip ratio has at `least` this std [-]."""
     stated = soil.slip_std < 1.0
     low = -SlipModel.per_acceleration * GRAVITY * max(_downhill(motion), 0.0)
     usual = soil.slip if stated else SlipModel.steady
@@ -146,8 +147,9 @@ def _doubts(motion: Motion, soil: Soil) -> Iterator[Doubt]:
         if nis > UNFIT**2:
             yield Doubt(scattering(kind, nis), grade="poor")
     yield from _differing_wheel(motion)
-    if motion.slip_ratio.std > TELLING:
-        points = 100.0 * motion.slip_ratio.std
+    std = max(motion.slip_ratio.std, least)  # NaN where no slip ratio is defined
+    if std > TELLING:
+        points = 100.0 * std
         known = f"known to ± {points:.0f} points only" if points < 100.0 else "not known at all"
         yield Doubt(f"the slip ratio is {known}", grade="fair")
     yield from _faster_than_wheels(steady)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from operator import attrgetter
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +31,26 @@ _LEFT_OUT = "none"  # given for a role in place of a topic, it leaves the role o
 # A field of messages: its name, the name of its covariance ("": none), and how to get its number.
 Field = tuple[str, str, Callable[[Any], float]]
 
+Message = tuple[str, int, Any]  # its topic, when it arrived [ns], and what it says
+
 _SECOND = 1_000_000_000
 
 
-def read_bag(path: Path, asked: Mapping[str, str]) -> tuple[Table, dict[str, str]]:
+_NUMBER = re.compile(r"std_msgs/msg/U?(Int|Float)\d+")  # messages of one number, as small computers send them
+_TOGETHER = 0.5  # of a period: numbers that come within it are of one sample
+
+
+def read_bag(
+    path: Path, asked: Mapping[str, str], named: Iterable[str] | None = ()
+) -> tuple[Table, dict[str, str]]:
     """Read the topics of a bag that hold an IMU, wheel joints or odometry; `asked` names those of some roles.
 
+    Columns that are `named`, as a column map does it, are read from messages of any type: ``/topic.field``,
+    with the place in an array as in ``/rpm.data.0``. With None, messages of one number are read.
+
     Returns a table with a row a message and columns called ``/topic.field``, and what each topic was taken
-    for. Its column `t` is in [s] since the whole second of the first stamp.
+    for. Numbers that are sent one by one and come together share a row. Its column `t` is in [s] since the
+    whole second of the first stamp.
 
     Raises:
         InputError: the bag cannot be read, or holds none of these.
@@ -56,12 +69,17 @@ def read_bag(path: Path, asked: Mapping[str, str]) -> tuple[Table, dict[str, str
             path.open("rb").close()
     except OSError as error:
         raise readable(error, path) from None
-    doubts: list[str] = []
+    doubts, chosen = list[str](), dict[str, str]()
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-            chosen = _choose(path, reader.topics, asked, doubts)
-            wanted = [c for c in reader.connections if c.topic in chosen.values()]
-            rows = [
+            numbers = [
+                f"{n}.data" for n, t in sorted(reader.topics.items()) if _NUMBER.match(t.msgtype or "")
+            ]
+            others = _others(reader.topics, numbers if named is None else named)
+            if named is not None:
+                chosen = _choose(path, reader.topics, asked, doubts, numbers, given=bool(others))
+            wanted = [c for c in reader.connections if c.topic in {*chosen.values(), *others}]
+            rows: list[Message] = [
                 (connection.topic, stamp, reader.deserialize(raw, connection.msgtype))
                 for connection, stamp, raw in reader.messages(connections=wanted)
             ]
@@ -71,24 +89,79 @@ def read_bag(path: Path, asked: Mapping[str, str]) -> tuple[Table, dict[str, str
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         hint = "is the recording complete? 'ros2 bag reindex' may repair it"
         raise InputError(f"{path}: cannot be read as a ROS bag: {reason}", hint) from None
-    columns = defaultdict[str, Array](lambda: np.full(len(rows), np.nan), t=_stamps(path, rows, doubts))
-    names, fields = {topic: ROS[role]["fields"] for role, topic in chosen.items()}, dict[str, list[Field]]()
-    for row, (topic, _, message) in enumerate(rows):
+    read = {topic: [*ROS[role]["fields"], *others.get(topic, ())] for role, topic in chosen.items()}
+    return _table(path, rows, {**others, **read}, doubts), chosen
+
+
+def _table(
+    path: Path, rows: Sequence[Message], names: Mapping[str, Iterable[str]], doubts: list[str]
+) -> Table:
+    """Return the fields of some `names` of each topic as columns."""
+    stamps = _stamps(path, rows, doubts)
+    first, places = _rows(stamps, [topic if _NUMBER.match(m.__msgtype__) else "" for topic, _, m in rows])
+    columns = defaultdict[str, Array](lambda: np.full(len(first), np.nan), t=stamps[first])
+    fields = dict[str, list[Field]]()
+    for row, (topic, _, message) in zip(places, rows, strict=True):
         if topic not in fields:
-            fields[topic] = list(_find(message, names[topic]))
+            fields[topic] = list(_find(message, dict.fromkeys(names[topic])))
         for name, value in _numbers(message, fields[topic]):
             columns[f"{topic}.{name}"][row] = value
-    headers, numbers = (tuple(columns),), tuple(columns.values())
-    table = Table(
-        path=path, headers=headers, width=len(columns), encoding="ROS", doubts=tuple(doubts), numbers=numbers
+    return Table(
+        path=path, headers=(tuple(columns),), width=len(columns), encoding="ROS", doubts=tuple(doubts),
+        numbers=tuple(columns.values()),
     )  # fmt: skip
-    return table, chosen
+
+
+def _others(topics: Iterable[str], named: Iterable[str]) -> dict[str, list[str]]:
+    """Return the fields of topics that columns called ``/topic.field`` name; topics may hold points."""
+    fields = defaultdict[str, list[str]](list)
+    for name in named:
+        held = [topic for topic in topics if name.startswith(f"{topic}.")]
+        if held:
+            topic = max(held, key=len)
+            fields[topic].append(name.removeprefix(f"{topic}."))
+    return fields
+
+
+def _rows(stamps: Array, numbers: Sequence[str]) -> tuple[list[int], list[int]]:
+    """Return the first message of each row, and the row of each message, of stamps (N,) [s].
+
+    `numbers` says of each message which topic of one number it is from, "" for others. Numbers are of one
+    row until one of them comes again, or until half a period has passed.
+    """
+    of_topic = defaultdict[str, list[float]](list)
+    for stamp, topic in zip(stamps, numbers, strict=True):
+        of_topic[topic].append(stamp)
+    periods = [float(np.median(np.diff(t))) for topic, t in of_topic.items() if topic and len(t) > 1]
+    longest = _TOGETHER * min(periods, default=0.0)
+    first, places, here = list[int](), list[int](), set[str]()
+    begun = 0
+    for k, topic in enumerate(numbers):
+        if topic and here and topic not in here and stamps[k] - stamps[first[begun]] <= longest:
+            here.add(topic)
+            places.append(begun)
+            continue
+        if topic:
+            begun, here = len(first), {topic}
+        places.append(len(first))
+        first.append(k)
+    return first, places
 
 
 def _choose(
-    path: Path, topics: Mapping[str, Any], asked: Mapping[str, str], doubts: list[str]
+    path: Path,
+    topics: Mapping[str, Any],
+    asked: Mapping[str, str],
+    doubts: list[str],
+    numbers: Sequence[str],
+    *,
+    given: bool,
 ) -> dict[str, str]:
-    """Return what each topic is taken for; where several fit, the one with most messages."""
+    """Return what each topic is taken for; where several fit, the one with most messages.
+
+    `numbers` are columns of messages of one number. Where a column map has `given` columns, a bag may hold
+    none of the topics that are looked for.
+    """
     chosen: dict[str, str] = {}
     for role, name in asked.items():
         if name == _LEFT_OUT:
@@ -113,17 +186,23 @@ def _choose(
             if others := ", ".join(sorted(name for _, name in free if name != best)):
                 taken = f"{path.name}: topic {best} taken as {role}, not {others}"
                 doubts.append(f"{taken}; --topic {role}=… chooses another")
-    if not set(chosen) & set(_INSTEAD):
+    shown = ", ".join(numbers[:6]) + (", …" if len(numbers) > 6 else "")
+    if not given and not set(chosen) & set(_INSTEAD):
         types = ", ".join(sorted({str(info.msgtype) for info in topics.values()})) or "nothing"
         imu, joints, odometry = (ROLES[role][0] for role in _INSTEAD)
-        raise InputError(f"{path}: no topic with {imu}, {joints} or {odometry}", f"the bag holds: {types}")
+        hint = f"a column map (inspect --write-map) can name single numbers: {shown}" if numbers else ""
+        raise InputError(
+            f"{path}: no topic with {imu}, {joints} or {odometry}", hint or f"the bag holds: {types}"
+        )
+    if numbers and not given and not {"joints", "odom"} & {*chosen, *asked}:
+        doubts.append(f"{path.name}: no joint states or odometry; a column map can name wheels among {shown}")
     if "odom" in chosen:
         taken = f"no joint states: the wheels' velocity is that of odometry {chosen['odom']}"
         doubts.append(f"{path.name}: {taken}")
     return chosen
 
 
-def _stamps(path: Path, rows: Sequence[tuple[str, int, Any]], doubts: list[str]) -> Array:
+def _stamps(path: Path, rows: Sequence[Message], doubts: list[str]) -> Array:
     """Return stamps (N,) [s] since the whole second of the first.
 
     They stand in the messages' headers; 0 there says that it was not set. Messages without one, and those
@@ -134,6 +213,7 @@ def _stamps(path: Path, rows: Sequence[tuple[str, int, Any]], doubts: list[str])
     stamps = [h.stamp.sec * _SECOND + h.stamp.nanosec if h is not None else 0 for h in headers]
     logged = list(zip(rows, stamps, strict=True))
     bare: set[str] = set()
+    faults = defaultdict[str, list[str]](list)
     for topic in sorted({topic for topic, _, _ in rows}):
         of_topic = [stamp for (name, _, _), stamp in logged if name == topic]
         if any(of_topic) and not _stands_still(
@@ -142,9 +222,8 @@ def _stamps(path: Path, rows: Sequence[tuple[str, int, Any]], doubts: list[str])
             continue
         bare.add(topic)
         fault = "have no stamps" if not any(of_topic) else f"have {len(set(of_topic))} different stamps"
-        doubts.append(
-            f"{path.name}: {len(of_topic)} messages of {topic} {fault}; the time of arrival is used"
-        )
+        faults[f"{len(of_topic)} messages of {{}} {fault}; the time of arrival is used"].append(topic)
+    doubts += [f"{path.name}: {fault.format(', '.join(of))}" for fault, of in faults.items()]
     stamps = _at_one_rate(path, [(topic, arrival) for topic, arrival, _ in rows], stamps, bare, doubts)
     logged = list(zip(rows, stamps, strict=True))
     late = [arrival - stamp for (topic, arrival, _), stamp in logged if topic not in bare]
@@ -197,10 +276,17 @@ def _find(message: Any, names: Iterable[str]) -> Iterator[Field]:
         part, path = message, list[str]()
         for step in name.split("."):
             if step != "pose" or hasattr(part, step):
-                part, path = getattr(part, step, None), [*path, step]
-        if part is not None:
+                part, path = _part(part, step), [*path, step]
+        if part is not None and np.ndim(part) == 0:
             covariance = f"{path[0]}_covariance"
-            yield name, covariance if hasattr(message, covariance) else "", attrgetter(".".join(path))
+            yield name, covariance if hasattr(message, covariance) else "", partial(reduce, _part, path)
+
+
+def _part(whole: Any, step: str) -> Any:
+    """Return a field of a message, or an element of an array; None if there is none."""
+    if step.isdigit():
+        return whole[int(step)] if np.ndim(whole) and int(step) < len(whole) else None
+    return getattr(whole, step, None)
 
 
 def _numbers(message: Any, fields: Iterable[Field]) -> Iterator[tuple[str, float]]:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from granite_lab.errors import InputError, at, nearest
 from granite_lab.files import write_text, writing
 from granite_lab.logs.quantities import ACCELERATION, CURRENTS, ENCODERS, RATE
+from granite_lab.logs.rows import uncommented
 from granite_lab.logs.trial import Stated, Trial, TrialInfo, unsaid
 from granite_lab.parameters import parse_path
 from granite_lab.parameters.quantity import (
@@ -72,7 +73,7 @@ def collect(
         InputError: a known key with a value that is not allowed; a sidecar that cannot be read, or with a key
             that is not known.
     """
-    lines = [(at(path, line), text.lstrip("#").strip()) for line, text in comments]
+    lines = [(at(path, line), uncommented(text)) for line, text in comments]
     above = ((where, _parse(bare, where)) for where, bare in lines if _LINE.match(bare))
     beside = ((str(sidecar), read_toml(sidecar)) for sidecar in sidecars)
     metadata: Metadata = {"extra": {}}

@@ -11,7 +11,16 @@ from pathlib import Path
 from statistics import median
 
 from granite_lab.errors import InputError, at
-from granite_lab.logs.rows import DELIMITERS, LINES_OF_A_CELL, MISSING, is_number, joined, split
+from granite_lab.logs.rows import (
+    COMMENT,
+    DELIMITERS,
+    LINES_OF_A_CELL,
+    MISSING,
+    is_number,
+    joined,
+    split,
+    uncommented,
+)
 
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _QUOTED, _BRACKETS = re.compile(r'"([^"]*)"'), re.compile(r"\[[^\[\]]*\]|\([^()]*\)|\{[^{}]*\}")
@@ -49,7 +58,7 @@ class Dialect:
     header_line: int = 0  # line of the first header row (0: none)
     data_line: int = 0  # line of the first row of data (0: the table is not text)
     sample: tuple[tuple[str, ...], ...] = ()  # the first rows of data
-    comments: tuple[tuple[int, str], ...] = ()  # lines before the data that begin with #, numbered
+    comments: tuple[tuple[int, str], ...] = ()  # comment lines before the data, numbered
     preamble: tuple[str, ...] = ()  # other lines above the data
     unnamed: tuple[int, str, str] = (0, "", "")  # without headers: line, what is wrong, and a hint
 
@@ -90,7 +99,7 @@ def find_dialect(path: Path, lines: Sequence[str], stated: TableFormat) -> Diale
     first = [comment for comment in comments if comment[0] < data_line]
     if first and not above:  # the header may be the last comment line, as in EuRoC
         line, comment = first[-1]
-        row = split(comment.lstrip("#").strip(), delimiter)
+        row = split(uncommented(comment), delimiter)
         above = [(line, row)] if len(row) == width and not any(map(is_number, row)) else []
     sample = [row for _, row in below[:_SAMPLE_ROWS]]
     headers, header_line = _headers(above, sample)
@@ -132,7 +141,7 @@ def _head(lines: Sequence[str]) -> tuple[NumberedLines, NumberedLines, str]:
         number += 1
         if not text.strip():
             continue
-        if text.lstrip().startswith("#"):
+        if COMMENT.match(text):
             comments.append((number, text.lstrip()))
         elif not records and not separator and (match := re.fullmatch(r'"?sep=(.)"?\s*', text[:20])):
             separator = match.group(1)

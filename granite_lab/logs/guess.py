@@ -29,6 +29,10 @@ from granite_lab.logs.sensors.stamps import SECONDS, ticks_too_rarely, unit_fact
 from granite_lab.logs.table import Table
 from granite_lab.logs.trial import Array
 
+# The length of a direction scatters by less than this share, written with four decimals; and gravity in m/s²,
+# the larger of two units of which whole numbers are too coarse.
+_UNIT_LENGTH, _WHOLE_NUMBERS = 1e-3, 10.0
+
 Guesses = dict[int, ColumnReport]  # the place of a column, and what it seems to be
 
 
@@ -149,7 +153,8 @@ def _triples(guesses: Guesses, columns: Mapping[int, Array]) -> None:
         values = np.column_stack([columns[place] for place in trio])
         whole = values[np.isfinite(values).all(axis=1)]
         size = float(np.median(np.linalg.norm(whole, axis=1))) if len(whole) >= 5 else np.nan
-        unit = gravity_unit(size, 0.1)
+        sure = bool(guesses[trio[0]].to) or (len(whole) >= 5 and _resolves_gravity(whole, size))
+        unit = gravity_unit(size, 0.1) if sure else ""
         for place, channel in zip(trio, ACCELERATION, strict=True):
             column = guesses[place]
             if unit and not column.to:
@@ -163,6 +168,16 @@ def _triples(guesses: Guesses, columns: Mapping[int, Array]) -> None:
         column, peak = guesses[place], float(np.nanmax(np.abs(columns[place]), initial=0.0))
         if column.unit == "rad/s" and column.assumed and peak > 20:
             _set(guesses, place, "deg/s", "name; too fast for rad/s")
+
+
+def _resolves_gravity(values: Array, size: float) -> bool:
+    """Say whether vectors (N, 3) of unknown meaning, of gravity's usual `size`, may be of an accelerometer.
+
+    A direction, as of an attitude, has one length throughout; flags and small whole numbers are no readings.
+    """
+    coarse = size < _WHOLE_NUMBERS and (values == np.rint(values)).all(axis=0).any()
+    lengths = np.linalg.norm(values, axis=1)
+    return not coarse and bool(np.ptp(lengths) > _UNIT_LENGTH * size)
 
 
 def _encoders(guesses: Guesses, columns: Mapping[int, Array]) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from granite_lab.errors import InputError, at
+from granite_lab.logs.bag import read_bag
 from granite_lab.logs.cells import Cells, load
 from granite_lab.logs.guess import called, guess
 from granite_lab.logs.layouts import Column, Layout, Maps, Match, given_maps, match, no_match
@@ -200,11 +201,12 @@ def _inspect(
         table = fit.table
     except InputError as error:
         report = replace(report, problem=error.message, hint=error.hint)
-        if is_bag(path):
-            return report
         try:
-            table = open_table(path, maps[0].table if len(maps) == 1 else None)
+            said = maps[0].table if len(maps) == 1 else None
+            table = read_bag(path, {}, None)[0] if is_bag(path) else open_table(path, said)
         except InputError:
+            return report
+        if table.width <= 1 and is_bag(path):
             return report
     try:
         cells = _cells(table)

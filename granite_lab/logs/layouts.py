@@ -182,11 +182,16 @@ def load_layout(name: str | Path) -> Layout:
     return layout
 
 
-def given_maps(maps: Maps) -> tuple[Layout, ...]:
-    """Load the column maps a user gave, names, files, or folders of maps; raise errors as `load_layout`."""
+def given_maps(maps: Maps, *, folders: bool = True) -> tuple[Layout, ...]:
+    """Load the column maps a user gave, names, files, or folders of maps; raise errors as `load_layout`.
+
+    Without `folders`, only those that were given one by one: each of them is meant for a file of the trial.
+    """
     layouts: list[Layout] = []
     for entry in [maps] if isinstance(maps, (str, Path)) else maps or ():
         folder = is_folder(Path(entry))
+        if folder and not folders:
+            continue
         files: list[str | Path] = [*sorted(Path(entry).glob("*.toml"))] if folder else [entry]
         if not files:
             raise InputError(f"{entry}: is a directory without column maps (.toml)", "give the path of a map")
@@ -342,6 +347,19 @@ def best(fits: list[Match]) -> Match:
     return first
 
 
+def not_used(layout: Layout, read: Sequence[Match]) -> InputError:
+    """Say why no file of a trial is read by a map that was given for one of them."""
+    tries = [match(layout, taken.table) for taken in read]
+    near = max(tries, key=lambda m: (not m.missing, m.columns))
+    if near.missing:
+        return no_match([near], given=True)
+    other = read[tries.index(near)].layout.name
+    message = f"column maps '{other}' and '{layout.name}' both fit; '{other}' is used"
+    return near.table.error(
+        message, "--encoders, --currents or --reference before a file says what it is for"
+    )
+
+
 def no_match(tries: list[Match], given: bool) -> InputError:
     """Say what is missing from the layout that comes closest, of those tried on one table."""
     table = tries[0].table
@@ -367,6 +385,8 @@ def no_match(tries: list[Match], given: bool) -> InputError:
         if canonical
         else f"columns here: {shown}"
     )
+    if not given and not canonical:  # the layout that comes closest need not be the file's
+        hint += "; granite-lab inspect LOG --write-map FILE drafts a map of them"
     more = f" (and {len(near.missing) - 1} more)" if len(near.missing) > 1 else ""
     message = f"column '{lacking}' is missing{more}, expected by layout '{near.layout.name}'"
     return table.error(message, hint + numbered_ones, table.header_line)

@@ -137,11 +137,13 @@ def wheels_named(parts: Collection[str]) -> tuple[str, ...]:
 
 def by_name(name: str, place: int = 0) -> ColumnReport:
     """Guess from the name alone; a unit of the wrong quantity lowers the confidence."""
-    parts, unit_text = words(name)
+    parts, unit_text = words(name.removesuffix(".data"))  # of a message of one number
     unit = find_unit(unit_text) if unit_text else None
     to, confidence = _meaning(parts, unit)
     if not to:
-        if WORDS["attitude"] & set(parts) or re.fullmatch(r"(?i).*(^|[^A-Za-z])q[wxyz0-4]", name.strip()):
+        if WORDS["attitude"] & set(parts) or re.fullmatch(
+            r"(?i).*(^|[^A-Za-z])q[._ ]?[wxyz0-4]", name.strip()
+        ):
             attitude = "attitude: recognised, not used"
             return ColumnReport(name, place, unit=unit.name if unit else "", why=attitude)
         return ColumnReport(name, place)

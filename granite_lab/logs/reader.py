@@ -11,7 +11,7 @@ import numpy as np
 
 from granite_lab.errors import InputError
 from granite_lab.logs.canonical import trial_info
-from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, match, no_match
+from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, not_used
 from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.sensors.aliasing import resolve_aliases
 from granite_lab.logs.sensors.doubt import Doubt
@@ -109,10 +109,11 @@ def read_trial(
     for role, file in given:
         # What is said of the whole trial goes with its first file.
         of_all = (excerpt.rows if file == first else None, None if files else sidecar(first))
-        files.append((role, read_source(recognise(file, maps, topics), *of_all)))
-    for layout in maps:
+        channels = [channel for kind in _ROLES[role] if role for channel in SENSORS[kind].channels]
+        files.append((role, read_source(recognise(file, maps, topics, channels), *of_all)))
+    for layout in given_maps(map, folders=False):
         if all(source.match.layout != layout for _, source in files):
-            raise no_match([match(layout, files[0][1].match.table)], given=True)
+            raise not_used(layout, [source.match for _, source in files])
     trial = assemble(first, files, robot, info, window=window)
     if window is None or trial.wheels is None:
         return trial

@@ -22,6 +22,8 @@ _NUMBER = re.compile(
     r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?|[+-]?(?:inf|infinity)", re.IGNORECASE | re.ASCII
 )  # fmt: skip
 _CELL = re.compile(r'"(?:[^"]|"")*"|\S+')
+# A comment: of ROS `%time` is a name, of MATLAB `% time` is a comment.
+COMMENT = re.compile(r"\s*(#+|%+(?=\s|$))")
 LINES_OF_A_CELL = 50  # a quoted cell goes on for so many lines at most
 _OPENS, _CLOSES = re.compile(r'(?:^|[;\t|, ])"[^"]*$'), re.compile(r'[^"]*"(?:[;\t|, ]|$)')
 
@@ -33,6 +35,11 @@ Lines = npt.NDArray[np.int64]
 def is_number(cell: str, decimal: str = ".") -> bool:
     """Say whether a cell reads as a number."""
     return bool(_NUMBER.fullmatch(cell.strip().replace(decimal, ".")))
+
+
+def uncommented(line: str) -> str:
+    """Return what a comment line says."""
+    return COMMENT.sub("", line, count=1).strip()
 
 
 def split(row: str, delimiter: str) -> list[str]:
@@ -117,7 +124,7 @@ def checked(text: bytes, first: int, shape: Shape) -> Rows:
             continue
         elif line.strip() in shape.headers:
             headers.append(at + 1)
-        elif line.lstrip()[:1] == b"#":
+        elif COMMENT.match(line.decode(errors="replace")):
             comments.append(at + 1)
         elif b"\0" in line:
             damaged.append((at + 1, "zero bytes, expected cells of numbers"))

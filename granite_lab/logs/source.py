@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -65,27 +65,36 @@ class Source:
         return dataclasses.replace(self, columns=columns, kept=self.kept[rows])
 
 
-def recognise(path: Path, maps: Sequence[Layout] = (), topics: Mapping[str, str] | None = None) -> Match:
+def recognise(
+    path: Path,
+    maps: Sequence[Layout] = (),
+    topics: Mapping[str, str] | None = None,
+    channels: Collection[str] = (),
+) -> Match:
     """Open a table or a bag and find its layout, of some column maps or else of the catalogue.
 
+    Of several that fit, one that feeds one of the `channels`, for which the file was given, goes first.
     Refuses what is no table, of no known layout, or of several that fit equally well.
     """
     tries: list[Match] = []
     if bag := is_bag(path):
-        table, roles = read_bag(path, topics or {})
+        named = [column.name for layout in maps for column in layout.column]
+        table, roles = read_bag(path, topics or {}, named)
         tries = [match(layout, table) for layout in maps]
         if all(fit.missing for fit in tries):
             layout, doubts = bag_layout(table, roles)
             tries = [match(layout, table.doubted(*doubts))]
     misfits: list[InputError] = []
-    for layout in maps if not bag else ():
+    meant = [layout for layout in maps if not layout.file or re.search(layout.file, path.name)]
+    for layout in (meant or maps) if not bag else ():
         try:  # the map may be meant for another file of the trial
             tries.append(match(layout, open_table(path, layout.table)))
         except InputError as error:
             misfits.append(error)
     if all(fit.missing for fit in tries):
         tries = _of_catalogue(path, maps, tries, misfits)
-    chosen = best([fit for fit in tries if not fit.missing])
+    fits = [fit for fit in tries if not fit.missing]
+    chosen = best([fit for fit in fits if any(b.channel in channels for b in fit.bindings)] or fits)
     if bag or chosen.layout in maps:
         return chosen
     lost = ", ".join(_lost(chosen))

@@ -235,6 +235,13 @@ def _matlab(path: Path) -> Table:
         message = f"{path}: cannot be read as a MATLAB file: {message}"
         raise InputError(message, "copy or save it again") from None
     vectors = dict(_vectors({key: value for key, value in content.items() if not key.startswith("__")}, ""))
+    for name, value in content.items() if not vectors else ():
+        if isinstance(value, list) and value and all(isinstance(run, dict) for run in value):
+            each = (
+                f"for k = 1:{len(value)}, s = {name}(k); save(sprintf('run_%d.mat', k), '-struct', 's'); end"
+            )
+            message = f"{path}: '{name}' is an array of {len(value)} structs, expected a file for each run"
+            raise InputError(message, f"in MATLAB: {each}")
     counts = Counter(map(len, vectors.values()))
     lengths = sorted(k for k, n in counts.items() if n > 1) or sorted(counts)
     if len(lengths) != 1:

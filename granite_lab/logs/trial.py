@@ -25,6 +25,7 @@ R = TypeVar("R")
 
 _BAGS = (".bag", ".mcap", ".db3")  # endings of recordings by ROS
 _PACKED = (".csv.gz", ".csv.zip")
+_TEXTS = (".txt", ".tsv", ".dat", ".log")  # of a text by another ending nobody knows whether it is a log
 
 
 def part(record: R, keep: npt.NDArray[np.bool_] | slice) -> R:
@@ -303,7 +304,9 @@ def trial_files(paths: Sequence[str | Path] | str | Path) -> list[Path]:
         inside = sorted(filter(is_log, path.iterdir())) if is_folder(path) and not is_log(path) else [path]
         if not inside:
             message = f"{path}: the folder holds no log (.csv, .mat, .bag, .mcap)"
-            raise UsageError(message, "name the logs themselves")
+            texts = sorted({ending for file in path.iterdir() if (ending := file.suffix) in _TEXTS})
+            shown = " or ".join(str(path / f"*{ending}") for ending in texts)
+            raise UsageError(message, "name the logs themselves" + (f": {shown}" if shown else ""))
         plain = {name_of(log) for log in inside if not _is_table(log, _PACKED)}
         packed = [log for log in inside if _is_table(log, _PACKED)] if path not in inside else []
         files += [log for log in inside if log not in packed or name_of(log) not in plain]

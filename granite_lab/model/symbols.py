@@ -84,7 +84,7 @@ def model_parameters(
         if getattr(robot, part) is None:
             raise InputError(
                 f"robot '{robot.name}' has no [{part}] table and cannot be simulated",
-                f"add [{part}] to its file; see granite_lab/catalogue/robots/granite.toml",
+                f"add [{part}] to its file; granite-lab robot FILE writes one with all keys",
             )
     if robot.motors == "side" and not turned:
         raise InputError(

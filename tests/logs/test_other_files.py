@@ -138,6 +138,10 @@ MATLAB = {
         {"imu": {"t": np.zeros(100), "ax": np.zeros(100)}, "enc": dict.fromkeys("tw", np.zeros(50))},
         r"vectors of different lengths: enc\.t \(50\), imu\.t \(100\)", "table2struct",
     ),
+    "an array of structs": (
+        {"runs": np.array([{"t": np.zeros(9)}, {"t": np.zeros(8)}], dtype=object)},
+        "'runs' is an array of 2 structs, expected a file for each run", "s = runs(k)",
+    ),
     "no vectors": ({"note": "nothing", "gain": 3.0}, "no vectors of numbers", "table2struct"),
     "damaged": (b"MATLAB 5.0 MAT-file" + bytes(200), "cannot be read as a MATLAB file", "again"),
     "text": (b"t_s,imu_ax_mps2\n0,1\n", "cannot be read as a MATLAB file", "again"),

@@ -317,18 +317,19 @@ def _refuse_dead(imu: ImuStream, mounting: Array, rolls: Mask, log: Log) -> None
 
 
 def _refuse_gravity(imu: ImuStream, mounting: Array, still: Spans, log: Log) -> None:
-    """Refuse an accelerometer whose gravity at rest is not on the robot's z axis."""
+    """Refuse an accelerometer whose gravity, at rest or else on average, is not on the robot's z axis."""
     rest = np.zeros(len(imu.t), dtype=bool)
     for begin, end in still:
         rest |= (imu.t > begin + 0.1) & (imu.t < end - 0.1)
-    mean = imu.specific_force[rest].mean(axis=0) if rest.any() else np.zeros(3)
+    when = "at rest" if rest.any() else "on average"
+    mean = imu.specific_force[rest if rest.any() else slice(None)].mean(axis=0)
     size = float(np.linalg.norm(mean))
     up = mounting @ mean / max(size, 1e-9)
     if 0.5 * GRAVITY < size < 1.5 * GRAVITY and up[2] < np.cos(np.radians(_OFF_AXIS)):
         j, expected = int(np.argmax(np.abs(mean))), int(np.argmax(np.abs(mounting[2])))
         place = f"gravity is on it, expected on '{log.name(ACCELERATION[expected])}' upwards"
         hint = "exchange the axes in a column map (or scale = -1), or give [imu] rotation in the robot's file"
-        raise log.refuse(ACCELERATION[j], f" reads {mean[j]:+.2f} m/s^2 at rest: {place}", hint)
+        raise log.refuse(ACCELERATION[j], f" reads {mean[j]:+.2f} m/s^2 {when}: {place}", hint)
 
 
 def _refuse_pitch_rate(imu: ImuStream, matrix: Array, still: Spans, log: Log) -> None:

@@ -28,11 +28,19 @@ LEAST_POWER = 0.01
 RIVAL = 0.5
 """A peak of a correlation that is not twice as high as the next one is not told from it (as in PIV)."""
 
+TELLING = 0.7
+"""Correlation of the gyro with the yaw rate by the wheels from which on it tells sides: half in common."""
+
 TURNING = 0.25
 """Gyro over yaw rate by the wheels from which on the robot really turns; skidding takes half of it."""
 
 AXES = "write its [imu] rotation into the robot's file, or forward = 'find' there to have it searched"
 """What to do about an IMU whose axes are not the robot's."""
+
+EXCHANGED = (
+    "put right; if the names of the wheels are right, imu_gz has the wrong sign: scale = -1 in a column map"
+)
+"""What to do about encoders that turn the robot the other way than the gyro does: either may be wrong."""
 
 
 def check_signs(
@@ -70,7 +78,9 @@ def check_signs(
             if abs(float(yaw @ turn) / max(float(turn @ turn), 1e-12)) > TURNING:
                 return wheels, ()
         sign = _choose_side(sign, live, speed, judge, grid)
-        names = [WHEELS[i] for i in live if sign[i] < 0]
+    elif yaw is not None:
+        sign = _by_turning(speed, yaw, robot)
+    if names := [WHEELS[i] for i in live if sign[i] < 0]:
         against = f"encoder {', '.join(names)} counts against the others"
         doubts.append(Doubt(against, remedy="its sign was turned"))
         speed = speed * sign
@@ -80,9 +90,9 @@ def check_signs(
     order = list(range(4))
     if yaw is not None and float(np.std(yaw)) > 0.05:
         turn = _turn(speed, robot)
-        if float(np.std(turn)) > 0.05 and _correlation(yaw - yaw.mean(), turn - turn.mean()) < -0.7:
+        if float(np.std(turn)) > 0.05 and _correlation(yaw - yaw.mean(), turn - turn.mean()) < -TELLING:
             order = [1, 0, 3, 2]
-            doubts.append(Doubt("the sides of the encoders are exchanged, by the gyro", remedy="put right"))
+            doubts.append(Doubt("the sides of the encoders are exchanged, by the gyro", remedy=EXCHANGED))
     if not doubts:
         return wheels, ()
     angle, rate = (None if v is None else (v * sign)[:, order] for v in (wheels.angle, wheels.rate))
@@ -109,6 +119,24 @@ def _relative_signs(speed: Array, live: np.ndarray) -> Array:
     if np.abs(alike).min() >= ALIKE:
         sign[live] = np.sign(alike)
     return sign
+
+
+def _by_turning(speed: Array, yaw: Array, robot: Robot) -> Array:
+    """(4,) signs by a yaw gyro, of wheels that drive straight and turn in place by turns.
+
+    Where a side counts backwards, the wheels seem to turn while the robot drives straight, and to drive
+    straight while it turns.
+    """
+    left_turned = np.array([-1.0, 1.0, -1.0, 1.0])
+    rate = yaw - yaw.mean()
+    given, other = (
+        turn - turn.mean() for turn in (_turn(speed * s, robot) for s in (np.ones(4), left_turned))
+    )
+    seen, as_given = _correlation(rate, other), _correlation(rate, given)
+    turns = abs(float(rate @ other)) > TURNING * float(other @ other)
+    if not turns or abs(seen) < TELLING or 1.0 - seen**2 > RIVAL * (1.0 - as_given**2):
+        return np.ones(4)
+    return left_turned if seen > 0 else -left_turned
 
 
 def _turn(speed: Array, robot: Robot) -> Array:

@@ -147,7 +147,7 @@ def tidy(
     even, scatter = evened(spaced.t)
     if scatter:
         seen = f"stamps scatter by {1e3 * scatter:.2g} ms about an even spacing"
-        doubts.append(Doubt(seen, sensor, "spaced evenly; all may be late by as much"))
+        doubts.append(Doubt(seen, remedy="spaced evenly; all may be late by as much"))
     return Stamps(even, rows[spaced.rows], float(np.hypot(spaced.std, scatter)))
 
 
