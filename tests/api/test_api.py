@@ -75,7 +75,7 @@ def test_motions_fits_and_findings_are_drawn_and_shown_in_a_notebook(
 
 
 def test_every_record_has_a_short_repr_and_a_table_for_a_notebook(tmp_path: Path) -> None:
-    study = made_up_study()
+    study = made_up_study(speeds=(0.3, 0.7), repetitions=1)
     write_report(study, tmp_path / "a")
     hidden = gl.hide("none", tmp_path / "set", repetitions=1)
     records = [

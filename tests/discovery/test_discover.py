@@ -32,7 +32,7 @@ from tests.soak import sampled
 from tests.truth import faults
 
 OUTSIDE = Path(__file__).parent.parent / "data" / "outside"
-FEW = {id_: get(id_) for id_ in ("com_offset", "drive_reaction", "tyre_windup")}
+FEW = {id_: get(id_) for id_ in ("drive_reaction", "tyre_windup")}
 ALONE = {"drive_reaction": FEW["drive_reaction"]}
 """Where it is not asked which effect is named but what else can go wrong."""
 

@@ -38,7 +38,7 @@ def nees(motion: Motion, truth: TruthTrial) -> float:
     return float(np.mean((error / std) ** 2))
 
 
-@pytest.mark.parametrize("grade", ["industrial", "consumer"])
+@pytest.mark.parametrize("grade", sampled(["industrial", "consumer"]))
 def test_the_uncertainty_grows_with_noise_that_is_ten_times_as_loud_in_motion(grade: str) -> None:
     """Without it NEES is 58 to 113. Two trials' mean of a NEES of 1 lies within 0.1 and 3."""
     found, quiet, loud = [], [], []
