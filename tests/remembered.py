@@ -1,7 +1,7 @@
 """Motions and fits that several tests need: each is made once for all processes of pytest.
 
 Commands analyse the same few samples again and again. What was made of which content is kept in a folder;
-where the file of a trial lies does not matter.
+where the file of a trial lies, and its name, do not matter.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,14 +21,18 @@ ANEW, FITTED_ANEW = correct, fit_k92
 """The functions themselves, which work whether that was done before or not."""
 
 
-def _kept(cache: Cache, work: Callable[..., Any], *given: Any) -> Any:
-    """Return what some work makes of records, or has made of equal ones."""
+def _kept(cache: Cache, work: Callable[[], Any], *given: Any) -> Any:
+    """Return what some work makes of the records that it is given, or has made of equal ones."""
     key = digest_of(code(), *map(content, given))
     found = cache.get(key)
     if found is None:
-        found = work(*given)
+        found = work()
         cache.put(key, encode(((), found)))
     return found
+
+
+def _nameless(trial: Trial) -> Trial:
+    return replace(trial, name="", inputs=())
 
 
 def corrected(folder: Path) -> Callable[..., tuple[Trial, Motion]]:
@@ -36,10 +40,8 @@ def corrected(folder: Path) -> Callable[..., tuple[Trial, Motion]]:
     cache = Cache(folder)
 
     def once(trial: Trial, robot: Robot, *, soil: Soil | None = None) -> tuple[Trial, Motion]:
-        clean, motion = _kept(
-            cache, lambda *given: ANEW(*given[:2], soil=given[2]), replace(trial, inputs=()), robot, soil
-        )
-        return replace(clean, inputs=trial.inputs), motion
+        clean, motion = _kept(cache, lambda: ANEW(trial, robot, soil=soil), _nameless(trial), robot, soil)
+        return replace(clean, name=trial.name, inputs=trial.inputs), replace(motion, trial=trial.name)
 
     return once
 
@@ -54,7 +56,8 @@ def fitted(folder: Path) -> Callable[..., K92Fit]:
     ) -> K92Fit:  # fmt: skip
         if effects or not trajectory:
             return FITTED_ANEW(motion, trial, robot, soil, effects=effects, trajectory=trajectory)
-        found: K92Fit = _kept(cache, FITTED_ANEW, motion, replace(trial, inputs=()), robot, soil)
-        return found
+        given = replace(motion, trial=""), _nameless(trial), robot, soil
+        found = _kept(cache, lambda: FITTED_ANEW(motion, trial, robot, soil), *given)
+        return replace(found, trial=trial.name)
 
     return once

@@ -23,6 +23,9 @@ _blas: Any = blas  # its types want keywords, with which a call takes up to thre
 daxpy, ddot, dgemm, dgemv = _blas.daxpy, _blas.ddot, _blas.dgemm, _blas.dgemv
 dsymm, dsymv, dsyr = _blas.dsymm, _blas.dsymv, _blas.dsyr
 
+LOWER, UPPER = np.tril_indices(SIZE, -1)
+"""Places of one triangle of a covariance."""
+
 BLOCK = 2000
 """Nodes that are smoothed at once: their predicted covariances take 3 MB."""
 
@@ -174,8 +177,7 @@ def forward(nodes: Nodes) -> Filtered:
             dsyr(-1.0 / variance, Ph, 0, 1, 0, SIZE, P, 1)
             came.append((innovation, variance))
         x0, P0 = x, P
-    lower, upper = np.tril_indices(SIZE, -1)
-    Ps[:, upper, lower] = Ps[:, lower, upper]
+    Ps[:, UPPER, LOWER] = Ps[:, LOWER, UPPER]
     value, variance = np.array(came, dtype=float).reshape(-1, 2).T
     return Filtered(xs, Ps, Innovations(updates, value, variance, lifted / variance[:, None]))
 

@@ -11,8 +11,9 @@ from scipy.sparse import csr_array
 
 from granite_lab.logs.trial import Array
 
-KEPT = 2
-"""Number of shifts for which the matrices are remembered: a fit tries one, and may go back."""
+KEPT = 8
+"""Number of shifts for which the matrices are remembered: derivatives by the start and by the low-pass take
+five, and a fit tries another one and may go back."""
 
 WHEELS, IMU, CURRENTS = 0, 1, 2
 

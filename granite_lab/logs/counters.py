@@ -90,8 +90,9 @@ def quantum(raw: Array) -> float:
         multiples = steps * (part / steps.min())
         whole = np.rint(multiples)
         # Equal steps alone may be a uniform motion; different multiples, or values that return, are a grid.
-        grid = len(np.unique(whole)) >= 3 or len(raw[:20000]) >= 3 * len(levels)
-        if np.abs(multiples - whole).max() < 0.02 and grid:
+        if np.abs(multiples - whole).max() < 0.02 and (
+            len(raw[:20000]) >= 3 * len(levels) or len(np.unique(whole)) >= 3
+        ):
             return float(np.median(steps[whole == whole.min()]) / whole.min())
     return 0.0
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,8 +40,10 @@ RANGES = (3600.0, 43200.0, 86400.0)
 
 def _form(cells: Sequence[str]) -> re.Pattern[str] | None:
     """Return the form in which more than half of some cells are written, None if they are no dates."""
-    fits = (f for f in _FORMS if sum(bool(f.fullmatch(c.strip())) for c in cells) > 0.5 * len(cells))
-    return next(fits, None)
+    bare = [cell.strip() for cell in cells]
+    most = (len(bare) + 1) // 2  # as many in another form are too many
+    others = (sum(1 for _ in islice((c for c in bare if not f.fullmatch(c)), most)) for f in _FORMS)
+    return next((f for f, other in zip(_FORMS, others, strict=True) if other < most), None)
 
 
 def are_dates(cells: Sequence[str]) -> bool:

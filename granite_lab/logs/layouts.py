@@ -251,11 +251,12 @@ def _match_row(layout: Layout, table: Table, names: Sequence[str], partly: bool)
     """Try a layout with one row of names; each column may be named as it stands or `numbered`."""
     bare = [name.strip() for name in names]
     unique = numbered(bare)
+    either = [tuple(dict.fromkeys(both)) for both in zip(bare, unique, strict=True)]
     entries: dict[int, list[Hit]] = {}
     for index, spec in enumerate(layout.column):
         fits = spec.regex.fullmatch
-        both = enumerate(zip(bare, unique, strict=True))
-        if hits := [(place, hit) for place, (plain, other) in both if (hit := fits(plain) or fits(other))]:
+        tried = ((place, next(filter(None, map(fits, names)), None)) for place, names in enumerate(either))
+        if hits := [(place, hit) for place, hit in tried if hit]:
             entries[index] = hits
     columns = len({place for hits in entries.values() for place, _ in hits})
     missing = _missing(layout, set(entries), partly)

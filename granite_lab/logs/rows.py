@@ -112,7 +112,10 @@ def checked(text: bytes, first: int, shape: Shape) -> Rows:
     lines, sign, width = text.split(b"\n"), shape.delimiter.encode(), shape.width
     rows, numbers, damaged = list[bytes](), list[int](), list[tuple[int, str]]()
     headers, comments = list[int](), list[int]()
-    plain, begin = b'"' not in text and b"\0" not in text, first - 1
+    begin = first - 1
+    (below,) = text.split(b"\n", begin)[begin:] or (b"",)  # comments above the table may hold quotes
+    plain = b'"' not in below and b"\0" not in below
+    plain &= all(header[:1] not in _BEGINS for header in shape.headers)
     for at in range(begin, len(lines)):
         line = lines[at]
         # Nearly every row begins with a digit and has its cells; the others are looked at one by one.

@@ -9,7 +9,7 @@ import zipfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +112,12 @@ def numbered(names: Sequence[str]) -> tuple[str, ...]:
 
     Upper and lower case count as one. The third column is called ``column 3`` if it has no name.
     """
+    return _numbered(tuple(names))
+
+
+@lru_cache(maxsize=64)
+def _numbered(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Do so once for all layouts that are tried."""
     counts, seen = Counter(name.casefold() for name in names), Counter[str]()
     unique: list[str] = []
     for place, name in enumerate(names, 1):

@@ -24,6 +24,7 @@ from benchmarks.validation_fit import (
     residuals,
     total,
 )
+from tests.soak import sampled
 
 SERIES = {s.id: s for s in all_series()}
 PAGE = Path(__file__).parents[2] / "docs" / "validation.md"
@@ -94,7 +95,7 @@ def test_a_law_in_slip_with_an_effect_is_recovered() -> None:
     assert plain.left_out >= total(plain.off)
 
 
-@pytest.mark.parametrize("law", LAWS[:3], ids=lambda law: law[0])
+@pytest.mark.parametrize("law", sampled(LAWS[:3]), ids=lambda law: law[0])
 def test_a_contact_law_is_recovered_beside_a_constant_k_92(law: tuple[str, str]) -> None:
     series = made_up(Setup(constant(0.4), {law[0]: {law[1]: 0.3}}))
     found = fit(series, law_forms((law,))[0], leave_out=False)

@@ -13,7 +13,7 @@ from granite_lab.errors import InputError, UsageError
 from tests.corpus.cli import GRANITE, SAMPLES, lab, refused, succeeded, told
 
 pytestmark = pytest.mark.usefixtures("fits_by_slip")
-A, B, C = "virtual_v0.3_r1", "virtual_v0.5_r2", "virtual_v0.7_r1"
+A, B, C = "virtual_v0.3_r1", "virtual_v0.5_r1", "virtual_v0.7_r1"
 GOOD = [A, B]
 
 

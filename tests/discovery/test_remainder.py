@@ -30,6 +30,7 @@ from granite_lab.model.effect import Effect, EffectParameter, Symbols, activate
 from granite_lab.model.latent import LatentForce
 from granite_lab.parameters import GRAVITY, Soil, load_robot, load_soil, variant_of
 from tests.inference.stub import COMMANDS, drawn, measure, problem_of
+from tests.soak import sampled
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 FINE = Accuracy(1e-8, 1e-10)
@@ -116,9 +117,11 @@ def test_terms_come_back_from_a_model_file_and_simulate_the_same(tmp_path: Path)
 
 @pytest.mark.parametrize(
     "id_",
-    ["term_modulus_by_speed", "term_strength_by_speed", "term_ratio_by_speed", "term_force_by_distance",
-     "term_lift_by_speed", "term_moment_by_torque", "term_torque_f_by_speed", "term_drive_by_speed",
-     "term_force_at_3"],
+    sampled([
+        "term_modulus_by_speed", "term_strength_by_speed", "term_ratio_by_speed", "term_force_by_distance",
+        "term_lift_by_speed", "term_moment_by_torque", "term_torque_f_by_speed", "term_drive_by_speed",
+        "term_force_at_3",
+    ]),
 )  # fmt: skip
 def test_responses_to_pushes_foretell_what_a_term_shows(id_: str) -> None:
     """A simulation with a little of the term shows the same."""

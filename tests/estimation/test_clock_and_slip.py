@@ -28,7 +28,7 @@ OFFSETS = [0.005, -0.005, 0.02, -0.02, 0.05, -0.05, 0.2, -0.2]
 
 TRIALS = [
     (800 + i, offset, (0.2, 0.3, 0.5, 0.7)[(i // 2) % 4], ("industrial", "consumer")[i % 2])
-    for i, offset in enumerate(OFFSETS * (3 if SOAK else 2))
+    for i, offset in enumerate(OFFSETS * (3 if SOAK else 1))
 ]
 """Seed, offset, velocity, grade."""
 

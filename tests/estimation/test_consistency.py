@@ -31,7 +31,7 @@ from tests.truth import TruthTrial, faults, generate
 from tests.truth.long_logs import Drive, repeated
 from tests.truth.motion import estimate
 
-SEEDS = range(5 if SOAK else 3)
+SEEDS = range(5 if SOAK else 2)
 CELLS = [
     Cell(grade, 8.0, velocity) for grade in ("industrial", "consumer") for velocity in (0.2, 0.3, 0.5, 0.7)
 ]

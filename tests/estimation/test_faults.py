@@ -12,7 +12,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimation import Motion, correct
 from granite_lab.logs.trial import Correction, Trial, part
 from granite_lab.parameters import WHEELS, Robot, load_robot, load_soil
-from tests.soak import SOAK
+from tests.soak import in_turn, sampled
 from tests.truth import faults
 from tests.truth.motion import estimate
 from tests.truth.trials import TruthTrial, generate
@@ -34,11 +34,6 @@ def good(i: int) -> TruthTrial:
 
 def robot(i: int) -> Robot:
     return load_robot("granite", KINDS[i][0])
-
-
-def one_of(kinds: Sequence[str]) -> list[tuple[str, tuple[int, ...]]]:
-    """Return faults with the trials that they are injected into: one each in turn, both in `make soak`."""
-    return [(kind, BOTH if SOAK else BOTH[i % 2 :][:1]) for i, kind in enumerate(kinds)]
 
 
 def hold(
@@ -121,10 +116,10 @@ SURVIVED: dict[str, tuple[Fault, float, str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "trials"), one_of([*SURVIVED]))
-def test_what_is_survived_is_said_and_in_the_std(name: str, trials: tuple[int, ...]) -> None:
+@pytest.mark.parametrize(("name", "trial"), in_turn(SURVIVED, BOTH))
+def test_what_is_survived_is_said_and_in_the_std(name: str, trial: int) -> None:
     fault, grown, said = SURVIVED[name]
-    hold(fault, trials, grown=grown, said=said)
+    hold(fault, [trial], grown=grown, said=said)
 
 
 @pytest.mark.parametrize("fault", [
@@ -154,13 +149,12 @@ def test_rail_known_from_the_grade_is_recognised() -> None:
     assert np.mean(std) > 3 * np.mean(truth.errors(plain(0))[1])
 
 
-@pytest.mark.parametrize(("how", "trials"), one_of(["frozen", "missing", "zero"]))
-def test_dead_encoder_is_left_out_while_it_is_dead_and_goes_on_level(
-    how: str, trials: tuple[int, ...]
-) -> None:
+@pytest.mark.parametrize(("how", "trial"), in_turn(["frozen", "missing", "zero"], BOTH))
+def test_dead_encoder_is_left_out_while_it_is_dead_and_goes_on_level(how: str, trial: int) -> None:
     hold(
-        lambda d: faults.dead_encoder(d.trial, "rl", 4.0, 7.0, how), trials, said="encoder rl gives no counts"
-    )
+        lambda d: faults.dead_encoder(d.trial, "rl", 4.0, 7.0, how), [trial],
+        said="encoder rl gives no counts",
+    )  # fmt: skip
     clean, motion = correct(faults.dead_encoder(good(0).trial, "rl", 4.0, 7.0, how), robot(0))
     dead = (motion.t > 4.1) & (motion.t < 6.9)
     column, t = WHEELS.index("rl"), clean.wheels.t
@@ -208,7 +202,9 @@ def test_end_without_standstill_is_warned_of_and_grows_the_std(cut: dict[str, fl
     assert not motion.health.good
 
 
-@pytest.mark.parametrize(("slip", "grade"), [(0.3, "industrial"), (0.6, "consumer"), (0.9, "industrial")])
+@pytest.mark.parametrize(
+    ("slip", "grade"), sampled([(0.9, "industrial"), (0.3, "industrial"), (0.6, "consumer")])
+)
 def test_without_any_standstill_a_steady_slip_of_any_size_is_inside_the_std(slip: float, grade: str) -> None:
     truth, robot = generate(7, velocity=0.3, slip=slip, grade=grade), load_robot("granite", grade)
     trial = faults.cut(truth.trial, start=4.0, stop=9.0)
@@ -305,7 +301,7 @@ def test_corrected_trial_is_estimated_as_the_log_was() -> None:
     assert again.corrections == clean.corrections
 
 
-@pytest.mark.parametrize("wheels", [("fl",), ("fl", "rl"), ("fr", "rr"), ("fr", "rl"), WHEELS])
+@pytest.mark.parametrize("wheels", sampled([("fl",), ("fl", "rl"), ("fr", "rl"), ("fr", "rr"), WHEELS]))
 def test_reversed_encoders_are_the_good_ones(wheels: tuple[str, ...]) -> None:
     clean, motion = correct(faults.flipped(good(0).trial, *wheels), robot(0))
     assert np.array_equal(clean.wheels.angle, corrected(0)[0].wheels.angle)

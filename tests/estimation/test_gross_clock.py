@@ -1,8 +1,6 @@
 """Clocks that are seconds apart, and IMUs off level or off scale: right within the std, and said."""
 
-from collections.abc import Sequence
 from dataclasses import replace
-from itertools import cycle, product
 
 import numpy as np
 import pytest
@@ -14,7 +12,7 @@ from granite_lab.logs.sensors.mounting import to_body
 from granite_lab.logs.sensors.two_clocks import gross_offset
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import load_robot
-from tests.soak import SOAK
+from tests.soak import in_turn
 from tests.truth import field
 
 ROBOT = load_robot("granite")
@@ -98,12 +96,7 @@ def turned(trial: Trial, degrees: float) -> Trial:
     )
 
 
-def each(sizes: Sequence[float]) -> list[tuple[str, float]]:
-    """Return samples with the size of an error: each sample with one of them, with all in `make soak`."""
-    return list(product(AHEAD, sizes)) if SOAK else list(zip(AHEAD, cycle(sizes), strict=False))
-
-
-@pytest.mark.parametrize(("name", "degrees"), each([8.0, -12.0]))
+@pytest.mark.parametrize(("name", "degrees"), in_turn(AHEAD, [8.0, -12.0]))
 def test_an_imu_off_level_is_levelled_and_never_good(name: str, degrees: float) -> None:
     trial, slip = sample(name)
     motion = correct(turned(trial, degrees), ROBOT)[1]
@@ -113,7 +106,7 @@ def test_an_imu_off_level_is_levelled_and_never_good(name: str, degrees: float) 
     assert "off level" in motion.health.verdict
 
 
-@pytest.mark.parametrize(("name", "scale"), each([0.96, 1.02, 1.05]))
+@pytest.mark.parametrize(("name", "scale"), in_turn(AHEAD, [0.96, 1.02, 1.05]))
 def test_an_accelerometer_off_scale_is_scaled_by_gravity_and_never_good(name: str, scale: float) -> None:
     trial, slip = sample(name)
     assert trial.imu is not None

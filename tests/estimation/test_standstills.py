@@ -14,10 +14,10 @@ from granite_lab.logs import read_trial
 from granite_lab.logs.trial import Array, ImuStream, Trial
 from granite_lab.parameters import load_robot
 from tests.cli.test_samples import LOGS, truth_of
-from tests.soak import SOAK
+from tests.soak import sampled
 
 ROBOT = load_robot("granite")
-PLACES = range(0, len(LOGS), 1 if SOAK else 3)
+PLACES = sampled(range(len(LOGS)), 3)
 """Of the samples; one at each speed, all in `make soak`."""
 LEAST = int(binom.ppf(0.02, len(PLACES), 0.9545))
 """Of so many true numbers fewer lie within two std once in 50 times."""
@@ -51,7 +51,7 @@ def errors(changed: Callable[[Trial], Trial]) -> tuple[Array, Array, list[str]]:
     return np.array(found), np.array(stds), grades
 
 
-@pytest.mark.parametrize("counts", [512, 1920, 4096])
+@pytest.mark.parametrize("counts", sampled([512, 1920, 4096]))
 def test_slip_of_the_samples_is_true_at_any_resolution(counts: int) -> None:
     error, std, grades = errors(lambda trial: counted(trial, counts))
     # three tenths of a point over the twelve; a mean over fewer scatters by more
@@ -98,7 +98,9 @@ def two_decimals_in_g(trial: Trial) -> Trial:
     return rounded(trial, 0.01 * G, 0.0)
 
 
-@pytest.mark.parametrize(("change", "widest"), [(two_decimals, 2.5), (two_decimals_in_g, 2.0), (muted, 1.0)])
+@pytest.mark.parametrize(
+    ("change", "widest"), sampled([(two_decimals, 2.5), (two_decimals_in_g, 2.0), (muted, 1.0)])
+)
 def test_rounded_and_muted_imus_are_true_within_their_std(
     change: Callable[[Trial], Trial], widest: float
 ) -> None:

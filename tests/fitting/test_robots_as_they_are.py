@@ -30,6 +30,7 @@ from granite_lab.parameters import (
     variant_of,
 )
 from tests.corpus.cli import lab
+from tests.soak import sampled
 
 ROBOT, SOIL, A_THETA = load_robot(), load_soil(), 4.5
 FORCE, HEIGHT = 12.0, 0.1
@@ -115,7 +116,7 @@ def test_the_paper_s_model_and_another_program_agree_on_a_towed_load() -> None:
     assert np.interp(other.t, run().t, run()["v_mps"]) == pytest.approx(other.v, abs=5e-4)
 
 
-@pytest.mark.parametrize("source", ["robot", "log", "list"])
+@pytest.mark.parametrize("source", sampled(["log", "robot", "list"]))
 def test_k92_of_a_trial_that_tows_is_right_if_the_load_is_said(source: str, tmp_path: Path) -> None:
     extra = {"log": f"{FORCE:g}", "list": f"0:{FORCE:g}, 30:{FORCE:g}"}.get(source)
     path = written(tmp_path, run(height=0.0), **({KEY: extra} if extra else {}))
@@ -174,7 +175,7 @@ def logged_force(folder: Path, unit: str = "N", factor: float = 1.0) -> tuple[Pa
     return path, start
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("N", 1.0), ("kN", 1e-3)])
+@pytest.mark.parametrize(("unit", "factor"), sampled([("kN", 1e-3), ("N", 1.0)]))
 def test_a_logged_force_enters_as_it_was_measured(unit: str, factor: float, tmp_path: Path) -> None:
     path, start = logged_force(tmp_path, unit, factor)
     trial, robot, motion = with_simulation_input(path, Options())
@@ -232,7 +233,7 @@ def uneven(trial: Trial, radii: tuple[float, ...]) -> Trial:
 
 
 @pytest.mark.parametrize(
-    "radii", [(0.0965, 0.0965, 0.1, 0.1), (0.095, 0.098, 0.095, 0.098)], ids=["by axle", "by side"]
+    "radii", sampled([(0.0965, 0.0965, 0.1, 0.1), (0.095, 0.098, 0.095, 0.098)]), ids=str
 )
 def test_wheels_of_several_radii_give_the_slip_of_wheels_that_are_alike(
     radii: tuple[float, ...], tmp_path: Path

@@ -17,6 +17,7 @@ from granite_lab.hidden.controller import CONTROLLERS
 from granite_lab.hidden.model import ANGLE, OMEGA, VX, Setup, Truth
 from granite_lab.hidden.parts import exponential_k92
 from granite_lab.parameters import load_robot, load_soil
+from tests.soak import sampled
 from tests.truth.simulator import Result, integrate
 
 V, A, DISTANCE = 0.5, 1.2, 1.4
@@ -92,7 +93,7 @@ def test_without_size_the_rates_are_those_of_the_plain_model(name: str) -> None:
     assert (wrong.late, truth.rise, truth.bank) == (0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("name", RESTRUCTURED[:3])
+@pytest.mark.parametrize("name", sampled(RESTRUCTURED[:3]))
 def test_a_hundredth_of_the_size_moves_the_robot_by_less_than_a_fifth_of_the_whole(name: str) -> None:
     """A fifth, not a hundredth: a motor takes up its play in a time that goes with the root of it."""
     little, whole = (

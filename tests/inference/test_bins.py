@@ -14,6 +14,7 @@ from scipy.signal import lfilter, lsim
 from granite_lab.effects import get
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
+from granite_lab.inference import binning
 from granite_lab.inference.binning import means
 from granite_lab.inference.constants import LOW_PASS_STD
 from granite_lab.inference.derivatives import differentiate
@@ -392,6 +393,27 @@ def test_all_columns_are_those_of_differences(problem: Problem, off: float) -> N
             up, down = (predicted(problem, problem.stepped(point, s * step))[i].ravel() for s in (1, -1))
             wanted = (up - down) / (2 * h)
             assert np.abs(column - wanted).max() < 0.03 * np.abs(wanted).max() + 1e-9, name
+
+
+def test_a_point_and_its_derivatives_take_each_matrix_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = problem_of((0,))
+    (logged,), point, made = problem.trials, problem.neutral(), []
+    (response,), slopes = problem.respond([problem.task(point, 0)]), problem.slopes(point)
+    again = binning._Group.to_stamps
+
+    def counted(group: binning._Group, t: Array, *shift: float) -> object:
+        made.append((group.names, t.size, shift))
+        return again(group, t, *shift)
+
+    monkeypatch.setattr(binning._Group, "to_stamps", counted)
+    logged.observation.binned._matrices.clear()
+    first, second = (
+        (logged.predict(response, point.trials[0], point.sensors), problem.columns(0, point, slopes))
+        for _ in range(2)
+    )
+    assert len(made) == len(set(made)) > 5
+    for one, other in zip(first, second, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("spread", [0.0, 2e-5])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granite_lab.errors import InputError
-from granite_lab.logs import inspect_logs, read_trial
+from granite_lab.logs import inspect_logs, read_trial, rows
 from granite_lab.logs.trial import Trial
 from tests.logs import make
 
@@ -103,6 +103,21 @@ def test_a_damaged_row_is_left_out_and_named_once(name: str, tmp_path: Path) -> 
     for lines in (trial.warnings, inspect_logs([path]).files[0].doubts):
         assert len([line for line in lines if re.fullmatch(r"trial\.csv" + said, line)]) == 1, lines
         assert len([line for line in lines if line.startswith("trial.csv:")]) == 1, lines
+
+
+def test_only_rows_that_begin_with_no_number_are_split_though_comments_hold_quotes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    split, seen = rows.split, []
+    monkeypatch.setattr(rows, "split", lambda row, sign: seen.append(row) or split(row, sign))
+    shape = rows.Shape(delimiter=",", width=2, headers=frozenset({b"t,a"}))
+    body = b't,a\n0,1\n1,2\n,3\n# "note"\nt,a\n2,4\n'
+    found = rows.checked(b'# soil = "dry_sand"\n' + body.replace(b'"', b""), 3, shape)
+    assert (found.lines.tolist(), found.headers, found.comments) == ([3, 4, 5, 8], (7,), (6,))
+    assert seen == [",3"]
+    each = rows.checked(b"#\n" + body, 3, shape)  # a quote among the rows: all are split
+    assert len(seen) == 1 + 4
+    assert (each.text, each.lines.tolist(), each.headers) == (found.text, found.lines.tolist(), found.headers)
 
 
 @pytest.mark.parametrize("row", [0, 10, 300])

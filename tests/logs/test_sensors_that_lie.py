@@ -14,7 +14,7 @@ from granite_lab.logs import read_trial
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import CATALOGUE
 from tests.logs import make
-from tests.soak import SOAK
+from tests.soak import in_turn
 
 SAMPLE = Path(__file__).parents[2] / "data" / "samples" / "virtual_v0.5_r1.csv"
 TEXT = SAMPLE.read_text(encoding="utf-8")
@@ -87,8 +87,7 @@ def test_the_suffix_gives_the_unit(how: tuple[str, float, str], tmp_path: Path) 
     assert other.warnings == ()
 
 
-@pytest.mark.parametrize("speed", [0.2, 0.3, 0.5, 0.7] if SOAK else [0.2, 0.7])
-@pytest.mark.parametrize("name", WRONG)
+@pytest.mark.parametrize(("name", "speed"), in_turn(WRONG, [0.2, 0.7, 0.3, 0.5]))
 def test_a_wrong_unit_is_corrected_and_said(name: str, speed: float, tmp_path: Path) -> None:
     *how, said = WRONG[name]
     sample = SAMPLE.with_name(f"virtual_v{speed}_r2.csv")

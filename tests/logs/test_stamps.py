@@ -17,6 +17,7 @@ from granite_lab.logs.sensors.stamps import sampling_period, tidy
 from granite_lab.logs.trial import Trial
 from tests.corpus import cli
 from tests.logs import make
+from tests.soak import in_turn
 
 SAMPLE = cli.SAMPLES / "virtual_v0.3_r1.csv"
 TRUE_SLIP, TRUE_DISTANCE = 0.0970, 1.809  # of the sample, by its simulator
@@ -302,9 +303,8 @@ FORMS = {
 }
 
 
-@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 @pytest.mark.parametrize(
-    "start", ["2025-03-30T17:03:22.005166", "2025-01-11T23:59:57"], ids=["day", "midnight"]
+    ("form", "start"), in_turn(FORMS.values(), ["2025-01-11T23:59:57", "2025-03-30T17:03:22.005166"])
 )
 def test_dates_and_times_of_day_are_time(form: str, start: str, tmp_path: Path) -> None:
     t, *_ = make.rows()

@@ -15,6 +15,7 @@ from granite_lab.errors import InputError
 from granite_lab.logs import inspect_logs, read_trial
 from granite_lab.logs.trial import Trial
 from tests.logs import make
+from tests.soak import in_turn
 
 SAMPLES = Path(__file__).parents[2] / "data" / "samples"
 HEADER, *ROWS = make.lines()
@@ -54,8 +55,7 @@ def plain(tmp_path: Path) -> Trial:
     return make.read(tmp_path, make.text(), "plain.csv")
 
 
-@pytest.mark.parametrize("place", [1, 11], ids=["behind the stamps", "at the end"])
-@pytest.mark.parametrize("name", LISTS)
+@pytest.mark.parametrize(("name", "place"), in_turn(LISTS, [1, 11]))  # behind the stamps, at the end
 def test_lists_in_cells_are_no_columns(name: str, place: int, tmp_path: Path) -> None:
     path = make.written(tmp_path, with_lists(LISTS[name], place, [HEADER, *ROWS]))
     trial, report = read_trial(path), inspect_logs([path]).files[0]

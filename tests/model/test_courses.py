@@ -22,6 +22,7 @@ from granite_lab.model.symbols import model_parameters
 from granite_lab.model.turning import turned
 from granite_lab.parameters import Course, Variant, course_of, load_variants, parse_path, variant_of
 from tests.model.box import ROBOT, SOIL
+from tests.soak import sampled
 
 JOYSTICK = course_of(
     np.array([0.0, 0.6, 2.0, 2.4, 4.0, 5.5, 6.0]), np.array([0.0, 0.45, 0.45, 0.2, 0.3, 0.6, 0.0])
@@ -70,13 +71,13 @@ def test_wheels_of_a_run_fed_back_give_its_velocity_and_its_torques(command: Cou
 
 @pytest.mark.parametrize(
     ("id_", "values"),
-    [
+    sampled([
         ("drivetrain_friction", {"coulomb": 1.0, "viscous": 0.1}),
         ("tyre_windup", {"compliance": 2e-3}),
         ("drive_reaction", {"share": 1.0}),
         ("torque_constant_error", {"error": 0.1}),
-    ],
-)
+    ]),
+)  # fmt: skip
 def test_currents_and_motion_come_back_with_an_effect_between_motor_and_ground(
     id_: str, values: dict[str, float]
 ) -> None:

@@ -37,6 +37,7 @@ from granite_lab.planning.plan import options, plan_next
 from granite_lab.planning.stage import question, trial_model, whitener_of
 from tests.corpus.cli import lab, refused, told
 from tests.reporting.made_up_finding import made_up_finding
+from tests.soak import sampled
 
 ROBOT, SOIL = load_robot(), load_soil()
 SLOW = Variant(velocity=0.2, acceleration=0.6, distance=0.6)
@@ -143,7 +144,7 @@ def test_noise_of_a_trial_to_come_is_that_of_those_driven_and_grows_with_speed(t
         assert 0.6 < np.std(slow) < 1.5
 
 
-@pytest.mark.parametrize("repetitions", [1, 3])
+@pytest.mark.parametrize("repetitions", sampled([3, 1]))
 def test_logs_that_begin_driving_and_end_soon_give_a_plan(tmp_path: Path, repetitions: int) -> None:
     """No standstill, 0.4 s after the stop, no currents, gaps."""
     whole = made_up_finding(

@@ -20,7 +20,7 @@ MAIN = (
     "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
     "from granite_lab.cli import main; from granite_lab.reporting import canvas; canvas.DPI = 20; main()"
 )
-FEW = ("com_offset", "drive_reaction", "tyre_windup")
+FEW = ("drive_reaction", "tyre_windup")
 """Effects of a search that is short."""
 AMONG_FEW = (
     "from granite_lab import chain; from granite_lab.effects import get;"
