@@ -12,9 +12,10 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import expit
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.error_model import PD, P, V, X, std_of
+from granite_lab.estimation.error_model import PD, P, SlipModel, V, X, std_of
 from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.reference import lag_of
 from granite_lab.estimation.smoother import Solution, settle, smooth
@@ -26,6 +27,9 @@ SPACING = 0.05
 
 CONTRADICTS = 3.0
 """A number more than this many std outside of what is possible contradicts its std."""
+
+RULED_OUT = 0.01
+"""Probability below which a way is said to be wrong; convention."""
 
 FOLLOWS = 0.25
 """Time within which a body follows its wheels on sand [s]."""
@@ -81,7 +85,10 @@ def doubt_closure(problem: Problem, offset: float) -> list[Doubt]:
         "motion, or vibration is folded to slow frequencies"
     )
     pace = float(np.nanmax(np.abs(rolling.speed)))
-    std = abs(worst.value) / (math.sqrt(12.0) * pace)
+    # a reference knows the way whatever the IMU does
+    begin, end = problem.rests[0][1], problem.rests[-1][0]
+    known = [way.std / rolling.path_length for r in problem.reference if (way := r.distance(begin, end))]
+    std = min(abs(worst.value) / (math.sqrt(12.0) * pace), *known, math.inf)
     remedy = "stand still for 2 s at both ends; mount the IMU stiffly, with its low-pass on"
     return [*doubts, Doubt(seen, remedy=remedy, grade="fair", std=std)]
 
@@ -90,7 +97,8 @@ def _doubt_reference(problem: Problem, by_imu: Solution, offset: float) -> list[
     """Return the doubts about a reference that goes another way than the IMU, or at another time.
 
     Between the first and the last standstill the IMU tells the way, too. Where both differ beyond their
-    std, either may be right: the error is all of the difference, or none.
+    std, either may be right: the error is all of the difference, or none. The odds are even unless one of
+    them goes farther than the wheels roll.
     """
     rolling, doubts = problem.rolling, list[Doubt]()
     assert rolling is not None
@@ -111,10 +119,22 @@ def _doubt_reference(problem: Problem, by_imu: Solution, offset: float) -> list[
                 f"between the standstills the reference goes {distance.value:.2f} m, the IMU alone "
                 f"{own.value:.2f} ± {own.std:.2f} m"
             )
-            std = math.hypot(miss / math.sqrt(2.0), own.std) / rolling.path_length
-            remedy = "check scale, clock and std of the reference"
+            wrong = _probability_of_imu(own.value, distance.value, rolling.path_length)
+            std = math.sqrt(wrong) * math.hypot(miss, math.sqrt(2.0) * own.std) / rolling.path_length
+            remedy = "check scale, clock and std of the reference" if wrong > RULED_OUT else "check the IMU"
             doubts.append(Doubt(seen, remedy=remedy, grade="fair", std=std))
     return doubts
+
+
+def _probability_of_imu(own: float, reference: float, rolled: float) -> float:
+    """Return the probability that the IMU's way is right and the reference's is not, all ways in [m].
+
+    Driven wheels roll at least as far as the body goes, but for a slip ratio on a slope or a wrong radius of
+    about that on soft ground.
+    """
+    beyond = (max(0.0, abs(way) / rolled - 1.0) / SlipModel.steady for way in (own, reference))
+    imu, other = (-0.5 * x**2 for x in beyond)
+    return float(expit(imu - other))
 
 
 def _way(solution: Solution, begin: float, end: float) -> Estimate:

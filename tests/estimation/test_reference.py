@@ -103,8 +103,20 @@ def test_of_a_reference_that_goes_farther_than_the_imu_either_may_be_right(what:
     motion = run(replace(noisy(), reference_v=v, reference_x=x), use_reference=True, **KNOWN[what])
     assert motion.health.grade != "good"
     assert "the reference goes" in motion.health.verdict
+    assert "check scale" in motion.health.verdict
     assert "bias changed" not in motion.health.verdict
     assert abs(motion.slip_ratio.value - true_slip(motion)) < 3 * motion.slip_ratio.std
+
+
+def test_an_imu_that_goes_farther_than_the_wheels_roll_is_blamed_and_not_the_reference() -> None:
+    trial, (begin, end) = noisy(), plain().steady
+    force, middle = trial.imu.specific_force.copy(), (begin + end) / 2
+    force[(trial.imu.t > middle) & (trial.imu.t < middle + 1.0), 0] += 20.0
+    broken = replace(trial, imu=replace(trial.imu, specific_force=force))
+    verdict = run(broken, use_reference=True, **KNOWN["velocity"]).health.verdict
+    assert "the reference goes" in verdict
+    assert "check the IMU" in verdict
+    assert "check scale" not in verdict
 
 
 @pytest.mark.parametrize("late", [-0.5, 0.5])
