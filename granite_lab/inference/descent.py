@@ -66,7 +66,7 @@ SETTLED = 0.02
 hardly move."""
 
 NONE = NormalEquations((), 0, 0)
-"""NormalEquations equations of a state whose derivatives are new."""
+"""Normal equations of a state whose derivatives are new."""
 
 
 @dataclass(frozen=True, eq=False)
