@@ -98,4 +98,4 @@ def _section(o: Outcome) -> str:
 def _percent(e: Estimate) -> str:
     if not math.isfinite(e.value):
         return "–"
-    return f"{100 * e.value:.1f} ± {100 * e.std:.1f}"
+    return "not known" if e.std >= 1.0 else f"{100 * e.value:.1f} ± {100 * e.std:.1f}"

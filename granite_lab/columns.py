@@ -85,6 +85,7 @@ class Column(Generic[R]):
         scale: from the unit of the record, in which the CSV stays, to the printed one.
         digits: significant digits of a number without std.
         form: format specification in place of `digits`, such as ".2f".
+        widest: std [unit of the record] from which an estimate says nothing and is not printed.
         shown: whether the table has the column.
     """
 
@@ -95,6 +96,7 @@ class Column(Generic[R]):
     scale: float = 1.0
     digits: int = 3
     form: str = ""
+    widest: float = math.inf
     shown: bool = True
 
     @property
@@ -109,7 +111,8 @@ class Column(Generic[R]):
         if isinstance(value, Cell):
             return value
         if isinstance(value, Estimate):
-            return Cell(plus_minus(value, scale=self.scale), (value.value, value.std))
+            text = NONE if value.std >= self.widest else plus_minus(value, scale=self.scale)
+            return Cell(text, (value.value, value.std))
         if isinstance(value, str) or value is None:
             return Cell(value or NONE, (value,))
         if not math.isfinite(value):

@@ -52,6 +52,13 @@ def test_values_are_printed_by_their_kind_and_the_csv_holds_them_in_the_unit_of_
     ]
 
 
+def test_an_estimate_that_says_nothing_is_a_dash_on_the_page_and_stands_in_the_csv() -> None:
+    column = Column[Estimate]("slip", lambda e: e, "slip slip_std", unit="%", scale=100, widest=1.0)
+    table = Table("slips", "Slips", column).fill([Estimate(0.15, 0.9), Estimate(0.15, 315.3)])
+    assert [row[0].text for row in table.rows] == ["20 ± 90", "–"]
+    assert table.to_csv().splitlines()[2] == "0.15,315.3"
+
+
 @pytest.mark.parametrize("missing", [math.nan, math.inf, -math.inf])
 def test_what_is_not_known_is_a_dash_on_the_page_and_nothing_in_the_csv(missing: float) -> None:
     table = DRIVES.fill([Drive("", missing, Estimate(math.nan, math.nan))])

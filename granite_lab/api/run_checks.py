@@ -188,7 +188,8 @@ def _motion(motion: Motion, trial: Trial) -> Iterator[Check]:
     usual = f"usual: {100 * SLIP[0]:.0f} to {100 * SLIP[1]:.0f} %"
     finding = f"λ_R {percent_of(slip)}, {usual}"
     advice = "check wheel radius, unit of the encoders and mounting of the IMU"
-    good = bool(low <= SLIP[1] and high >= SLIP[0])
-    yield Check("slip", good, finding if math.isfinite(slip.value) else "not known", advice)
+    known = math.isfinite(slip.value) and not slip.std >= 1.0
+    good = bool(known and low <= SLIP[1] and high >= SLIP[0])
+    yield Check("slip", good, finding if known else "not known", advice)
     health = motion.health
     yield Check("estimate", health.grade != "poor", health.verdict, "look at the report of granite-lab study")

@@ -81,7 +81,7 @@ def trial_table(result: StudyResult) -> FilledTable:
         Column("distance", lambda r: r.motion.distance, "distance_m distance_std_m", unit="m"),
         Column(
             "λ_R", lambda r: r.motion.slip_ratio,
-            "slip_ratio slip_ratio_std", unit="%", scale=100,
+            "slip_ratio slip_ratio_std", unit="%", scale=100, widest=1.0,
         ),
         K92_STEADY.of(lambda r: r.fit),
         K92_TRAJECTORY.of(lambda r: r.fit),

@@ -97,7 +97,7 @@ MOTIONS: Table[Motion] = Table(
     Column("trial", lambda m: m.trial),
     Column("speed", lambda m: m.variant.velocity, "speed_mps", unit="m/s", form=".3g"),
     Column("distance", lambda m: m.distance, "distance_m distance_std_m", unit="m"),
-    Column("slip λ_R", lambda m: m.slip_ratio, "slip_ratio slip_ratio_std", unit="%", scale=100),
+    Column("slip λ_R", lambda m: m.slip_ratio, "slip_ratio slip_ratio_std", unit="%", scale=100, widest=1.0),
     Column("wheel stamps late", lambda m: m.stamps_late, "late_s late_std_s", unit="ms", scale=1000),
     Column("estimate", lambda m: good(m.health.good)),
 )
