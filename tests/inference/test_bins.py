@@ -398,7 +398,7 @@ def test_all_columns_are_those_of_differences(problem: Problem, off: float) -> N
 def test_a_point_and_its_derivatives_take_each_matrix_once(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = problem_of((0,))
     (logged,), point, made = problem.trials, problem.neutral(), []
-    (response,), slopes = problem.respond([problem.task(point, 0)]), problem.slopes(point)
+    (response,), derivatives = problem.respond([problem.task(point, 0)]), differentiate(problem, point)
     again = binning._Group.to_stamps
 
     def counted(group: binning._Group, t: Array, *shift: float) -> object:
@@ -408,7 +408,7 @@ def test_a_point_and_its_derivatives_take_each_matrix_once(monkeypatch: pytest.M
     monkeypatch.setattr(binning._Group, "to_stamps", counted)
     logged.observation.binned._matrices.clear()
     first, second = (
-        (logged.predict(response, point.trials[0], point.sensors), problem.columns(0, point, slopes))
+        (logged.predict(response, point.trials[0], point.sensors), problem.columns(0, point, derivatives))
         for _ in range(2)
     )
     assert len(made) == len(set(made)) > 5

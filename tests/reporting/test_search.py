@@ -330,7 +330,7 @@ def test_waves_of_the_ground_are_named_in_the_answer_and_in_the_next_steps(
     finding = dataclasses.replace(findings["named"], verdict="partly named", ground_wave=wave)
     answer = missing_answer(finding)
     assert answer.verdict.endswith("and waves of the ground")
-    assert "waves of 247.2 ± 1.2 mm: pitch rate repeats with the place" in spaced(answer.text)
+    assert "waves of 247.2 ± 1.2 mm: pitch rate repeats with the position" in spaced(answer.text)
     steps = [
         step.text
         for step in names.next_steps(dataclasses.replace(finding, verdict="unknown"), None, "reports/x")
