@@ -86,11 +86,18 @@ def doubt_closure(problem: Problem, offset: float) -> list[Doubt]:
     )
     pace = float(np.nanmax(np.abs(rolling.speed)))
     # a reference knows the way whatever the IMU does
-    begin, end = problem.rests[0][1], problem.rests[-1][0]
-    known = [way.std / rolling.path_length for r in problem.reference if (way := r.distance(begin, end))]
-    std = min(abs(worst.value) / (math.sqrt(12.0) * pace), *known, math.inf)
+    between = _between_standstills(problem)
+    ways = [r.distance(*between) for r in problem.reference] if between else []
+    known = [way.std / rolling.path_length for way in ways if way]
+    std = min([abs(worst.value) / (math.sqrt(12.0) * pace), *known])
     remedy = "stand still for 2 s at both ends; mount the IMU stiffly, with its low-pass on"
     return [*doubts, Doubt(seen, remedy=remedy, grade="fair", std=std)]
+
+
+def _between_standstills(problem: Problem) -> tuple[float, float] | None:
+    """Return the end of the first and the begin of the last standstill [s]; None where they are one."""
+    begin, end = problem.rests[0][1], problem.rests[-1][0]
+    return (begin, end) if end > begin else None
 
 
 def _doubt_reference(problem: Problem, by_imu: Solution, offset: float) -> list[Doubt]:
@@ -102,17 +109,16 @@ def _doubt_reference(problem: Problem, by_imu: Solution, offset: float) -> list[
     """
     rolling, doubts = problem.rolling, list[Doubt]()
     assert rolling is not None
-    begin, end = problem.rests[0][1], problem.rests[-1][0]
-    own = _way(by_imu, begin, end) if end > begin else None
+    between = _between_standstills(problem)
     for readings in problem.reference:
         late = lag_of(readings, rolling, offset)
         if abs(late) > FOLLOWS:
             order = "after" if late > 0 else "before"
             seen = f"the reference tells of the motion {abs(late):.1f} s {order} the wheels"
             doubts.append(Doubt(seen, remedy="correct its stamps", grade="fair"))
-        distance = readings.distance(begin, end)
-        if own is None or distance is None:
+        if between is None or (distance := readings.distance(*between)) is None:
             continue
+        own = _way(by_imu, *between)
         miss = abs(distance.value - own.value)
         if miss > CONTRADICTS * math.hypot(distance.std, own.std):
             seen = (

@@ -93,6 +93,8 @@ PLACES = {f"at_{number}": _at(number) for number in range(48)}
 """Places of the ground, a quarter of the wheel base apart, up to 12 wheel bases (convention); x_w is where
 the wheel stands."""
 
+_EVERY = GROUPS | PLACES
+
 
 class Quantity(NamedTuple):
     """What is corrected.
@@ -210,7 +212,7 @@ def phi(groups: tuple[str, ...], motion: Motion, p: ModelParameters) -> Any:
     """Return the product of some groups, expressions or arrays as the motion has them."""
     value: Any = 1.0
     for name in groups:
-        value = value * (GROUPS | PLACES)[name].of(motion, p)
+        value = value * _EVERY[name].of(motion, p)
     return value
 
 
@@ -248,15 +250,16 @@ def is_term(id_: str) -> bool:
 
 
 def _term(quantity: str, groups: tuple[str, ...]) -> Term:
-    of, every = QUANTITIES[quantity], GROUPS | PLACES
+    of, factors = QUANTITIES[quantity], [_EVERY[name] for name in groups]
     size = SIZES[0 if of.factor else 1]
-    for name in groups:
-        size /= every[name].size
-    formula = " · ".join(["a", *(every[name].formula for name in groups)])
-    words = " times ".join(every[name].words for name in groups)
-    if groups:
-        words = f"at {words}" if groups[0] in PLACES else f"by {words}"
-    id_ = "_and_".join(groups) if not groups or groups[0] in PLACES else f"by_{'_and_'.join(groups)}"
+    for group in factors:
+        size /= group.size
+    formula = " · ".join(["a", *(group.formula for group in factors)])
+    words, id_ = " times ".join(group.words for group in factors), "_and_".join(groups)
+    if groups and groups[0] in PLACES:
+        words = f"at {words}"
+    elif groups:
+        words, id_ = f"by {words}", f"by_{id_}"
     fields = {
         "__module__": __name__,
         "id": "_".join(filter(None, [PREFIX, quantity, id_])),
