@@ -16,7 +16,7 @@ from granite_lab.discovery.ground_waves import ground_wave
 from granite_lab.discovery.models import Search
 from granite_lab.discovery.orders import lugs
 from granite_lab.discovery.power import detectable
-from granite_lab.discovery.remainder import remainder, savable
+from granite_lab.discovery.remainder import beside_terms, remainder, savable
 from granite_lab.discovery.search import search
 from granite_lab.discovery.verdict import Judgement, by_posterior, judge, with_ground_wave
 from granite_lab.errors import EstimateError
@@ -200,6 +200,13 @@ def _judged(
         lambda: remainder(problem, searched, judged, tolerance, lambda text: tell(text, STEPS - 2)),
         nothing,
     )
+    whole, judgement, limit = parts.attempt(
+        "effects beside what describes the rest",
+        lambda: beside_terms(
+            problem, searched, judgement, limit, library, tolerance, lambda text: tell(text, STEPS - 2)
+        ),
+        (searched, judgement, limit),
+    )
     judgement = parts.attempt(
         "waves of the ground",
         lambda: with_ground_wave(
@@ -211,7 +218,7 @@ def _judged(
     power = parts.attempt(
         "what these trials could show", lambda: _power(problem, searched, judged, library, tolerance), None
     )
-    return Outcome(searched, judgement, limit, power)
+    return Outcome(whole, judgement, limit, power)
 
 
 def _without(problem: Problem, reasons: Mapping[int, str]) -> tuple[Problem, tuple[tuple[str, str], ...]]:

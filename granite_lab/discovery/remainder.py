@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,9 +15,10 @@ from granite_lab.discovery.impulses import ImpulseResponses, impulse_responses
 from granite_lab.discovery.models import Model, Search
 from granite_lab.discovery.relevance import is_adequate
 from granite_lab.discovery.saved_model import loss_of_files, loss_of_model, predicts_worse
-from granite_lab.discovery.verdict import EffectEvidence, Judgement, performance_of, strained_numbers
+from granite_lab.discovery.search import search_beside
+from granite_lab.discovery.verdict import EffectEvidence, Judgement, judge, performance_of, strained_numbers
 from granite_lab.estimate import Estimate
-from granite_lab.inference.constants import MAX_REMAINDER
+from granite_lab.inference.constants import FEW, MAX_REMAINDER
 from granite_lab.inference.fit import Fit, fit, with_priors
 from granite_lab.inference.pool import SAND
 from granite_lab.inference.problem import Problem
@@ -70,6 +71,45 @@ def remainder(
     if impulses is None or impulses.fit is not judgement.model.fit:
         impulses = impulse_responses(problem, judgement.model.fit)
     return judgement, ceiling(problem, baseline.fit, impulses, tolerance) if impulses else None
+
+
+def beside_terms(
+    problem: Problem,
+    found: Search,
+    judgement: Judgement,
+    limit: Ceiling | None,
+    candidates: Sequence[str],
+    tolerance: float,
+    tell: Callable[[str], None] = lambda _: None,
+) -> tuple[Search, Judgement, Ceiling | None]:
+    """Search the library again beside the terms that describe what it left, then describe what is left now.
+
+    An effect that closes little of a large gap is sure only beside what closes the rest.
+
+    Args:
+        problem, tolerance: as in `judge`.
+        found: the search in the library.
+        judgement, limit: as `remainder` returned them.
+        candidates: ids.
+        tell: told what is being done.
+
+    Returns:
+        search, judgement and ceiling; as they were where no further effect is named, and the model predicts
+        no better.
+    """
+    for _ in range(FEW):  # terms are chosen anew beside effects, and effects judged beside these terms
+        start = judgement.model
+        if not any(map(is_term, start.effects)):
+            break
+        model = Model.of(start.effects, start.fit)
+        again = search_beside(found, model, problem, candidates, tolerance, lambda text, _: tell(text))
+        other = judge(problem, again, tolerance)
+        more = len(other.named) > len(judgement.named)
+        if not more and not _better(problem, found.baseline.fit, start.fit, other.model.fit, tolerance):
+            break
+        found = again
+        judgement, limit = remainder(problem, again, other, tolerance, tell)
+    return found, judgement, limit
 
 
 def _better(problem: Problem, baseline: Fit, before: Fit, after: Fit, tolerance: float) -> bool:
@@ -129,8 +169,9 @@ def _with_terms(
                 strained_numbers(problem, extended, id_),
             )
         )  # fmt: skip
-    kept = tuple(n for n in judgement.described if n.id in extended.point.effects)
-    small = tuple(n for n in judgement.described if n not in kept)
+    effects = [n for n in judgement.described if not is_term(n.id)]
+    kept = tuple(n for n in effects if n.id in extended.point.effects)
+    small = tuple(n for n in effects if n not in kept)
     return replace(
         judgement,
         model=Model(tuple(sorted(extended.point.effects)), extended, extended.evidence),

@@ -22,6 +22,7 @@ from granite_lab.inference.gap import prediction_change
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FIRST, FORMULAS
+from granite_lab.model.dictionary import is_term
 
 FINE = 12
 """Most steps of a fit that begins where another one ended: a fine one at a rough one's end, or one of the
@@ -51,7 +52,35 @@ def search(
             are exchanged.
     """
     sets = FittedSets(problem, candidates, tolerance, tell, {(): Model.of((), base)})
-    exchange(sets, *revise(sets, *extend_fully(sets, sets.baseline)))
+    return _exchanged(sets, *revise(sets, *extend_fully(sets, sets.baseline)))
+
+
+def search_beside(
+    found: Search,
+    start: Model,
+    problem: Problem,
+    candidates: Sequence[str],
+    tolerance: float = TOLERANCE,
+    tell: Callable[[str, int], None] = lambda *_: None,
+) -> Search:
+    """Search on from a set that holds terms of the dictionary.
+
+    An effect that closes little of a large gap shows only beside what closes the rest.
+
+    Args:
+        found: the search in the library.
+        start: the set.
+        problem, candidates, tolerance, tell: as in `search`.
+    """
+    models = {m.effects: m for m in (*found.models, start)}
+    sets = FittedSets(problem, candidates, tolerance, tell, models, dict(found.screenings))
+    sets.set_aside = set(found.set_aside) - {start.effects}
+    return _exchanged(sets, *extend_fully(sets, start))
+
+
+def _exchanged(sets: FittedSets, best: Model, steps: Sequence[Extension]) -> Search:
+    """Exchange the effects of the best set, and reduce the set to those that are needed."""
+    exchange(sets, best, steps)
     for _ in range(MOST):
         set_aside_bad_predictors(sets)
         fit_finely(sets)
@@ -76,7 +105,7 @@ def extend_fully(sets: FittedSets, model: Model) -> tuple[Model, list[Extension]
     the optimum.
     """
     steps: list[Extension] = []
-    while len(model.effects) < MOST:
+    while sum(not is_term(e) for e in model.effects) < MOST:
         larger, tried = extend(sets, model)
         extended = larger is not model
         again = _refit_from_larger(sets, model, larger) if extended else _refit_from_files(sets, model)
@@ -125,7 +154,7 @@ def _refit_from_files(sets: FittedSets, model: Model) -> Model:
 
 def extend(sets: FittedSets, model: Model) -> tuple[Model, list[Score]]:
     """Return the best set with one more effect, the set itself if none is better, and what was tried."""
-    sets.stage = max(sets.stage, len(model.effects))
+    sets.stage = min(MOST, max(sets.stage, len(model.effects)))
     prospects = sets.prospects(model)
     tried: list[Prospect] = []
     for group in _fitted_together(sets, model, prospects):
@@ -200,39 +229,49 @@ def stays(sets: FittedSets, model: Model, larger: Model) -> bool:
 
 
 def revise(sets: FittedSets, best: Model, steps: list[Extension]) -> tuple[Model, list[Extension]]:
-    """Extend again what is left of a set without one of its effects, and go on with a likelier one.
+    """Extend again sets from which the best one may have gone astray, and go on with a likelier one.
 
-    An effect that resembles the sum of two missing ones may be found before either. The `FEW` effects that
-    are needed least are taken out, each in turn; see `_may_hold_substitute`.
+    An effect that resembles the sum of two missing ones may be found before either; see
+    `_may_hold_substitute`. `FEW` of the sets of `_origins` are extended, the likeliest first.
     """
     for _ in range(MOST):
-        if len(best.effects) < 2 or not _may_hold_substitute(sets, best):
+        if not best.effects or not _may_hold_substitute(sets, best):
             break
         sets.stage = MOST
-        points = [sets.problem.without_effect(best.fit.point, e) for e in best.effects]
-        sets.fit_new([(point, best.fit) for point in points])
-        parts = [m for k in map(set_of, points) if (m := sets.models.get(k)) and k not in sets.screenings]
-        for part in ranked(parts)[:FEW]:
-            larger, tried = extend(sets, part)
+        new = [m for m in _origins(sets, best, steps) if m.effects not in sets.screenings]
+        for origin in ranked(new)[:FEW]:
+            larger, tried = extend(sets, origin)
             if larger.log_posterior > best.log_posterior + LEAST_GAIN:
                 best, more = extend_fully(sets, larger)
-                steps = [Extension(part, larger, tried), *more]
+                steps = [Extension(origin, larger, tried), *more]
                 break
         else:
             break
     return best, steps
 
 
+def _origins(sets: FittedSets, best: Model, steps: Sequence[Extension]) -> list[Model]:
+    """Return the sets that lack one effect of the best one; where it has a single effect, its rivals."""
+    if len(best.effects) > 1:
+        points = [sets.problem.without_effect(best.fit.point, e) for e in best.effects]
+        sets.fit_new([(point, best.fit) for point in points])
+        keys = [set_of(point) for point in points]
+    else:
+        keys = [(s.candidate,) for step in steps[-1:] for s in step.tried if s.candidate not in best.effects]
+    return [m for k in keys if (m := sets.models.get(k))]
+
+
 def _may_hold_substitute(sets: FittedSets, model: Model) -> bool:
     """Tell whether a set may hold an effect that stands in for others.
 
-    Errors of its formulas are then as large as they may be in more than one channel, and it predicts trials
-    left out worse than noise and tolerance allow.
+    Errors of its formulas are then as large as they may be in more than one channel. Of several effects, the
+    set must also predict trials left out worse than noise and tolerance allow.
     """
     if sum(error >= FORMULAS[1] for error in model.fit.scales.formulas.values()) < 2:
         return False
     predicted = sets.predicted(model)
-    return bool(predicted.unseen.sum() > (1 + MAX_REMAINDER**2) * predicted.expected.sum())
+    worse = predicted.unseen.sum() > (1 + MAX_REMAINDER**2) * predicted.expected.sum()
+    return bool(worse or len(model.effects) == 1)
 
 
 def exchange(sets: FittedSets, best: Model, steps: Sequence[Extension]) -> None:

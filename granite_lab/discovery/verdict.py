@@ -36,6 +36,7 @@ from granite_lab.inference.priors import width_of
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FORMULAS
 from granite_lab.logs.trial import Array
+from granite_lab.model.dictionary import is_term
 from granite_lab.model.effect import EffectParameter
 
 OPEN = Estimate(float("nan"))
@@ -239,7 +240,7 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     * ``none`` where the model without effects leaves no discrepancy beyond the tolerance, and the likeliest
       model changes no channel by more than the tolerance. Trials differ as the likeliest model says.
     * An effect of the likeliest set is named if it matters (`EffectEvidence.matters`), is sure enough, and
-      what the set leaves allows it (`_Left.allows`).
+      what the set leaves allows it (`_Left.allows`). A term of the dictionary is a description.
     * ``named`` where all that matter are named and little is left. ``partly named`` where some are named and
       more is missing or not sure, ``unknown`` where none is named. What else trials left out show is a
       description.
@@ -265,13 +266,13 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     left = _Left.of(whole, evidence, is_adequate(problem, best.fit, tolerance))
     relevant = [e for e in evidence if e.matters(left.share, tolerance, scales)]
     stand_out = [e for e in relevant if not differ or e.stands_out(differ, tolerance)]
-    named = [e for e in stand_out if left.allows(e, scales)]
+    named = [e for e in stand_out if left.allows(e, scales) and not is_term(e.id)]
     complete = left.little and len(named) == len(relevant)
     verdict: Verdict = "unknown" if not named else "named" if complete else "partly named"
     rest = [e for e in evidence if e not in named]
     shown = [e for e in rest if verdict != "named" and e.is_shown()]
     small = (*negligible, *(e for e in rest if e not in shown))
-    described = tuple(e.as_likely(left.share) for e in shown)
+    described = tuple(e if is_term(e.id) else e.as_likely(left.share) for e in shown)
     missing = 1 - competition.probability(lambda m: not m.effects)
     probability = float(min((e.probability for e in named), default=missing))
     return Judgement(

@@ -15,7 +15,7 @@ from granite_lab.hidden.catalogue import TWINS
 MEANING = {
     "right": "exactly what is hidden",
     "twin_set": "the hidden effect is in the named set of twins",
-    "with_remainder": "the hidden library effect is named, the rest is stated as unexplained",
+    "with_remainder": "the hidden library effect is named, and that more is missing",
     "vague": "the hidden effect is in a set of more than three twins",
     "partial": "some of the hidden effects are named, and none is wrong",
     "spurious": "all hidden effects are named, and one too many",
@@ -31,7 +31,8 @@ LARGEST_SET = 3
 """Most names in a set of twins that still counts as an answer."""
 
 REMAINDER = 0.1
-"""A discovery must state a remainder of at least this share of the gap; what closes less is small."""
+"""A discovery that is not *partly named* must state a remainder of at least this share of the gap; what
+closes less is small."""
 
 CEILING = 0.3
 """Share of the gap that any forces could close, from which on an answer that closes nothing is a miss."""
@@ -191,7 +192,8 @@ def score(
     outcome = _judge(finding["verdict"], names, set_size, by_head=by_head, something=bool(hidden))
     left = _number(finding.get("remainder"))
     if outside and outcome in ("right", "twin_set"):
-        outcome = "with_remainder" if left is not None and left >= REMAINDER else "partial"
+        more = finding["verdict"] == "partly named" or (left is not None and left >= REMAINDER)
+        outcome = "with_remainder" if more else "partial"
     if outcome == "abstained" and _idle(finding):
         outcome = "idle"
     right = outcome in ("right", "twin_set", "with_remainder") or (outcome == "abstained" and bool(outside))

@@ -40,6 +40,7 @@ def test_the_answers_cover_the_sets_and_say_what_is_hidden() -> None:
         ("unknown", line("named", ("rolling_drag",), remainder=0.5), "wrong_name", False),
         ("com_offset+unknown", line("named", ("com_offset",), remainder=0.4), "with_remainder", True),
         ("com_offset+unknown", line("named", ("com_offset",), remainder=0.02), "partial", False),
+        ("com_offset+unknown", line("partly named", ("com_offset",), remainder=0.02), "with_remainder", True),
         ("none", {"status": "crashed", "error": "Traceback", "seconds": 1.0}, "crashed", False),
     ],
 )
