@@ -109,6 +109,8 @@ def beside_terms(
             break
         found = again
         judgement, limit = remainder(problem, again, other, tolerance, tell)
+        if judgement.model is other.model:  # no further term
+            break
     return found, judgement, limit
 
 

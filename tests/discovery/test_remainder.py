@@ -14,6 +14,8 @@ from granite_lab.discovery.describing import forces
 from granite_lab.discovery.description import described
 from granite_lab.discovery.heldout import predict
 from granite_lab.discovery.impulses import ImpulseResponses, impulse_responses
+from granite_lab.discovery.models import Model, Search
+from granite_lab.discovery.search import search_beside
 from granite_lab.effects import get, library
 from granite_lab.effects.library import neutral_gap
 from granite_lab.effects.model_file import FittedEffect, ModelFile, load_model, save_model
@@ -187,3 +189,22 @@ def test_a_soft_patch_is_described_by_its_place_and_closes_the_gap_at_speeds_lef
     before, after = (predict(problem, f, TOLERANCE) for f in (base, found))
     excess = [float((p.speed_left_out - p.expected).sum()) for p in (before, after)]
     assert excess[1] < excess[0] / 4
+
+
+def test_an_effect_is_found_beside_the_terms_that_describe_a_larger_cause() -> None:
+    """Another formula than that of the terms: the effect is one of the library, the cause is not."""
+    hidden = {"soft_patch": 0.5, "drivetrain_friction": 0.15}
+    (problem, base), impulses = measured(**hidden), pushes_of(**hidden)
+    described_by = described(problem, impulses, TOLERANCE)
+    assert described_by is not None
+    terms = set(filter(is_term, described_by.point.effects))
+    assert terms
+    start = Model.of(tuple(sorted(described_by.point.effects)), described_by)
+    alone = Search((Model.of((), base),), {})
+    again = search_beside(alone, start, problem, ("drivetrain_friction", "accel_scale_error"), TOLERANCE)
+    assert terms & set(again.best.effects)
+    assert [e for e in again.best.effects if not is_term(e)] == ["drivetrain_friction"]
+    found = again.best.fit
+    places = [k for k, (e, p) in enumerate(problem.parameters(found.point.effects, per_trial=False))
+              if (e, p.name) == ("drivetrain_friction", "coulomb")]  # fmt: skip
+    assert found.point.common[places[0]] == pytest.approx(0.15, abs=0.05)
