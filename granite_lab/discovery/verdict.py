@@ -241,9 +241,9 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
       model changes no channel by more than the tolerance. Trials differ as the likeliest model says.
     * An effect of the likeliest set is named if it matters (`EffectEvidence.matters`), is sure enough, and
       what the set leaves allows it (`_Left.allows`). A term of the dictionary is a description.
-    * ``named`` where all that matter are named and little is left. ``partly named`` where some are named and
-      more is missing or not sure, ``unknown`` where none is named. What else trials left out show is a
-      description.
+    * ``named`` where all that matter are named, little is left, and no term stands for what is not known.
+      ``partly named`` where some are named and more is missing or not sure, ``unknown`` where none is named.
+      What else trials left out show is a description.
 
     Args:
         problem, search, tolerance: as in `judge`.
@@ -267,7 +267,7 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     relevant = [e for e in evidence if e.matters(left.share, tolerance, scales)]
     stand_out = [e for e in relevant if not differ or e.stands_out(differ, tolerance)]
     named = [e for e in stand_out if left.allows(e, scales) and not is_term(e.id)]
-    complete = left.little and len(named) == len(relevant)
+    complete = left.little and len(named) == len(relevant) and not any(map(is_term, best.effects))
     verdict: Verdict = "unknown" if not named else "named" if complete else "partly named"
     rest = [e for e in evidence if e not in named]
     shown = [e for e in rest if verdict != "named" and e.is_shown()]
