@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.discovery.ceiling import ceiling
-from granite_lab.discovery.description import described, lacking
+from granite_lab.discovery.description import described
 from granite_lab.discovery.finding import Ceiling
-from granite_lab.discovery.heldout import closed, predict, predicts_better
+from granite_lab.discovery.heldout import predict, predicts_better
 from granite_lab.discovery.impulses import ImpulseResponses, impulse_responses
 from granite_lab.discovery.models import Model, Search
 from granite_lab.discovery.relevance import is_adequate
 from granite_lab.discovery.saved_model import loss_of_files, loss_of_model, predicts_worse
 from granite_lab.discovery.search import search_beside
-from granite_lab.discovery.verdict import EffectEvidence, Judgement, judge, performance_of, strained_numbers
+from granite_lab.discovery.verdict import Judgement, evidence_of_term, judge, performance_of
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import FEW, MAX_REMAINDER
 from granite_lab.inference.fit import Fit, fit, with_priors
@@ -161,16 +161,8 @@ def _with_terms(
     before = predict(problem, with_priors(problem, baseline, extended.scales), tolerance)
     after = predict(problem, extended, tolerance)
     whole = performance_of(before, after)
-    terms = []
-    for id_ in filter(is_term, extended.point.effects):
-        without = lacking(problem, extended, [id_], tolerance)
-        terms.append(
-            EffectEvidence(
-                id_, (), 1.0, closed(without.unseen, after.unseen, whole.gap),
-                closed(without.speed_left_out, after.speed_left_out, whole.gap_speeds),
-                strained_numbers(problem, extended, id_),
-            )
-        )  # fmt: skip
+    ids = filter(is_term, extended.point.effects)
+    terms = [evidence_of_term(problem, extended, id_, whole, tolerance) for id_ in ids]
     effects = [n for n in judgement.described if not is_term(n.id)]
     kept = tuple(n for n in effects if n.id in extended.point.effects)
     small = tuple(n for n in effects if n not in kept)

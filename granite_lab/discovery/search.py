@@ -338,7 +338,7 @@ def fit_finely(sets: FittedSets) -> None:
 
 
 def reduce(sets: FittedSets) -> bool:
-    """Fit the likeliest set without each of its effects from its own end; tell whether one is likelier.
+    """Fit the likeliest set without each library effect from its own end; tell whether one is likelier.
 
     A set that was fitted before another effect was known may have missed its optimum: what that effect closes
     is then too large. It is fitted again where the end of the likeliest set promises more. One that is
@@ -346,7 +346,7 @@ def reduce(sets: FittedSets) -> bool:
     """
     problem, best = sets.problem, sets.likeliest()
     sets.stage = MOST
-    points = [problem.without_effect(best.fit.point, id_) for id_ in best.effects]
+    points = [problem.without_effect(best.fit.point, id_) for id_ in best.effects if not is_term(id_)]
     linear = best_fits(problem, [(point, best.fit.scales) for point in points], rounds=0)
     starts = [
         (fit.point, best.fit.scales)

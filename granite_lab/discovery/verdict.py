@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from granite_lab.discovery.description import lacking
 from granite_lab.discovery.finding import GroundWave, Verdict
 from granite_lab.discovery.heldout import Predicted, closed, gaps, predict
 from granite_lab.discovery.models import Model, Search
@@ -259,14 +260,17 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
         return Judgement("none", nothing_missing(search), baseline, (), (), small, before, before)
     whole = performance_of(before, after)
     competition = compete(problem, search, predictions.of)
-    evidence = problem.pool.parallel(
-        lambda k: _evidence_of(problem, search, best.effects[k], whole, competition, predictions),
-        len(best.effects),
-    )
+
+    def evidence_of(id_: str) -> EffectEvidence:
+        if is_term(id_):
+            return evidence_of_term(problem, best.fit, id_, whole, tolerance)
+        return _evidence_of(problem, search, id_, whole, competition, predictions)
+
+    evidence = problem.pool.parallel(lambda k: evidence_of(best.effects[k]), len(best.effects))
     left = _Left.of(whole, evidence, is_adequate(problem, best.fit, tolerance))
-    relevant = [e for e in evidence if e.matters(left.share, tolerance, scales)]
+    relevant = [e for e in evidence if not is_term(e.id) and e.matters(left.share, tolerance, scales)]
     stand_out = [e for e in relevant if not differ or e.stands_out(differ, tolerance)]
-    named = [e for e in stand_out if left.allows(e, scales) and not is_term(e.id)]
+    named = [e for e in stand_out if left.allows(e, scales)]
     complete = left.little and len(named) == len(relevant) and not any(map(is_term, best.effects))
     verdict: Verdict = "unknown" if not named else "named" if complete else "partly named"
     rest = [e for e in evidence if e not in named]
@@ -383,6 +387,18 @@ def _evidence_of(
         id_, twins, min(probability, 1.0), closes, speeds, strained_numbers(problem, best.fit, id_),
         bool(at_bounds(problem, best.fit, id_)), changes, share_made(changes, of_set, tolerance),
         left_without(problem, without.fit, best.fit.scales, id_, changes, tolerance),
+    )  # fmt: skip
+
+
+def evidence_of_term(
+    problem: Problem, fit: Fit, id_: str, whole: SetPerformance, tolerance: float
+) -> EffectEvidence:
+    """Return what a term of the dictionary closes, linear about the fit of its set; it states no cause."""
+    without = lacking(problem, fit, [id_], tolerance)
+    return EffectEvidence(
+        id_, (), 1.0, closed(without.unseen, whole.after.unseen, whole.gap),
+        closed(without.speed_left_out, whole.after.speed_left_out, whole.gap_speeds),
+        strained_numbers(problem, fit, id_),
     )  # fmt: skip
 
 
