@@ -34,7 +34,7 @@ def described(problem: Problem, impulses: ImpulseResponses, tolerance: float) ->
     """
     before = impulses.fit
     try:
-        screened = ScreenedTerms(problem, impulses, [t for t in dictionary().values() if isinstance(t, Term)])
+        screened = ScreenedTerms(problem, impulses, terms_beside(before.point.effects))
         chosen = _chosen(problem, screened, tolerance, MOST_TERMS - len(before.point.effects))
     except (EstimateError, np.linalg.LinAlgError):
         return None
@@ -56,6 +56,11 @@ def described(problem: Problem, impulses: ImpulseResponses, tolerance: float) ->
         for id_ in lost:
             point = problem.without_effect(point, id_)
     return None
+
+
+def terms_beside(effects: Sequence[str]) -> list[Term]:
+    """Return the terms of the dictionary that a model does not hold."""
+    return [t for t in dictionary().values() if isinstance(t, Term) and t.id not in effects]
 
 
 def _staying(problem: Problem, fitted: Fit, tolerance: float) -> list[str]:

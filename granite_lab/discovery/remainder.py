@@ -18,7 +18,7 @@ from granite_lab.discovery.saved_model import loss_of_files, loss_of_model, pred
 from granite_lab.discovery.search import search_beside
 from granite_lab.discovery.verdict import Judgement, evidence_of_term, judge, performance_of
 from granite_lab.estimate import Estimate
-from granite_lab.inference.constants import FEW, MAX_REMAINDER
+from granite_lab.inference.constants import MAX_REMAINDER
 from granite_lab.inference.fit import Fit, fit, with_priors
 from granite_lab.inference.pool import SAND
 from granite_lab.inference.problem import Problem
@@ -97,20 +97,15 @@ def beside_terms(
         search, judgement and ceiling; as they were where no further effect is named, and the model predicts
         no better.
     """
-    for _ in range(FEW):  # terms are chosen anew beside effects, and effects judged beside these terms
-        start = judgement.model
-        if not any(map(is_term, start.effects)):
-            break
-        model = Model.of(start.effects, start.fit)
-        again = search_beside(found, model, problem, candidates, tolerance, lambda text, _: tell(text))
-        other = judge(problem, again, tolerance)
-        more = len(other.named) > len(judgement.named)
-        if not more and not _better(problem, found.baseline.fit, start.fit, other.model.fit, tolerance):
-            break
-        found = again
-        judgement, limit = remainder(problem, again, other, tolerance, tell)
-        if judgement.model is other.model:  # no further term
-            break
+    start = judgement.model
+    if not any(map(is_term, start.effects)):
+        return found, judgement, limit
+    model = Model.of(start.effects, start.fit)
+    again = search_beside(found, model, problem, candidates, tolerance, lambda text, _: tell(text))
+    other = judge(problem, again, tolerance)
+    more = len(other.named) > len(judgement.named)
+    if more or _better(problem, found.baseline.fit, start.fit, other.model.fit, tolerance):
+        return again, *remainder(problem, again, other, tolerance, tell)
     return found, judgement, limit
 
 

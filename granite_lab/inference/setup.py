@@ -225,7 +225,7 @@ def learnt(problem: Problem, residuals: Sequence[Array]) -> list[list[Whitener]]
     spectra = {sensor: at_rest(rows, FLOOR[sensor[0]], width) for sensor, rows in rest.items()}
     for command, (repetitions, speed) in enumerate(zip(problem.commands, speeds, strict=True)):
         for c, places in problem.places_of(repetitions).items():
-            rows = [residuals[i][k] for i, k in places]
+            rows = [_without_turning(problem.trials[i], residuals[i], k, speed) for i, k in places]
             shown = _predicted(problem, residuals, places)
             strength = speed
             if c.startswith("current"):  # its errors grow with the torque
@@ -240,6 +240,29 @@ def learnt(problem: Problem, residuals: Sequence[Array]) -> list[list[Whitener]]
             for (i, k), w in zip(places, filters, strict=True):
                 whiteners[i][k] = w
     return whiteners
+
+
+def _without_turning(trial: TrialModel, residuals: Array, row: int, speed: Array) -> Array:
+    """Return the (n,) residuals of a channel without what repeats once a turn of the wheels.
+
+    Run-out has another phase in each trial: among the differences of repetitions it would pass for noise, and
+    the effect that explains it would not show. Of noise, two numbers of a trial are lost.
+
+    Args:
+        trial: with the residuals (C, n).
+        residuals: measured minus predicted.
+        row: of the channel.
+        speed: (n,) speed of the wheels over its largest.
+    """
+    values: Array = residuals[row]
+    if "wheel" not in trial.channels:
+        return values
+    wheel = trial.channels.index("wheel")
+    angle = trial.measured[wheel] - residuals[wheel]
+    turning = speed[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    seen = np.isfinite(values) & np.isfinite(angle)
+    size = np.linalg.lstsq(turning[seen], values[seen], rcond=None)[0]
+    return np.asarray(np.where(seen, values - turning @ size, values))
 
 
 def _sensor(problem: Problem, trial: int, channel: str) -> tuple[str, int]:

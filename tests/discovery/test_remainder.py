@@ -11,7 +11,7 @@ import pytest
 
 from granite_lab.discovery.ceiling import ceiling
 from granite_lab.discovery.describing import forces
-from granite_lab.discovery.description import described
+from granite_lab.discovery.description import described, terms_beside
 from granite_lab.discovery.heldout import predict
 from granite_lab.discovery.impulses import ImpulseResponses, impulse_responses
 from granite_lab.discovery.models import Model, Search
@@ -208,3 +208,10 @@ def test_an_effect_is_found_beside_the_terms_that_describe_a_larger_cause() -> N
     places = [k for k, (e, p) in enumerate(problem.parameters(found.point.effects, per_trial=False))
               if (e, p.name) == ("drivetrain_friction", "coulomb")]  # fmt: skip
     assert found.point.common[places[0]] == pytest.approx(0.15, abs=0.05)
+
+
+def test_a_model_is_not_offered_a_term_that_it_holds() -> None:
+    every, others = (
+        {t.id for t in terms_beside(effects)} for effects in ((), ("drive_reaction", "term_modulus_at_9"))
+    )
+    assert every - others == {"term_modulus_at_9"}
