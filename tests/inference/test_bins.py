@@ -24,7 +24,7 @@ from granite_lab.inference.observation import Observation, bin_width, observe
 from granite_lab.inference.point import SHARED
 from granite_lab.inference.pool import ACCURACY, SAND, SAND_PER_TRIAL, SIGNALS
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.setup import clock_choices
+from granite_lab.inference.setup import clock_choices, learnt
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, TrialInfo, WheelStream
 from granite_lab.model.effect import activate
 from granite_lab.model.instants import Accuracy
@@ -32,7 +32,7 @@ from granite_lab.model.simulator import integrate
 from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import GRAVITY, Variant, load_paper, load_robot, load_soil, load_variants
 from tests.fitting.made_up import made_up_trial
-from tests.inference.stub import PLACE, predicted, problem_of
+from tests.inference.stub import PLACE, measured, predicted, problem_of
 from tests.truth import faults
 
 VARIANT = load_variants()[3]
@@ -291,6 +291,25 @@ def test_noise_is_learnt_at_any_rate(rate: float, share: float, repetitions: int
     table = np.median(squares, axis=0)  # few bins at rest may all be small by chance
     for part in (v == 0, v >= 0.8 * share):
         assert 0.6 < np.sqrt(table[part].mean() / 0.4549) < 1.8  # the median of a squared normal number
+
+
+def test_run_out_with_another_phase_in_each_trial_is_no_noise() -> None:
+    """Five times the noise, in step with the wheels: repetitions differ, the noise is that of the sensor."""
+    problem, point, _ = measured(1, commands=(0, 0, 0, 1, 1, 1))
+    shown = predicted(problem, point)
+    noise = [t.measured - s for t, s in zip(problem.trials, shown, strict=True)]
+    places = [(t.channels.index("accel_z"), t.channels.index("wheel")) for t in problem.trials]
+    before = learnt(problem, noise)
+    residuals = [r.copy() for r in noise]
+    for i, (trial, (k, wheel)) in enumerate(zip(problem.trials, places, strict=True)):
+        rate = np.gradient(shown[i][wheel])
+        run_out = 5 * noise[i][k].std() * rate / rate.max() * np.cos(shown[i][wheel] + 2.1 * i)
+        trial.measured[k] += run_out
+        residuals[i][k] += run_out
+    after = learnt(problem, residuals)
+    for i, (k, _) in enumerate(places):
+        stds = [whiteners[i][k](noise[i][k]).std() for whiteners in (before, after)]
+        assert stds[1] == pytest.approx(stds[0], rel=0.1)
 
 
 def test_the_noise_of_a_minute_is_white_in_every_stretch_and_takes_little_memory() -> None:
