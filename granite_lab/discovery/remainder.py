@@ -16,6 +16,7 @@ from granite_lab.discovery.models import Model, Search
 from granite_lab.discovery.relevance import is_adequate
 from granite_lab.discovery.saved_model import loss_of_files, loss_of_model, predicts_worse
 from granite_lab.discovery.search import search_beside
+from granite_lab.discovery.sets import set_of
 from granite_lab.discovery.verdict import Judgement, evidence_of_term, judge, performance_of
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import MAX_REMAINDER
@@ -100,8 +101,7 @@ def beside_terms(
     start = judgement.model
     if not any(map(is_term, start.effects)):
         return found, judgement, limit
-    model = Model.of(start.effects, start.fit)
-    again = search_beside(found, model, problem, candidates, tolerance, lambda text, _: tell(text))
+    again = search_beside(found, start, problem, candidates, tolerance, lambda text, _: tell(text))
     other = judge(problem, again, tolerance)
     more = len(other.named) > len(judgement.named)
     if more or _better(problem, found.baseline.fit, start.fit, other.model.fit, tolerance):
@@ -163,7 +163,7 @@ def _with_terms(
     small = tuple(n for n in effects if n not in kept)
     return replace(
         judgement,
-        model=Model(tuple(sorted(extended.point.effects)), extended, extended.evidence),
+        model=Model.of(set_of(extended.point), extended),
         described=(*kept, *sorted(terms, key=lambda n: -n.closes.value)),
         small=(*judgement.small, *small),
         before=before,

@@ -73,8 +73,8 @@ def search_beside(
         problem, candidates, tolerance, tell: as in `search`.
     """
     models = {m.effects: m for m in (*found.models, start)}
-    sets = FittedSets(problem, candidates, tolerance, tell, models, dict(found.screenings))
-    sets.set_aside = set(found.set_aside) - {start.effects}
+    set_aside = set(found.set_aside) - {start.effects}
+    sets = FittedSets(problem, candidates, tolerance, tell, models, dict(found.screenings), set_aside)
     return _exchanged(sets, *extend_fully(sets, start))
 
 
