@@ -334,6 +334,8 @@ def others_of(problem: Problem) -> list[list[int]]:
 def _per_trial(problem: Problem, screened: Screen, id_: str) -> Score:
     """Try the numbers that each trial has of its own, at several scales of them.
 
+    A number whose probe has no solution in the model stays neutral.
+
     The gain is that of all commands but the one that speaks for them most: an order of the wheels shows at
     every speed, a resonance of the frame coincides with it at one (order tracking: R. B. Randall,
     Vibration-based Condition Monitoring, Wiley 2011).
@@ -342,6 +344,9 @@ def _per_trial(problem: Problem, screened: Screen, id_: str) -> Score:
     probes = screened.per_trial[id_]
     size = np.array([p.size for p in probes])
     width = np.array([width_of(p.parameter) for p in probes])
+    parameters = problem.parameters_of(id_)
+    private = [k for k, p in enumerate(parameters) if p.per_trial]
+    probed = [private.index(p.place) for p in probes]
     best = Score(id_, -np.inf, ())
     for scale in SCALES_TRIED:
         variances = np.tile((scale * width / size) ** 2, screened.trials)
@@ -351,8 +356,9 @@ def _per_trial(problem: Problem, screened: Screen, id_: str) -> Score:
             for trials in others_of(problem)
         )
         if value > best.gain:
-            trial_values = mean.reshape(places.shape) * size
-            best = Score(id_, value, tuple(p.neutral for p in problem.parameters_of(id_)), trial_values)
+            trial_values = np.tile([parameters[k].neutral for k in private], (screened.trials, 1))
+            trial_values[:, probed] += mean.reshape(places.shape) * size
+            best = Score(id_, value, tuple(p.neutral for p in parameters), trial_values)
     return best
 
 

@@ -89,6 +89,8 @@ def _rows_per_trial(
     circles = problem.pool.scenario.effects[id_].circles
     for circle in circles or [(p.parameter.name,) for p in group]:
         at = [k for k, p in enumerate(group) if p.parameter.name in circle]
+        if not at:  # no probe of it has a solution
+            continue
         most = _largest_amplitude(group[at[0]])
         noise = max(_by_noise_per_trial(power[trials], at, NEEDED, most) for trials in others_of(problem))
         largest = [max(visible[k] for k in places[:, n].tolist()) for n in at]

@@ -1,4 +1,4 @@
-"""Screening of an effect whose trace comes at another time with another size, on trials in closed form."""
+"""Screening on trials in closed form: traces that move with their size, probes without a solution."""
 
 from dataclasses import dataclass, replace
 
@@ -43,6 +43,16 @@ class Late(Respond):
         return out
 
 
+@dataclass(frozen=True)
+class Partly(Respond):
+    """There is no solution where the second number of an effect is large."""
+
+    def one(self, scenario: Scenario, task: Task) -> Array | None:
+        if any(abs(values[1]) > 0.3 for _, values in task.setting):
+            return None
+        return super().one(scenario, replace(task, setting=tuple(("shake", v) for _, v in task.setting)))
+
+
 @pytest.mark.parametrize("true", [0.3, 0.9, 1.7, 2.7])
 def test_an_effect_that_moves_with_its_size_is_found_from_where_a_few_small_sizes_do_not_show_it(
     true: float,
@@ -75,3 +85,27 @@ def test_from_a_size_that_leads_to_another_optimum_the_sizes_next_to_it_lead_to_
     sets.refit_at_other_sizes(("blow",), "blow")
     assert sets.models["blow",].fit.point.common[0] == pytest.approx(true, abs=0.02)
     assert around(problem, problem.with_effect(base.point, "push", (0.3,)), "push") == []
+
+
+def test_a_number_of_each_trial_whose_probe_has_no_solution_stays_neutral_and_the_others_are_found() -> None:
+    numbers = [
+        EffectParameter(name, "N", name, -20.0, 20.0, 0.0, -1.0, 1.0, per_trial=True)
+        for name in ("front", "rear", "pull")
+    ]
+    effects = EFFECTS | {"sway": MadeUp("sway", *numbers)}
+    problem = problem_of(respond=Partly(), effects=effects)
+    true = np.array([[0.9, 0.0, -0.6], [-0.7, 0.0, 0.8], [0.5, 0.0, 0.9], [-0.8, 0.0, -0.5]])
+    truth = problem.with_effect(problem.neutral(), "sway", (0.0, 0.0, 0.0), true)
+    measure(problem, truth, np.random.default_rng(5))
+    base = fit(problem, problem.neutral())
+    screened = screen(problem, base, ["sway"])
+    (score,) = scores(problem, screened)
+    assert score.gain > LEAST_GAIN
+    assert score.trial_values is not None
+    np.testing.assert_allclose(score.trial_values, true, atol=0.1)
+    model = Model.of((), base)
+    sets = FittedSets(problem, ("sway",), TOLERANCE, lambda *_: None, {(): model})
+    sets.fit_prospects(model, sets.prospects(model))
+    found = sets.models["sway",].fit.point
+    values = np.array([x[t.size :] for t, x in zip(problem.trials, found.trials, strict=True)])
+    np.testing.assert_allclose(values, true, atol=0.05)
