@@ -61,7 +61,9 @@ def loss_of_files(problem: Problem, baseline: Fit) -> Array | None:
 def predicts_worse(after: Array | None, before: Array | None, tolerance: float) -> bool:
     """Tell whether simulations predict what was left out worse than others, by more than a standard error.
 
-    Each signal counts by its mean squares over those of the others; errors within the tolerance do not count.
+    Each signal counts by the logarithm of the ratio of its mean squares: minus twice the log likelihood per
+    independent value of normal errors of unknown variance (G. E. P. Box and N. R. Draper, Biometrika 52,
+    1965, 355-365, for independent responses). Errors within the tolerance do not count.
 
     Args:
         after, before: as `loss_of_model` or `loss_of_files` return them.
@@ -71,7 +73,7 @@ def predicts_worse(after: Array | None, before: Array | None, tolerance: float) 
         return after is None and before is not None
     comparable = np.isfinite(after).any(axis=0) & np.isfinite(before).any(axis=0)
     after, before = (np.maximum(x[:, comparable], tolerance**2) for x in (after, before))
-    more = np.nansum((after - before) / np.nanmean(before, axis=0), axis=1)
+    more = np.nansum(np.log(after / before), axis=1)
     scatter = np.std(more, ddof=1) if more.size > 1 else 0.0
     return bool(more.sum() > np.sqrt(more.size) * scatter)
 

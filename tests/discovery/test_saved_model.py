@@ -63,6 +63,14 @@ def test_worse_is_more_than_a_standard_error_and_no_solution_is_the_worst() -> N
     assert not predicts_worse(known, None, TOLERANCE)
 
 
+def test_a_gain_counts_as_much_as_a_loss_by_the_same_factor() -> None:
+    known = np.full((4, 8), 0.2)
+    factor = np.array([7.0, *[1 / 20] * 3, 1, 1, 1, 1]) * (1 + 0.1 * np.arange(4)[:, None])
+    assert not predicts_worse(known * factor, known, TOLERANCE)  # one signal is worse, three are much better
+    assert predicts_worse(known, known * factor, TOLERANCE)
+    assert predicts_worse(known * np.where(factor > 2, factor, 1.0), known, TOLERANCE)
+
+
 def test_a_set_that_carries_worse_than_the_files_is_set_aside(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, base, _ = pushed()
 
