@@ -53,7 +53,7 @@ def correct(trial: Trial, robot: Robot, *, soil: Soil | None = None) -> tuple[Tr
 
     Args:
         trial: what was logged.
-        robot: its parameters, with an IMU grade.
+        robot: its parameters.
         soil: what it drives on, whose slip ratio counts far from standstills; dry sand by default.
 
     Returns:

@@ -163,7 +163,6 @@ def vibration(
 def identify(imu: BodyImu, rolling: Rolling | None, robot: Robot, rests: Sequence[Interval]) -> Noise:
     """Identify all noise figures of a trial; the grade in the robot's file is the prior."""
     grade, moving = robot.imu_grade, ~inside(imu.t, rests)
-    assert grade is not None
     speed = float(np.nanmax(np.abs(rolling.speed))) if rolling is not None else 0.5
     accel = white(imu.t, imu.forward, rests, grade.accel_noise)
     force_step, rate_step = imu.steps

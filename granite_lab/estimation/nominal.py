@@ -139,10 +139,8 @@ def roll_angle(imu: BodyImu, rest: np.ndarray, robot: Robot) -> tuple[Array, flo
     differently than at the start, so no mean over the standstills would do. The accelerometer's bias
     is common to all of them: their mean is shrunk by what it may be, their differences are not.
     """
-    grade = robot.imu_grade
-    assert grade is not None
     tilted = float(np.radians(0.0 if imu.levelled else robot.imu.tilt))
-    doubt = grade.accel_bias / GRAVITY
+    doubt = robot.imu_grade.accel_bias / GRAVITY
     seen = rest & np.isfinite(imu.left)
     if not imu.gravity or not seen.any():
         return np.zeros(imu.t.size), float(np.hypot(tilted, ANY_ROLL))

@@ -152,7 +152,6 @@ def totals_of(problem: Problem, solution: Solution, body: BodyMotion, steady: In
 def motion_without_imu(trial: Trial, robot: Robot, rolling: Rolling, by_hand: Sequence[Interval]) -> Motion:
     """Report what the wheels alone tell: their velocities and phases, nothing of the body."""
     t = rolling.t
-    assert robot.imu_grade is not None
     rests, _ = find_rests(None, rolling, robot.imu_grade, by_hand=by_hand)
     course = find_phases(t, rolling.speed_at(t), rests)
     start = command_start(trial.command, Estimate(0.0), course.onset)

@@ -15,7 +15,7 @@ from granite_lab.logs.sensors.faults import Faults
 from granite_lab.logs.sensors.mounting import BodyImu
 from granite_lab.logs.sensors.standstill import MOVING, Interval
 from granite_lab.logs.trial import Array, ImuStream, WheelStream, part
-from granite_lab.parameters import ImuGrade, Robot
+from granite_lab.parameters import Robot
 
 COMPLIANCE = 0.005
 """Std of the displacement between wheels and body by thrust over mass [s^2], which is the reciprocal of the
@@ -53,12 +53,6 @@ class Sensors:
     faults: Faults
     stamp_std: float = 0.0
     doubts: tuple[Doubt, ...] = ()
-
-    @property
-    def grade(self) -> ImuGrade:
-        """Of the IMU."""
-        assert self.robot.imu_grade is not None
-        return self.robot.imu_grade
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

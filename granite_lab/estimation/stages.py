@@ -52,7 +52,6 @@ def roll(trial: Trial, robot: Robot) -> Sensors:
         EstimateError: the IMU's axes are not those of the robot.
     """
     assert trial.imu is not None
-    assert robot.imu_grade is not None
     logged = _complete(trial.imu)
     stream, spikes = despike(logged)
     imu = mounting.to_body(stream, mounted(robot))
@@ -89,7 +88,7 @@ def stand(sensors: Sensors, by_hand: Sequence[Interval] = ()) -> Problem:
     """
     stream, imu, rolling, robot = sensors.stream, sensors.imu, sensors.rolling, sensors.robot
     refuse_moved(imu, by_hand)
-    rests, unseen = find_rests(stream, rolling, sensors.grade, by_hand=by_hand)
+    rests, unseen = find_rests(stream, rolling, robot.imu_grade, by_hand=by_hand)
     if robot.imu.forward == "find" and not stream.robot_axes and rolling is not None and rests:
         imu = _orient(stream, imu, rolling, rests)
     level = mounting.by_gravity(stream, imu, inside(imu.t, rests), robot)
@@ -143,7 +142,8 @@ def stand_again(problem: Problem, offset: Estimate, by_hand: Sequence[Interval] 
     Raises:
         EstimateError: samples are missing while the robot moves.
     """
-    stream, rolling, grade, at = problem.stream, problem.rolling, problem.grade, offset.value
+    stream, rolling, at = problem.stream, problem.rolling, offset.value
+    grade = problem.robot.imu_grade
     if rolling is not None and at != 0.0:
         rests, unseen = find_rests(stream, rolling, grade, offset=at, by_hand=by_hand)
         noise = identify(problem.imu, rolling, problem.robot, rests)

@@ -124,8 +124,8 @@ def lab_of(name: str, seed: int, robot: Robot, soil: Soil) -> Lab:
     """
     if name not in LABS:
         raise UsageError(f"unknown laboratory '{name}'", f"known: {', '.join(LABS)}")
-    if robot.chassis is None or robot.drive is None or robot.imu_grade is None:
-        raise UsageError(f"robot '{robot.name}' cannot be simulated", "give one with chassis, drive and IMU")
+    if robot.chassis is None or robot.drive is None:
+        raise UsageError(f"robot '{robot.name}' cannot be simulated", "give one with chassis and drive")
     return bench(robot, soil) if name == "bench" else wild(seed, robot, soil)
 
 
@@ -201,8 +201,6 @@ def _drawn(rng: np.random.Generator, robot: Robot, soil: Soil) -> Lab:
 
 def _with_sensors(rng: np.random.Generator, filed: Robot) -> Robot:
     """Draw the sensors of a robot: their rates, their errors and where the IMU sits."""
-    grade = filed.imu_grade
-    assert grade is not None
     # Rates that makers offer (Xsens MTi 100-400, VectorNav VN-100 up to 400, Analog Devices ADIS16460 and
     # TDK ICM-20948 dividers; motor controllers on CAN at 50-200).
     imu_rate, wheel_rate = float(rng.choice((100, 125, 200, 250, 400))), float(rng.choice((50, 100, 200)))
@@ -211,7 +209,7 @@ def _with_sensors(rng: np.random.Generator, filed: Robot) -> Robot:
     return replace(
         filed,
         imu_grade=replace(
-            grade,
+            filed.imu_grade,
             rate=imu_rate,
             accel_noise=0.00098 * noise,
             gyro_noise=5.2e-5 * noise * magnitude(rng, 0.7, 1.4),
@@ -245,8 +243,6 @@ def _with_sensors(rng: np.random.Generator, filed: Robot) -> Robot:
 
 def _at_rates(filed: Robot, real: Robot) -> Robot:
     """Return a robot of the catalogue with the sensor rates of the real robot, which its laboratory knows."""
-    assert filed.imu_grade is not None
-    assert real.imu_grade is not None
     return replace(
         filed,
         encoders=replace(filed.encoders, rate=real.encoders.rate),

@@ -263,8 +263,7 @@ def true_motion(plan: Plan, body: Body) -> pd.DataFrame:
 
 def _answer(wish: Wish, off: Mapping[str, float], plans: list[Plan]) -> dict[str, Any]:
     lab, sizes = plans[0].lab, plans[0].sizes
-    grade = lab.robot.real.imu_grade
-    late = lab.logger.behind(grade.rate) if grade is not None else 0.0
+    late = lab.logger.behind(lab.robot.real.imu_grade.rate)
     effects = [
         {
             "id": name,

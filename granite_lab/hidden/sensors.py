@@ -147,13 +147,11 @@ def read_imu(
     Args:
         rng: source of all errors.
         body: what really happened.
-        robot: with an IMU grade.
+        robot: its parameters.
         logger: its further errors.
         misreading: lasting errors on top.
     """
     grade = robot.imu_grade
-    if grade is None:
-        raise ValueError("the robot has no IMU grade")
     dt = 1 / grade.rate
     instants = np.arange(rng.uniform(0.5, 1.5) * dt, body.t[-1] - dt, dt)
     n = instants.size
@@ -216,8 +214,7 @@ def read_currents(
 
 def with_noise(robot: Robot, factor: float) -> Robot:
     """Return the robot with noise, drift, vibration and jitter of its sensors times a factor."""
-    grade = robot.imu_grade
-    if grade is None or factor == 1.0:
+    if factor == 1.0:
         return robot
 
     def louder_of(record: T, *names: str) -> T:
@@ -226,7 +223,7 @@ def with_noise(robot: Robot, factor: float) -> Robot:
     densities = ("accel_noise", "gyro_noise", "accel_instability", "gyro_instability")
     return replace(
         robot,
-        imu_grade=louder_of(grade, *densities),
+        imu_grade=louder_of(robot.imu_grade, *densities),
         imu=louder_of(robot.imu, "vibration", "vibration_rate"),
         encoders=louder_of(robot.encoders, "jitter"),
         currents=louder_of(robot.currents, "noise"),

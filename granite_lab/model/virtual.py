@@ -40,7 +40,6 @@ def virtual_trial(run: Run, seed: int, name: str) -> tuple[Trial, pd.DataFrame]:
     """
     rng = np.random.default_rng(seed)
     robot = run.robot
-    assert robot.imu_grade is not None
     origin = STILL + rng.uniform(0, 0.05)  # the log's time at which the command starts
     end = origin + float(run.t[-1]) + STILL
     imu_t = _stamps(rng, robot.imu_grade.rate, end, 2e-5)

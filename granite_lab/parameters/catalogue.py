@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 from granite_lab.columns import Column, Table, words
 from granite_lab.errors import InputError, UsageError, known_names
 from granite_lab.parameters.changes import OPTION, Changes, changed
-from granite_lab.parameters.quantity import build, key_of, read_toml
-from granite_lab.parameters.records import WHEELS, ImuGrade, Paper, Published, Robot, Soil, Variant
+from granite_lab.parameters.quantity import build, key_of, read_toml, table_of
+from granite_lab.parameters.records import WHEELS, Imu, ImuGrade, Paper, Published, Robot, Soil, Variant
 from granite_lab.rounding import tidy_unit
 
 if TYPE_CHECKING:
@@ -66,8 +66,8 @@ def load_robot(name: str | Path = "granite", grade: str | None = None, changes: 
             f"{path}: [wheels]: count = {count}: robots with four wheels can be analysed, on two axles",
             "one with another number of wheels can be neither estimated nor simulated",
         )
-    robot = build(Robot, table, str(path))
-    if grade is not None or robot.imu_grade is None:
+    robot = build(Robot, {"imu_grade": table_of(load_grade(Imu.grade)), **table}, str(path))
+    if grade is not None or "imu_grade" not in table:
         robot = dataclasses.replace(robot, imu_grade=load_grade(grade or robot.imu.grade))
     return changed(robot, "robot", changes)
 
@@ -215,7 +215,7 @@ def _short(path: Path) -> str:
 def _list(record: Any, group: str, origin: str, given: dict[str, Any]) -> Iterator[Provenance]:
     for field in dataclasses.fields(record):
         value, key = getattr(record, field.name), key_of(field)
-        if field.name == "imu_grade" and key not in given and value is not None:
+        if field.name == "imu_grade" and key not in given:
             everything = {key_of(f): True for f in dataclasses.fields(value)}
             yield from _list(value, f"{group}.imu_grade", _short(CATALOGUE / "imu_grades.toml"), everything)
         elif dataclasses.is_dataclass(value):

@@ -174,7 +174,7 @@ class Robot:
             "meaning": "does a motor drive one wheel, or those of a side?",
         },
     )
-    imu_grade: ImuGrade | None = None
+    imu_grade: ImuGrade
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -110,7 +110,7 @@ def trial_model(number: int, variant: Variant, like: Driven, robot: Robot, width
         weights[3] = unit[3]
     streams = {}
     for c in names:
-        rate = max(rates.get(c.split("_")[0], robot.imu_grade.rate if robot.imu_grade else 200.0), 1 / width)
+        rate = max(rates.get(c.split("_")[0], robot.imu_grade.rate), 1 / width)
         t = np.arange(edges[0] - 2 / rate, edges[-1] + 3 / rate, 1 / rate)
         place = CHANNELS.index(c)
         window = 1 / rate if place < 3 else 0.0

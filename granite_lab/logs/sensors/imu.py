@@ -223,7 +223,7 @@ def _noise_ratio(seen: Windows, robot: Robot) -> float:
     """Return the gyroscope's noise at rest over that of the robot's grade, NaN without a rest."""
     grade, quietest = robot.imu_grade, float(np.quantile(seen.noise, 0.1))
     # Without a rest the quietest windows are hardly quieter than the others.
-    if grade is None or grade.gyro_noise == 0 or not 0 < quietest <= 0.3 * float(np.median(seen.noise)):
+    if grade.gyro_noise == 0 or not 0 < quietest <= 0.3 * float(np.median(seen.noise)):
         return math.nan
     white = grade.gyro_noise * math.sqrt(0.5 / seen.period)
     return quietest / math.hypot(white, grade.gyro_step / math.sqrt(12))
@@ -232,8 +232,8 @@ def _noise_ratio(seen: Windows, robot: Robot) -> float:
 def _report_rails(imu: ImuStream, log: Log) -> None:
     """Report axes that stay at the end of their range, and axes that never change."""
     grade = log.robot.imu_grade
-    limits = (grade.accel_range, grade.gyro_range) if grade else (math.inf, math.inf)
-    for (name, _, values), unit, limit in zip(_sensors(imu), ("m/s^2", "rad/s"), limits, strict=True):
+    limits, units = (grade.accel_range, grade.gyro_range), ("m/s^2", "rad/s")
+    for (name, _, values), unit, limit in zip(_sensors(imu), units, limits, strict=True):
         for axis, column in zip("xyz", values.T, strict=True):
             if np.isnan(column).all():
                 continue
@@ -334,8 +334,7 @@ def _refuse_gravity(imu: ImuStream, mounting: Array, still: Spans, log: Log) -> 
 
 def _refuse_pitch_rate(imu: ImuStream, matrix: Array, still: Spans, log: Log) -> None:
     """Refuse a pitch rate that motions between standstills contradict, where another reading of axes fits."""
-    grade = log.robot.imu_grade
-    contradiction = contradicted(imu, matrix, still, grade) if grade is not None else None
+    contradiction = contradicted(imu, matrix, still, log.robot.imu_grade)
     if contradiction is not None:
         logged, best = contradiction
         forward = log.name(ACCELERATION[int(np.argmax(np.abs(matrix[0])))])

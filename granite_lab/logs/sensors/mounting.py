@@ -112,7 +112,6 @@ def by_gravity(stream: ImuStream, imu: BodyImu, still: np.ndarray, robot: Robot)
     `stream` is in the sensor's axes, `imu` in the robot's; `still` (N,) is True at standstill.
     """
     grade, mean = robot.imu_grade, stream.specific_force[still].mean(axis=0) if still.any() else np.zeros(3)
-    assert grade is not None
     size = float(np.linalg.norm(mean))
     if stream.gravity_removed or not 0.8 * GRAVITY < size < 1.2 * GRAVITY:  # an axis is missing, too
         return Levelled(stream, imu, robot)

@@ -117,13 +117,13 @@ def turning_of(wheels: WheelStream, robot: Robot) -> Turning:
 
 def standstills(trial: Trial, robot: Robot) -> list[Interval]:
     """Return the standstills [s] of a trial by its sensors as logged."""
-    wheels, imu, grade = trial.wheels, trial.imu, robot.imu_grade
+    wheels, imu = trial.wheels, trial.imu
     if imu is not None and (imu.t.size < 8 or np.isnan(imu.specific_force).all()):
         imu = None
     turning = None if wheels is None or wheels.t.size <= 2 else turning_of(wheels, robot)
-    if grade is None or (imu is None and turning is None):
+    if imu is None and turning is None:
         return []
-    return find_standstills(imu, turning, grade)[0]
+    return find_standstills(imu, turning, robot.imu_grade)[0]
 
 
 def find_standstills(
