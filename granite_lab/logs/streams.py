@@ -262,13 +262,14 @@ def _reference(
     return path if speed is None else path | {"reference_v": _series(speed)}
 
 
-def slope_of_line(t: Array, x: Array, window: int = WINDOW) -> Array:
-    """Return the slope (N,) of a line through `window` neighbouring samples (an odd number).
+def slope_of_line(t: Array, x: Array) -> Array:
+    """Return the slope (N,) of a line through `WINDOW` neighbouring samples, of values (N,) at stamps (N,) [s].
 
-    Of values (N,) at stamps (N,) [s]; at the ends the last sample counts again.
+    At the ends the last sample counts again.
     """
-    weights = np.arange(window // 2, -(window // 2) - 1, -1)
-    rise, run = (np.convolve(np.pad(values, window // 2, "edge"), weights, "valid") for values in (x, t))
+    half = WINDOW // 2
+    weights = np.arange(half, -half - 1, -1)
+    rise, run = (np.convolve(np.pad(values, half, "edge"), weights, "valid") for values in (x, t))
     return np.asarray(rise / run)
 
 

@@ -101,10 +101,9 @@ class Table(Dialect):
             return f"{self.path}: sample {row + 1}"
         return at(self.path, int(self.rows.lines[row]))
 
-    def error(self, message: str, hint: str, line: int = 0, place: int | None = None) -> InputError:
-        """Return an error that names the file, and the line and the column if they are known."""
-        column = "" if place is None else f" column '{self.names[place]}':"
-        return InputError(f"{at(self.path, line or None)}:{column} {message}", hint)
+    def error(self, message: str, hint: str, line: int = 0) -> InputError:
+        """Return an error that names the file, and the line if it is known."""
+        return InputError(f"{at(self.path, line or None)}: {message}", hint)
 
 
 def numbered(names: Sequence[str]) -> tuple[str, ...]:

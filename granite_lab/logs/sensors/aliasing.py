@@ -132,11 +132,9 @@ def _witness(
 
 def _by_imu(wheels: WheelStream, near: list[int], imu: ImuStream, log: Log) -> Array | None:
     """Return the body's speed over the wheels' radius (M,) [rad/s], from standstill to standstill."""
-    turn = mounted(log.robot)
-    if log.robot.imu.forward == "find" and not imu.robot_axes:
+    if log.robot.imu.forward == "find":
         return None
-    force = np.nan_to_num(imu.specific_force)
-    forward = (force if imu.robot_axes else turn.apply(force))[:, 0]
+    forward = mounted(log.robot).apply(np.nan_to_num(imu.specific_force))[:, 0]
     t, still = imu.t, np.ones(len(imu.t), dtype=bool)
     for i in near:
         filled = joined(t, wheels.t, wheels.angle[:, i])
