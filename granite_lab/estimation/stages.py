@@ -154,8 +154,7 @@ def stand_again(problem: Problem, offset: Estimate, by_hand: Sequence[Interval] 
     imu, faults = problem.imu, problem.faults
     restarts = find_restarts(stream, problem.rests, faults.doubt, faults.gaps, grade)
     if restarts:
-        stepless = mounting.to_body(without_steps(stream, restarts), imu.rotation, levelled=imu.levelled)
-        imu = replace(stepless, scale=imu.scale, scale_std=imu.scale_std)
+        imu = mounting.to_body(without_steps(stream, restarts), imu.rotation, levelled=imu.levelled)
     problem = replace(problem, imu=imu, faults=replace(faults, restarts=restarts), slip=SlipModel(fades=True))
     return replace(problem, doubts=(*problem.doubts, *_limits(problem, offset)))
 

@@ -263,9 +263,9 @@ def _reference(
 
 
 def slope_of_line(t: Array, x: Array) -> Array:
-    """Return the slope (N,) of a line through `WINDOW` neighbouring samples, of values (N,) at stamps (N,) [s].
+    """Return the slope (N,) of a line through `WINDOW` neighbouring samples.
 
-    At the ends the last sample counts again.
+    Of values (N,) at stamps (N,) [s]; at the ends the last sample counts again.
     """
     half = WINDOW // 2
     weights = np.arange(half, -half - 1, -1)

@@ -177,23 +177,6 @@ def over(first: TrialInfo, then: TrialInfo) -> TrialInfo:
     return replace(then, **stated | {"extra": then.extra | first.extra})
 
 
-@dataclass(frozen=True)
-class Correction:
-    """One thing that estimation changed in a log.
-
-    Attributes:
-        where: the channel, and the instant or interval if it is not the whole log.
-        value: size of the change, or how many samples it concerns.
-        std: of the value; NaN where it is no measurement.
-    """
-
-    what: str
-    where: str
-    value: float
-    std: float
-    unit: str
-
-
 @dataclass(frozen=True, eq=False)
 class Trial:
     """One trial, as it was logged or as estimation corrected it (`granite_lab.estimation.correct`).
@@ -205,9 +188,8 @@ class Trial:
         tow: force with which a load pulls back [N].
         reference_x, reference_v: external reference [m], [m/s]; it judges the estimate, and enters it
             only where `info.use_reference` says so.
-        doubts: every one that the reader had.
+        doubts: every one that the reader had, and what estimation put right.
         layout: name of the column map that was used.
-        corrections: what estimation changed.
         units: of channels whose column is in another unit than was said.
     """
 
@@ -223,7 +205,6 @@ class Trial:
     doubts: tuple[Doubt, ...] = ()
     inputs: tuple[InputFile, ...] = ()
     layout: str = "canonical"
-    corrections: tuple[Correction, ...] = ()
     units: dict[str, str] = field(default_factory=dict)
 
     def __repr__(self) -> str:

@@ -99,12 +99,11 @@ def twisted(truth: TruthTrial, compliance: float) -> Trial:
 @pytest.mark.parametrize("compliance", [0.001, 0.004])
 def test_twisting_tyres_bend_no_velocity_and_make_no_offset(velocity: float, compliance: float) -> None:
     truth = good(velocity)
-    clean, motion = correct(twisted(truth, compliance), ROBOT)
+    _, motion = correct(twisted(truth, compliance), ROBOT)
     off, std = truth.errors(motion)
     assert np.sqrt(np.mean(off**2)) < 2.0 * np.sqrt(np.mean(truth.errors(plain(velocity))[0] ** 2)) + 0.001
     assert np.mean(np.abs(off) < 2.0 * std) > 0.88
     assert motion.clock_applied == 0.0
-    assert not any("clock" in made.what for made in clean.corrections)
     assert abs(motion.clock_offset.value) < 3.0 * motion.clock_offset.std
 
 

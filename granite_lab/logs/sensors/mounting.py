@@ -38,8 +38,6 @@ class BodyImu:
     gravity: float  # that the forward axis sees per radian of pitch [m/s^2]; 0: the logger removed it
     levelled: bool  # the axes were levelled at standstill, so pitch counts from there
     rotation: Rotation  # takes vectors in the sensor's axes to those of R
-    scale: float = 0.0  # error of the accelerometer's scale that was taken out
-    scale_std: float = 0.0  # its std
 
     @cached_property
     def period(self) -> float:
@@ -140,7 +138,7 @@ def by_gravity(stream: ImuStream, imu: BodyImu, still: np.ndarray, robot: Robot)
         doubts.append(Doubt(seen, remedy="levelled, as on level ground", grade="fair"))
     if not doubts:
         return Levelled(stream, imu, robot)
-    imu = replace(to_body(stream, rotation, levelled=levelled), scale=scale.value, scale_std=scale.std)
+    imu = to_body(stream, rotation, levelled=levelled)
     robot = replace(robot, imu_grade=replace(grade, accel_scale=scale.std))
     return Levelled(stream, imu, robot, tuple(doubts))
 

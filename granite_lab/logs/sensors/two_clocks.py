@@ -13,7 +13,7 @@ from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.imu import despike, mounted
 from granite_lab.logs.sensors.mounting import BodyImu
 from granite_lab.logs.sensors.ramps import LARGEST, LEAST_RAMP, STEP, changing, correlate
-from granite_lab.logs.trial import Array, Correction, Trial, WheelStream
+from granite_lab.logs.trial import Array, Trial, WheelStream
 from granite_lab.parameters import Robot
 
 FARTHEST = 1.0
@@ -43,27 +43,23 @@ def synchronize_roughly(trial: Trial, robot: Robot) -> tuple[Trial, float]:
     """
     given, doubts = trial.info.clock_offset, trial.doubts
     if given is not None:
-        offset, how = Estimate(given, GIVEN), "given"
+        by = given
     elif trial.imu is not None and trial.wheels is not None and trial.wheels.t.size > 2:
         imu = mounting.to_body(despike(trial.imu)[0], mounted(robot))
         forward = robot.imu.forward != "find" or trial.imu.robot_axes
-        offset = gross_offset(imu, trial.wheels, robot.wheels.radius, forward_given=forward)
-        how = "found by the ramps that both show"
+        by = gross_offset(imu, trial.wheels, robot.wheels.radius, forward_given=forward).value
     else:
         return trial, 0.0
-    by = offset.value
     if by == 0.0:
         return trial, by
     if given is None:
         apart = f"the clocks of encoders and IMU are {abs(by):.1f} s apart"
         doubts = (*doubts, Doubt(apart, remedy="brought together by the ramps that both show"))
-    made = Correction(f"offset of their clock, {how}", "stamps of encoders and currents", by, offset.std, "s")
     moved = replace(
         trial,
         info=replace(trial.info, clock_offset=None if given is None else 0.0),
         **trial.on_its_clock(by),
         doubts=doubts,
-        corrections=(*trial.corrections, made),
     )
     return moved, by
 
