@@ -26,7 +26,7 @@ from granite_lab.estimation.error_model import BA, BM, TH, P, SlipModel, V, X, s
 from granite_lab.estimation.nodes import Nodes, build
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.problem import Problem
-from granite_lab.estimation.smoother import Solution, forward, merged, nominal_of, settle, smooth
+from granite_lab.estimation.smoother import Solution, forward, nominal_of, settle, smooth
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import joined, mad_std, runs
 from granite_lab.logs.sensors.standstill import COAST, MOVING, Interval, inside
@@ -250,7 +250,7 @@ def _without_scatter(part: Problem, offset: float) -> tuple[Nodes, Array, Array]
     nominal = nominal_of(part, offset)
     slips = (with_scatter(part.slip, 0.0), with_scatter(part.slip, 1.0))
     left = Estimate(0.0, 1e-3)
-    none, unit = (merged(build(replace(part, slip=slip), nominal, offset, left)) for slip in slips)
+    none, unit = (build(replace(part, slip=slip), nominal, offset, left) for slip in slips)
     return none, unit.Q - none.Q, unit.P0 - none.P0
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any
 
@@ -13,7 +13,7 @@ from scipy.linalg import blas
 from scipy.special import gammaincinv
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.error_model import ANY_SLIP, BA, BG, SIZE, TAU, TH, C, D, Places, S, Updates, V, X
+from granite_lab.estimation.error_model import ANY_SLIP, BA, BG, SIZE, TAU, TH, C, D, S, Updates, V, X
 from granite_lab.estimation.nodes import Nodes, build, pace_of
 from granite_lab.estimation.nominal import AT_REST, Nominal, Start, integrate, quieten
 from granite_lab.estimation.problem import Problem
@@ -180,23 +180,6 @@ def forward(nodes: Nodes) -> Filtered:
     Ps[:, UPPER, LOWER] = Ps[:, LOWER, UPPER]
     value, variance = np.array(came, dtype=float).reshape(-1, 2).T
     return Filtered(xs, Ps, Innovations(updates, value, variance, lifted / variance[:, None]))
-
-
-def merged(nodes: Nodes) -> Nodes:
-    """Return the nodes without those that measure nothing; the first stays, steps in between are joined.
-
-    The filter finds the same in them, sooner.
-    """
-    ends, place = np.unique(np.append(0, nodes.updates.node), return_inverse=True)
-    begins = np.append(0, ends[:-1] + 1)
-    F, Q = nodes.F[begins], nodes.Q[begins]
-    for j in range(1, int(np.max(ends - begins)) + 1):
-        longer = begins + j <= ends
-        step = nodes.F[begins[longer] + j]
-        F[longer] = step @ F[longer]
-        Q[longer] = step @ Q[longer] @ step.transpose(0, 2, 1) + nodes.Q[begins[longer] + j]
-    places = {f.name: getattr(nodes, f.name)[ends] for f in fields(Places)}
-    return replace(nodes, **places, F=F, Q=Q, updates=replace(nodes.updates, node=place[1:]))
 
 
 def adjoint(nodes: Nodes, gain: Array, given: Array, added: Array) -> tuple[Array, Array, Array]:
