@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -262,14 +262,12 @@ class Judgement:
         rmse: root mean square of estimate minus reference [m/s] or [m].
         bias: mean of estimate minus reference, same unit.
         rmse_wheels: the same with the wheels' velocity (distance) in place of the body's.
-        improvement: rmse_wheels over rmse; above 1 the IMU helps.
         nees: mean of the squared error over the stated variance; 1 is ideal.
         coverage: share of errors within two stated std; 0.95 is ideal.
         slip: apparent slip ratio by (2), one less the reference's way over the wheels', from the first
             to the last common stamp.
-        reference_std: std of the reference itself, which coverage and NEES allow for, same unit.
 
-    Without an estimate of the body's motion (no IMU) rmse, bias, improvement, nees and coverage are NaN.
+    Without an estimate of the body's motion (no IMU) rmse, bias, nees and coverage are NaN.
     """
 
     quantity: str
@@ -277,11 +275,9 @@ class Judgement:
     rmse: float
     bias: float
     rmse_wheels: float
-    improvement: float
     nees: float
     coverage: float
     slip: float = NAN
-    reference_std: float = 0.0
 
 
 def judge(motion: Motion, trial: Trial, reference_std: float = 0.0) -> tuple[Judgement, ...]:
@@ -299,8 +295,7 @@ def judge(motion: Motion, trial: Trial, reference_std: float = 0.0) -> tuple[Jud
     judgements = []
     if trial.reference_v is not None:
         error_std = np.hypot(motion.v_std, reference_std)
-        one = _compare("velocity", motion.t, (motion.v, wheels, error_std), trial.reference_v)
-        judgements.append(replace(one, reference_std=reference_std))
+        judgements.append(_compare("velocity", motion.t, (motion.v, wheels, error_std), trial.reference_v))
     if trial.reference_x is not None:
         rolled = np.cumsum(np.nan_to_num(wheels) * np.diff(motion.t, prepend=motion.t[0]))
         judgements.append(_compare("distance", motion.t, (motion.x, rolled, motion.x_std), trial.reference_x))
@@ -340,6 +335,6 @@ def _compare(quantity: str, t: Array, series: tuple[Array, Array, Array], refere
     rmse, rmse_wheels = math.sqrt(square), math.sqrt(square_wheels)
     return Judgement(
         quantity=quantity, samples=stamps.size, rmse=rmse, bias=bias, rmse_wheels=rmse_wheels,
-        improvement=rmse_wheels / rmse if rmse > 0 else NAN, nees=nees, coverage=coverage,
+        nees=nees, coverage=coverage,
         slip=1.0 - length(truth) / rolled if abs(rolled) > LEAST_WAY else NAN,
     )  # fmt: skip
