@@ -11,7 +11,7 @@ from granite_lab.estimation.motion import NAN, Motion
 from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.smoother import Solution
 from granite_lab.estimation.wheels import Rolling
-from granite_lab.logs.counters import joined
+from granite_lab.logs.counters import interpolated
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.faults import Restart
 from granite_lab.logs.sensors.standstill import MOVING, inside
@@ -140,7 +140,7 @@ def _turn_currents(
         return currents
     values = np.full((t.size, 4), NAN)
     for i in live:
-        values[:, i] = joined(t, t, currents.current[:, i])
+        values[:, i] = interpolated(t, t, currents.current[:, i])
         values[:, i] -= float(np.mean(values[still, i])) if still.sum() > 10 else 0.0
     with np.errstate(invalid="ignore"):
         power = np.mean(values[going] * np.sign(speed[going])[:, None], axis=0)

@@ -17,10 +17,10 @@ from granite_lab.estimation.error_model import TAU
 from granite_lab.estimation.nodes import build
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.problem import Problem
-from granite_lab.estimation.rest import turning_of
+from granite_lab.estimation.rest import travel_of
 from granite_lab.estimation.smoother import forward, nominal_of, settle
 from granite_lab.estimation.wheels import Rolling
-from granite_lab.logs.counters import joined
+from granite_lab.logs.counters import interpolated
 from granite_lab.logs.sensors.mounting import BodyImu
 from granite_lab.logs.sensors.ramps import LARGEST, LEAST_RAMP, STEP, changing, correlate
 from granite_lab.logs.sensors.standstill import Interval, wheels_still
@@ -79,7 +79,7 @@ def coarse_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
     grid = np.arange(begin, end, STEP)
     wheel, force = (
         changing(np.gradient(rolling.speed_at(grid), STEP)),
-        changing(joined(grid, imu.t, imu.forward)),
+        changing(interpolated(grid, imu.t, imu.forward)),
     )
     if float(np.max(np.abs(wheel))) < LEAST_RAMP:
         return Estimate(0.0)
@@ -107,7 +107,7 @@ def slow_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
     step = 2.0 * STEP
     grid = np.arange(begin, end, step)
     speed = rolling.speed_at(grid)
-    force = joined(grid, imu.t, imu.forward)
+    force = interpolated(grid, imu.t, imu.forward)
     if imu.has_pitch_rate:
         turned = np.cumsum(np.nan_to_num(imu.pitch_rate) * np.diff(imu.t, prepend=imu.t[0]))
         force = force + imu.gravity * np.interp(grid, imu.t, turned)
@@ -205,7 +205,7 @@ def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
     """Windows around the first onsets of motion and the first stops, given a rough clock offset [s]."""
     assert problem.rolling is not None
     begin, end = problem.imu.t[0], problem.imu.t[-1]
-    turning = problem.rolling.t[wheels_still(turning_of(problem.rolling)).turns] + offset
+    turning = problem.rolling.t[wheels_still(travel_of(problem.rolling)).turns] + offset
     starts, stops = [], []
     for a, b in bridged_rests(problem.rests, turning):
         if b - a < STILL:

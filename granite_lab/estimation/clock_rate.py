@@ -17,7 +17,7 @@ from granite_lab.estimation.clock import LEFT_OVER, STILL, WIDE, posterior
 from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.smoother import nominal_of
 from granite_lab.estimation.wheels import Rolling
-from granite_lab.logs.counters import joined
+from granite_lab.logs.counters import interpolated
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.ramps import LARGEST, STEP, changing, correlate
 from granite_lab.logs.sensors.stamps import FASTEST
@@ -81,7 +81,7 @@ def lag_at(problem: Problem, ramp: Ramp, most: float, also: float | None = None)
     grid = np.arange(ramp.begin - most - 1.0, ramp.end + most + 1.0, STEP)
     wheel = changing(np.gradient(rolling.speed_at(grid), STEP))
     near = (grid > ramp.begin - STILL) & (grid < ramp.end + STILL)
-    force = changing(joined(grid, problem.imu.t, problem.imu.forward))
+    force = changing(interpolated(grid, problem.imu.t, problem.imu.forward))
     reach = round(most / STEP)
     _, best, clearness = correlate(force, np.where(near, wheel, 0.0), reach)
     if clearness == 0.0:

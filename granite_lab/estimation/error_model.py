@@ -243,7 +243,7 @@ class Course(Places, Pace):
 def transitions(course: Course, gain: Array, slip: SlipModel, noise: Noise, *, pitch_gyro: bool) -> Array:
     """(K, 14, 14) transition matrices; the accelerometer adds the velocity `gain` (K,) [m/s] in each step."""
     dt, on, coupling = course.dt, course.moving.astype(float), course.coupling
-    F, h = repeat(np.eye(SIZE), dt.size), on * dt
+    F, h = np.tile(np.eye(SIZE), (dt.size, 1, 1)), on * dt
     F[:, X, V], F[:, V, TH], F[:, X, TH] = h, coupling * h, coupling * h**2 / 2
     F[:, V, BA] = F[:, V, BM] = -h
     F[:, X, BA] = F[:, X, BM] = -(h**2) / 2
@@ -256,11 +256,6 @@ def transitions(course: Course, gain: Array, slip: SlipModel, noise: Noise, *, p
     F[:, G, G] = on * np.exp(-dt / slip.time)
     F[:, P:, P:] = on[:, None, None] * resonator(dt, noise)
     return F
-
-
-def repeat(matrix: Array, count: int) -> Array:
-    """(K, ...) `count` copies of a matrix."""
-    return np.broadcast_to(matrix, (count, *matrix.shape)).copy()
 
 
 def resonator(dt: Array, noise: Noise) -> Array:
@@ -291,7 +286,7 @@ def noises(F: Array, course: Course, gyro: Array, size: Array, slip: SlipModel, 
     vibration [m/s^2], at which the oscillator is kept.
     """
     dt, on, onset = course.dt, course.moving.astype(float), course.onset
-    Q = repeat(np.diag(TINY**2), dt.size)
+    Q = np.tile(np.diag(TINY**2), (dt.size, 1, 1))
     accel = np.hypot(noise.accel, max(noise.accel_motion, noise.accel_stamps))
     add_noise(Q, on * accel**2 * dt, {V: 1.0, X: dt})
     add_noise(Q, on * gyro**2 * dt, {TH: 1.0, V: course.coupling * dt, X: course.coupling * dt**2})
@@ -372,7 +367,7 @@ def rest_updates(
     R = ZERO_VELOCITY**2 + np.where(course.spinning, 0.0, course.speed)[k] ** 2
     stands = ~creeps[k]
     updates = [updates_of("zero_velocity", k[stands], -nominal.v[i[stands]], {V: 1.0}, R[stands])]
-    usable = nominal.rest & ~faults.doubt & np.isfinite(imu.forward)
+    usable = nominal.rest & ~faults.doubt
     place = np.searchsorted(course.index, np.flatnonzero(usable))  # a sample counts at the next node
     signals = np.ones(usable.size), imu.forward, np.nan_to_num(imu.pitch_rate)
     totals = np.array([np.bincount(place, signal[usable], course.t.size)[k] for signal in signals])

@@ -194,11 +194,9 @@ def thrust(imu: BodyImu, rest: np.ndarray, index: np.ndarray, pace: Pace) -> Arr
     Specific force along x is thrust less the ground's resistance, over mass; resistance in sand is about a
     tenth of the weight, against the motion. While the wheels turn steadily, what is fast is vibration.
     """
-    finite = np.isfinite(imu.forward)
-    force = np.interp(imu.t, imu.t[finite], imu.forward[finite])
-    calm, quick = (uniform_filter1d(force, max(round(s / imu.period), 1))[index] for s in (CALM, QUICK))
+    calm, quick = (uniform_filter1d(imu.forward, max(round(s / imu.period), 1))[index] for s in (CALM, QUICK))
     force = np.where(pace.steady, calm, quick)
-    level = np.mean(imu.forward[rest & finite]) if rest.any() else np.mean(force)
+    level = np.mean(imu.forward[rest]) if rest.any() else np.mean(force)
     return np.asarray(force - float(level) + RESISTANCE * np.tanh(pace.speed / model.V_FLOOR))
 
 

@@ -125,8 +125,7 @@ def stamp_noise(imu: BodyImu, moving: np.ndarray) -> float:
     by their second differences, whose variance is six times that of one stamp.
     """
     period = imu.period
-    step = imu.forward[2:] - imu.forward[:-2]
-    shaken = step[moving[1:-1] & np.isfinite(step)]
+    shaken = (imu.forward[2:] - imu.forward[:-2])[moving[1:-1]]
     if shaken.size < 8:
         return 0.0
     uneven = mad_std(np.diff(imu.t, n=2), 0.0) / np.sqrt(6.0)
@@ -141,8 +140,7 @@ def vibration(
     Returns:
         rms beyond the white noise [m/s^2], dominant frequency [Hz], damping ratio.
     """
-    dt = imu.period
-    part = imu.forward[moving & np.isfinite(imu.forward)]
+    dt, part = imu.period, imu.forward[moving]
     if part.size < 64 or dt > 0.05:
         return 0.0, prior_frequency, 0.3
     size = int(min(part.size, 2 ** np.ceil(np.log2(1.28 / dt))))
@@ -272,8 +270,7 @@ def most_folded(imu: BodyImu, moving: np.ndarray) -> float:
     rate, goes on by the same power of the frequency. Infinite where the sensor is too slow to show a
     resonance, or no tail.
     """
-    rate = 1.0 / imu.period
-    part = imu.forward[moving & np.isfinite(imu.forward)]
+    rate, part = 1.0 / imu.period, imu.forward[moving]
     if slow(imu):
         return np.inf
     if part.size < rate:
@@ -325,7 +322,6 @@ def level(force: Array, variance: float) -> tuple[float, float]:
 
     A body that still rocks is levelled no better than the means of its blocks agree.
     """
-    force = force[np.isfinite(force)]
     angle = float(np.arcsin(np.clip(np.mean(force), -1, 1))) if force.size else 0.0
     if force.size < 2 * BLOCKS:
         return angle, np.inf

@@ -18,7 +18,7 @@ import numpy as np
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.wheels import Rolling
-from granite_lab.logs.counters import integral, joined
+from granite_lab.logs.counters import integral, interpolated
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.standstill import Interval, inside
 from granite_lab.logs.trial import Array, Series, Trial
@@ -90,7 +90,7 @@ def lag_of(readings: Readings, rolling: Rolling, offset: float) -> float:
         return 0.0
     speed = np.diff(np.interp(grid, readings.t, readings.moved()))
     lags = np.arange(-FARTHEST, FARTHEST + STEP / 2, STEP)
-    left = np.array([_left(speed, np.diff(joined(grid - lag, stamps, rolling.mean))) for lag in lags])
+    left = np.array([_left(speed, np.diff(interpolated(grid - lag, stamps, rolling.mean))) for lag in lags])
     best, none = int(np.argmin(left)), int(np.argmin(np.abs(lags)))
     if (
         best in (0, lags.size - 1)

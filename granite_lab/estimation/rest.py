@@ -15,7 +15,7 @@ from granite_lab.logs.sensors.standstill import (
     MOVING,
     WINDOW,
     Interval,
-    Turning,
+    WheelTravel,
     find_standstills,
     imu_quiet,
     inside,
@@ -27,11 +27,11 @@ GAINED, TURNED = 0.15, 0.15
 """A robot whose IMU gains this velocity [m/s] or angle [rad] in a second does not stand."""
 
 
-def turning_of(rolling: Rolling) -> Turning:
-    """Return what the rolled wheels tell of standing."""
+def travel_of(rolling: Rolling) -> WheelTravel:
+    """Return the rolled distances of wheels whose dead encoders are masked."""
     distance = rolling.distance.copy()
     distance[0] = np.where(np.isfinite(distance[1]), 0.0, distance[0])  # where it counts from
-    return Turning(rolling.t, distance, rolling.rates, rolling.resolution)
+    return WheelTravel(rolling.t, distance, rolling.rates, rolling.resolution)
 
 
 def find_rests(
@@ -48,7 +48,7 @@ def find_rests(
         the standstills [s], on the IMU's clock; (N,) std of the velocity that may be left at the first sample
         of each [m/s], else 0.
     """
-    wheels = None if rolling is None else turning_of(rolling)
+    wheels = None if rolling is None else travel_of(rolling)
     rests, unseen = find_standstills(imu, wheels, grade, offset=offset)
     if not by_hand:
         return tuple(rests), unseen

@@ -28,7 +28,7 @@ from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.smoother import Solution, forward, nominal_of, settle, smooth
 from granite_lab.estimation.wheels import Rolling
-from granite_lab.logs.counters import joined, mad_std, runs
+from granite_lab.logs.counters import interpolated, mad_std, runs
 from granite_lab.logs.sensors.standstill import COAST, MOVING, Interval, inside
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import GRAVITY
@@ -165,7 +165,7 @@ def slip_changes(by_imu: Solution, rolling: Rolling, offset: float) -> Changes:
         begin, end = nodes.t[max(a - 1, 0)], nodes.t[b - 1]
         edges = np.linspace(begin, end, max(round((end - begin) / BIN), 1) + 1)
         width = edges[1] - edges[0]
-        pace = np.diff(joined(edges, rolling.t + offset, rolling.mean)) / width
+        pace = np.diff(interpolated(edges, rolling.t + offset, rolling.mean)) / width
         slip = pace - np.diff(np.interp(edges, nodes.t, travelled)) / width
         wheel = np.where(pace < 0.0, -1.0, 1.0) * np.maximum(np.abs(pace), COAST)
         unsure, drift = (np.interp(edges[1:-1], nodes.t, std) for std in (v_std, pull))

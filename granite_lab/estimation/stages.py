@@ -15,7 +15,7 @@ from granite_lab.estimation.error_model import ANY_SLIP, FAR_FROM_REST, LOST_PIT
 from granite_lab.estimation.noise import identify, with_motion_noise
 from granite_lab.estimation.problem import Problem, Sensors
 from granite_lab.estimation.reference import LOST, readings_of
-from granite_lab.estimation.rest import coasts, find_rests, refuse_moved, turning_of
+from granite_lab.estimation.rest import coasts, find_rests, refuse_moved, travel_of
 from granite_lab.estimation.slip import identify_scatter, with_jumps
 from granite_lab.estimation.smoother import Solution, settle, smooth, with_gyro_scale, with_steady_slip
 from granite_lab.estimation.wheels import Rolling, rolling_of
@@ -60,7 +60,7 @@ def roll(trial: Trial, robot: Robot) -> Sensors:
     shared = [sensor.stamp_std for sensor in (trial.imu, trial.wheels) if sensor is not None]
     return Sensors(
         name=trial.name, stream=stream, imu=imu, wheels=wheels, rolling=rolling, robot=robot,
-        faults=find_faults(imu, stream, robot.imu_grade, spikes, thrown), stamp_std=math.hypot(*shared),
+        faults=find_faults(stream, robot.imu_grade, spikes, thrown), stamp_std=math.hypot(*shared),
         doubts=doubts,
     )  # fmt: skip
 
@@ -240,7 +240,7 @@ def _far_from_rest(still: Sequence[Interval], imu: mounting.BodyImu) -> bool:
 
 def _refuse_gaps(problem: Problem, offset: float) -> None:
     """Refuse samples that are missing for long while the robot moves faster than its wheels coast."""
-    wheels = None if problem.rolling is None else turning_of(problem.rolling)
+    wheels = None if problem.rolling is None else travel_of(problem.rolling)
     for begin, end in unbridged(problem.faults.gaps, problem.rests, wheels, offset)[:1]:
         raise EstimateError(
             f"{problem.name}: no IMU samples from {begin:.3f} s to {end:.3f} s while the robot moved",

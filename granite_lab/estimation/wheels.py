@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from granite_lab.estimation.wheel_speeds import speeds_of
-from granite_lab.logs.counters import integral, joined, mad_std, mean_known, runs
+from granite_lab.logs.counters import integral, interpolated, mad_std, mean_known, runs
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.standstill import MOVING, bridged
 from granite_lab.logs.trial import Array, WheelStream
@@ -66,7 +66,7 @@ class Rolling:
 
     def speed_at(self, t: Array | float, offset: float = 0.0) -> Array:
         """Return `speed` at instants of a clock that the encoders' lies behind by `offset` [s]."""
-        return joined(t, self.t + offset, self.speed)
+        return interpolated(t, self.t + offset, self.speed)
 
 
 def rolling_of(stream: WheelStream, robot: Robot) -> Rolling:
@@ -90,7 +90,7 @@ def rolling_of(stream: WheelStream, robot: Robot) -> Rolling:
     mean[lost] = np.nan
     quantum = max(*resolution, 1e-6)
     n_live = np.maximum(np.isfinite(increment).sum(axis=1), 1)
-    rough = derivative_of(t, np.nan_to_num(mean, nan=0.0), np.full(t.size, quantum / np.sqrt(12)))
+    rough = local_slope(t, np.nan_to_num(mean, nan=0.0), np.full(t.size, quantum / np.sqrt(12)))
     jitter = stamp_scatter(t, mean, rough, quantum)
 
     period = float(np.median(np.diff(t)))
@@ -103,7 +103,7 @@ def rolling_of(stream: WheelStream, robot: Robot) -> Rolling:
         shared = np.clip(quantum / np.maximum(np.abs(pace), SLOWEST) / period, 1.0, max(SHARED / period, 1.0))
         return np.asarray(np.sqrt(quantum**2 / 12.0 * shared / wheels + (jitter * pace) ** 2))
 
-    speed = derivative_of(t, np.nan_to_num(mean), sigma(n_live, rough))
+    speed = local_slope(t, np.nan_to_num(mean), sigma(n_live, rough))
     sample_std = sigma(n_live, speed)
     known = np.isfinite(increment)
     known[1:-1] &= known[:-2] | known[2:]
@@ -129,7 +129,7 @@ def _roll_rates(t: Array, velocity: Array, resolution: tuple[float, ...]) -> Rol
     bend = np.abs(np.diff(np.nan_to_num(speed), n=2, prepend=0.0, append=0.0))
     scatter = mad_std(bend[finite], 0.0) / np.sqrt(6.0) if finite.any() else 0.0
     floor = max(max(resolution) / np.sqrt(12.0), scatter, 1e-3)
-    mean = integral(t, joined(t, t, speed) if finite.any() else np.zeros_like(speed))
+    mean = integral(t, interpolated(t, t, speed) if finite.any() else np.zeros_like(speed))
     known = np.isfinite(velocity)
     distance = np.where(known, np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0), np.nan)
     smooth, smooth_std = speeds_where(known, t, velocity, np.full(speed.size, floor), rates=True)
@@ -165,7 +165,7 @@ def bridge(t: Array, angle: Array) -> Array:
         finite = np.isfinite(wheel)
         if 1 < finite.sum() < t.size:
             between = bridged(t, finite, 3.0 * float(np.median(np.diff(t[finite])))) & ~finite
-            wheel[between] = joined(t[between], t, wheel)
+            wheel[between] = interpolated(t[between], t, wheel)
     return filled
 
 
@@ -218,7 +218,7 @@ def side_mean(values: Array) -> Array:
     return mean_known(np.stack([mean_known(values[:, side::2]) for side in (0, 1)], axis=1))
 
 
-def derivative_of(t: Array, y: Array, sigma: Array) -> Array:
+def local_slope(t: Array, y: Array, sigma: Array) -> Array:
     """Differentiate y (M,) by local straight lines, the window as wide as the motion allows.
 
     At each sample the windows of 5, 9 and 17 samples are tried in turn; one is kept as long as

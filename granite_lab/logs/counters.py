@@ -33,8 +33,8 @@ def integral(t: Array, x: Array) -> Array:
     return np.concatenate(([0.0], np.cumsum(np.diff(t) * (x[1:] + x[:-1]) / 2)))
 
 
-def joined(at: Array | float, t: Array, x: Array) -> Array:
-    """Return at instants `at` [s] what x (N,) is on straight lines between its known samples at t (N,)."""
+def interpolated(at: Array | float, t: Array, x: Array) -> Array:
+    """Interpolate x (N,) at stamps t (N,) linearly at instants `at` [s], without samples that are NaN."""
     finite = np.isfinite(x)
     return np.asarray(np.interp(at, t[finite], x[finite]))
 

@@ -22,7 +22,7 @@ from granite_lab.logs.sensors.standstill import (
     LONGEST_GAP,
     rolls,
     standstills,
-    turning_of,
+    travel_of,
     unbridged,
 )
 from granite_lab.logs.sensors.wheels import (
@@ -187,7 +187,7 @@ def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
         angle = wheels.angle[np.isfinite(wheels.angle)]
         if clean is not None and len(clean.t) > 100 and len(angle) and np.ptp(angle) > 1.0:
             still = standstills(dataclasses.replace(trial, imu=clean), log.robot)
-            rolling = rolls(turning_of(wheels, log.robot), clean.t)
+            rolling = rolls(travel_of(wheels, log.robot), clean.t)
             refuse_axes(clean, still, rolling, log)
             if imu is not None:
                 imu, lost = without_held(imu, rolling)
@@ -310,7 +310,7 @@ def _longest_stretch(trial: Trial, robot: Robot, doubts: list[Doubt]) -> Trial:
         return trial
     t, gaps = trial.imu.t, gaps_in(trial.imu.t, LONGEST_GAP)
     still = standstills(trial, robot) if gaps else []
-    wheels = turning_of(trial.wheels, robot) if trial.wheels is not None and trial.wheels.t.size > 2 else None
+    wheels = travel_of(trial.wheels, robot) if trial.wheels is not None and trial.wheels.t.size > 2 else None
     gaps = unbridged(gaps, still, wheels)
     if not gaps:
         return trial

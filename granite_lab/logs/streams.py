@@ -206,11 +206,11 @@ def _wheels(source: Source, samples: Samples, robot: Robot) -> WheelStream:
         limits = Wheel.of(robot, _counts(source, binding, robot))
         doubts: list[Doubt] = []
         try:
-            turning = convert(samples.t[seen], raw[seen], binding.unit, binding.spec, limits, doubts)
+            decoded = convert(samples.t[seen], raw[seen], binding.unit, binding.spec, limits, doubts)
         except InputError as error:
             raise source.refuse(f"{column}: {error.message}", error.hint) from None
-        angle[seen, wheel], resolution[wheel], spans[wheel] = turning.angle, turning.resolution, turning.span
-        rate[seen, wheel] = np.nan if turning.rate is None else turning.rate
+        angle[seen, wheel], resolution[wheel], spans[wheel] = decoded.angle, decoded.resolution, decoded.span
+        rate[seen, wheel] = np.nan if decoded.rate is None else decoded.rate
         source.doubts.extend(doubt.of(f"{source.path.name}: {column}") for doubt in doubts)
         if not seen.all():
             first, last = _longest(~seen, samples.t)

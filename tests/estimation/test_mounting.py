@@ -111,7 +111,7 @@ def test_lever_arm_is_taken_out(x: float, z: float) -> None:
     one = robot(x=x, z=z, rotation=(0.0, 0.0, 0.0))
     imu = to_body(stream, orientation(one))
     none = np.zeros(stream.t.size)
-    found = find_faults(imu, stream, one.imu_grade, none > 0.0, none)
+    found = find_faults(stream, one.imu_grade, none > 0.0, none)
     nominal = integrate(imu, one, [(0.0, 0.9), (3.1, 4.0)], found, AT_REST)
     assert nominal.v == pytest.approx(v[every], abs=5e-4)
     assert nominal.x == pytest.approx(way[every], abs=5e-4)

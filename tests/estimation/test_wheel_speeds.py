@@ -7,7 +7,7 @@ import pytest
 
 from granite_lab.estimation import wheel_speeds
 from granite_lab.estimation.wheel_speeds import Array, speeds_of
-from granite_lab.estimation.wheels import derivative_of, speeds_where
+from granite_lab.estimation.wheels import local_slope, speeds_where
 
 RADIUS, FOLLOWS = 0.0965, 0.02
 """Radius of the wheels [m]; time in which motors follow a corner [s]."""
@@ -53,7 +53,7 @@ def test_the_std_holds_at_corners_and_between_them(counts: int, rate: int) -> No
         for corner, here in ((True, at_corner), (False, steady)):
             off[corner].append(found[here] - speed[here, None])
             share[corner].append(off[corner][-1] / std[here, None])
-        lines.append(derivative_of(t, distance[:, 0], sigma)[at_corner] - speed[at_corner])
+        lines.append(local_slope(t, distance[:, 0], sigma)[at_corner] - speed[at_corner])
     assert 0.6 < rms(np.concatenate(share[True])) < 1.4
     assert 0.4 < rms(np.concatenate(share[False])) < 1.4
     assert rms(np.concatenate(off[True])) < 0.6 * rms(np.concatenate(lines))  # they round the corners

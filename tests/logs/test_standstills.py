@@ -9,7 +9,7 @@ import granite_lab as gl
 from granite_lab.logs import inspect_logs
 from granite_lab.logs.sensors.standstill import (
     ZERO_VELOCITY,
-    Turning,
+    WheelTravel,
     find_standstills,
     imu_quiet,
     wheels_still,
@@ -24,17 +24,17 @@ RADIUS = 0.165
 RATE = 100.0
 
 
-def angles(t: Array, v: Array, counts: int, phase: float = 0.3) -> Turning:
+def angles(t: Array, v: Array, counts: int, phase: float = 0.3) -> WheelTravel:
     """Return wheels that count an exact way, each from another place between two counts."""
     q = 2 * np.pi * RADIUS / counts
     way = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
     distance = q * np.floor(way[:, None] / q + phase + np.array([0.0, 0.2, 0.45, 0.7]))
-    return Turning(t, distance, None, (q,) * 4)
+    return WheelTravel(t, distance, None, (q,) * 4)
 
 
-def rates(t: Array, v: Array, noise: float, offset: float = 0.0, seed: int = 1) -> Turning:
+def rates(t: Array, v: Array, noise: float, offset: float = 0.0, seed: int = 1) -> WheelTravel:
     velocity = v[:, None] + offset + noise * np.random.default_rng(seed).normal(size=(t.size, 4))
-    return Turning(t, np.cumsum(velocity, axis=0) / RATE, velocity, (0.0,) * 4)
+    return WheelTravel(t, np.cumsum(velocity, axis=0) / RATE, velocity, (0.0,) * 4)
 
 
 def drive(end: float = 0.4) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ import dataclasses
 import numpy as np
 
 from granite_lab.errors import InputError
-from granite_lab.logs.counters import integral, joined, runs, short_way
+from granite_lab.logs.counters import integral, interpolated, runs, short_way
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import ENCODERS
 from granite_lab.logs.sensors.imu import mounted
@@ -124,7 +124,7 @@ def _witness(
     t = wheels.t
     clear = [i for i in range(len(ENCODERS)) if i not in near and np.isfinite(wheels.angle[:, i]).sum() > 1]
     if clear:
-        rates = [np.gradient(joined(t, t, wheels.angle[:, i]), t) for i in clear]
+        rates = [np.gradient(interpolated(t, t, wheels.angle[:, i]), t) for i in clear]
         return "the other wheels", np.asarray(np.mean(rates, axis=0))
     body = None if imu is None else _by_imu(wheels, near, imu, log)
     return ("the IMU", body) if body is not None else ("", None)
@@ -137,7 +137,7 @@ def _by_imu(wheels: WheelStream, near: list[int], imu: ImuStream, log: Log) -> A
     forward = mounted(log.robot).apply(np.nan_to_num(imu.specific_force))[:, 0]
     t, still = imu.t, np.ones(len(imu.t), dtype=bool)
     for i in near:
-        filled = joined(t, wheels.t, wheels.angle[:, i])
+        filled = interpolated(t, wheels.t, wheels.angle[:, i])
         moved = np.abs(np.diff(filled, prepend=filled[0])) > 1e-9
         still &= ~moved
     rests = [(a, b) for a, b in runs(still) if t[b - 1] - t[a] >= _STOOD]

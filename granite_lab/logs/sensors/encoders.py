@@ -32,8 +32,8 @@ _NEAR = 0.02  # a grid of rates is one of counts per period where it is so close
 _CLEAR = 0.4  # steps up to this share of a range are read the short way round without a doubt
 
 
-class Turning(NamedTuple):
-    """What one encoder says of its wheel.
+class Decoded(NamedTuple):
+    """Signal of one encoder, decoded.
 
     Attributes:
         angle: (N,) [rad].
@@ -65,7 +65,7 @@ class Wheel:
         return cls(per_rev, robot.wheels.radius, min(fastest, _FASTEST_WHEEL))
 
 
-def convert(t: Array, raw: Array, unit: Unit, spec: Column, wheel: Wheel, doubts: list[Doubt]) -> Turning:
+def convert(t: Array, raw: Array, unit: Unit, spec: Column, wheel: Wheel, doubts: list[Doubt]) -> Decoded:
     """Turn one encoder's values (N,), finite, at increasing stamps [s] into wheel angle and rate.
 
     The unit says what kind of value they are; scale, wrap and increment are those of the column map.
@@ -88,19 +88,19 @@ def convert(t: Array, raw: Array, unit: Unit, spec: Column, wheel: Wheel, doubts
     if is_angle:
         step = size * max(quantum(raw) or lattice(np.diff(raw)), 1.0 if whole else 0.0)
         if spec.increment:
-            return Turning(_without_jumps(t, np.cumsum(values) * factor, step, wheel, doubts), None, step)
+            return Decoded(_without_jumps(t, np.cumsum(values) * factor, step, wheel, doubts), None, step)
         span = (width or spec.wrap) * size
         # A step that may be read in two ways is no jump.
         limit = max(wheel.fastest, span / float(np.median(np.diff(t))) if span and len(t) > 1 else 0.0)
         angle = _without_jumps(t, values * factor, step, replace(wheel, fastest=limit), doubts)
-        return Turning(angle, None, step, span)
+        return Decoded(angle, None, step, span)
     counts = _counts_per_period(t, values, wheel.per_rev * size / _TURN)
     step = size * (counts.rate if counts else max(quantum(raw) or lattice(raw), 1.0 if whole else 0.0))
     rate = _measured(t, values * factor, step, wheel, doubts)
     finite = np.isfinite(rate)
     if counts and finite.all():
-        return Turning(counts.angle * factor, None, counts.step * size)
-    return Turning(integral(t, np.interp(t, t[finite], rate[finite]) if finite.any() else rate), rate, step)
+        return Decoded(counts.angle * factor, None, counts.step * size)
+    return Decoded(integral(t, np.interp(t, t[finite], rate[finite]) if finite.any() else rate), rate, step)
 
 
 class _Periods(NamedTuple):

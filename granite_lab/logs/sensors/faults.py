@@ -11,7 +11,6 @@ import numpy as np
 from granite_lab.logs.counters import runs
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.imu import rail
-from granite_lab.logs.sensors.mounting import BodyImu
 from granite_lab.logs.sensors.stamps import gaps_in
 from granite_lab.logs.sensors.standstill import Interval, bridged, inside
 from granite_lab.logs.trial import Array, ImuStream
@@ -26,7 +25,7 @@ UNSEEN = 1.5
 class Faults:
     """Samples that cannot be trusted."""
 
-    doubt: np.ndarray  # (N,) a value is missing, thrown off, or stands at the sensor's limit
+    doubt: np.ndarray  # (N,) a reading is thrown off, or stands at the sensor's limit
     rate_doubt: np.ndarray  # (N,) the same, where the gyro is concerned
     gaps: tuple[Interval, ...]  # missing samples [s]
     plateaus: tuple[Interval, ...]  # saturation [s]
@@ -68,20 +67,13 @@ class Faults:
         return self.hide(begin, end) or any(r.begin < end and r.end > begin for r in self.restarts)
 
 
-def find_faults(
-    imu: BodyImu, stream: ImuStream, grade: ImuGrade, spikes: np.ndarray, thrown: Array
-) -> Faults:
+def find_faults(stream: ImuStream, grade: ImuGrade, spikes: np.ndarray, thrown: Array) -> Faults:
     """Find gaps longer than three median periods and plateaus at the sensor's limits.
 
-    `imu` is in robot axes, `stream` in the sensor's, in which it saturates; `spikes` and by how much they are
+    `stream` is complete and in the sensor's axes, in which it saturates; `spikes` and by how much they are
     `thrown` [m/s^2] come from `despike`.
     """
-    t = imu.t
-    bad = ~np.isfinite(imu.forward)
-    gaps = gaps_in(t)
-    for a, b in runs(bad):
-        if b - a > 2:
-            gaps.append((float(t[max(a - 1, 0)]), float(t[min(b, t.size - 1)])))
+    t = stream.t
     at_limit = _at_limit(stream.specific_force, grade.accel_range)
     turning = np.asarray(_at_limit(stream.angular_rate, grade.gyro_range).any(axis=1))
     clipped = np.logical_or(at_limit.any(axis=1), turning)
@@ -91,9 +83,9 @@ def find_faults(
     # clipped vibration touches the rail again and again: one plateau
     spans = runs(bridged(np.arange(t.size), clipped, 6.5))
     return Faults(
-        doubt=bad | clipped | spikes,
+        doubt=clipped | spikes,
         rate_doubt=turning | spikes,
-        gaps=tuple(sorted(gaps)),
+        gaps=tuple(gaps_in(t)),
         plateaus=tuple((float(t[a]), float(t[b - 1])) for a, b in spans),
         beyond=tuple(float(beyond[a:b].max()) for a, b in spans),
         spikes=spikes,

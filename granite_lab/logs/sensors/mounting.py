@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
-from granite_lab.logs.counters import joined
+from granite_lab.logs.counters import interpolated
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.ramps import STEP, gain_of
 from granite_lab.logs.sensors.standstill import step_of
@@ -175,7 +175,7 @@ def find_forward(imu: ImuStream, levelled: Rotation, wheel_t: Array, wheel_speed
     """
     grid = np.arange(imu.t[0], imu.t[-1], STEP)
     flat = levelled.apply(imu.specific_force)[:, :2].T
-    gain = gain_of([np.interp(grid, imu.t, axis) for axis in flat], joined(grid, wheel_t, wheel_speed))
+    gain = gain_of([np.interp(grid, imu.t, axis) for axis in flat], interpolated(grid, wheel_t, wheel_speed))
     if np.hypot(*gain.vector) < 0.2 or gain.std > np.radians(15):
         raise EstimateError(
             "the IMU's forward axis cannot be found: no clear acceleration phase in common with the wheels",

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from granite_lab.errors import EstimateError
-from granite_lab.logs.counters import joined, mean_known
+from granite_lab.logs.counters import interpolated, mean_known
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.mounting import BodyImu
 from granite_lab.logs.sensors.ramps import LARGEST, SMOOTH, STEP, gain_of
@@ -66,7 +66,7 @@ def check_signs(
     doubts: list[Doubt] = []
     yaw = None
     if imu is not None and np.isfinite(imu.yaw_rate).any():
-        yaw = joined(grid, imu.t, imu.yaw_rate - float(np.nanmedian(imu.yaw_rate)))
+        yaw = interpolated(grid, imu.t, imu.yaw_rate - float(np.nanmedian(imu.yaw_rate)))
     sign = _relative_signs(speed, live)
     if (sign[live] < 0).any():
         left, right = ({float(sign[i]) for i in live if i % 2 == side} for side in (0, 1))
@@ -107,7 +107,7 @@ def _speeds(wheels: WheelStream, robot: Robot) -> tuple[Array, Array]:
     speed = np.full((grid.size, 4), np.nan)
     for i, angle in enumerate(wheels.angle.T):
         if grid.size > 1 and np.isfinite(angle).sum() > 2:
-            rate = np.gradient(joined(grid, wheels.t, angle), STEP)
+            rate = np.gradient(interpolated(grid, wheels.t, angle), STEP)
             speed[:, i] = uniform_filter1d(rate, round(SMOOTH / STEP)) * robot.wheels.radius
     return grid, speed
 
@@ -186,7 +186,7 @@ def _forward_gain(imu: BodyImu, grid: Array, speed: Array) -> tuple[Array, float
     direction explains more than `RIVAL` of that at another lag, as where a log begins amid an acceleration.
     """
     axes = (v if np.isfinite(v).any() else np.zeros(v.size) for v in (imu.forward, imu.left))
-    gain = gain_of([joined(grid, imu.t, values) for values in axes], speed)
+    gain = gain_of([interpolated(grid, imu.t, values) for values in axes], speed)
     seen = gain.power * STEP >= LEAST_POWER and gain.opposite <= RIVAL
     return gain.vector, gain.explained if seen else 0.0
 

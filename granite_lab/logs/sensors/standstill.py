@@ -76,8 +76,8 @@ ROUNDED = 12.0**-0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Turning:
-    """What M samples of the wheels tell about standing.
+class WheelTravel:
+    """Rolled distances of the wheels (M samples), by which standstills are found.
 
     Attributes:
         t: (M,) stamps [s].
@@ -107,12 +107,12 @@ class Still:
     turns: Mask
 
 
-def turning_of(wheels: WheelStream, robot: Robot) -> Turning:
-    """Return what a log's wheels tell, by the robot's wheel radius."""
+def travel_of(wheels: WheelStream, robot: Robot) -> WheelTravel:
+    """Return the rolled distances of a log's wheels, angle times radius."""
     radius = robot.wheels.radius
     velocity = None if wheels.rate is None else wheels.rate * radius
     resolution = tuple(step * radius for step in wheels.resolution)
-    return Turning(wheels.t, wheels.angle * radius, velocity, resolution)
+    return WheelTravel(wheels.t, wheels.angle * radius, velocity, resolution)
 
 
 def standstills(trial: Trial, robot: Robot) -> list[Interval]:
@@ -120,14 +120,14 @@ def standstills(trial: Trial, robot: Robot) -> list[Interval]:
     wheels, imu = trial.wheels, trial.imu
     if imu is not None and (imu.t.size < 8 or np.isnan(imu.specific_force).all()):
         imu = None
-    turning = None if wheels is None or wheels.t.size <= 2 else turning_of(wheels, robot)
+    turning = None if wheels is None or wheels.t.size <= 2 else travel_of(wheels, robot)
     if imu is None and turning is None:
         return []
     return find_standstills(imu, turning, robot.imu_grade)[0]
 
 
 def find_standstills(
-    imu: ImuStream | None, wheels: Turning | None, grade: ImuGrade, *, offset: float = 0.0
+    imu: ImuStream | None, wheels: WheelTravel | None, grade: ImuGrade, *, offset: float = 0.0
 ) -> tuple[list[Interval], Array]:
     """Find the standstills by the sensors that there are, one of them at least.
 
@@ -166,7 +166,7 @@ def find_standstills(
     return rests, creep
 
 
-def wheels_still(wheels: Turning, quiet: Mask | None = None, quiet_t: Array | None = None) -> Still:
+def wheels_still(wheels: WheelTravel, quiet: Mask | None = None, quiet_t: Array | None = None) -> Still:
     """Say where no wheel turns faster than a creep.
 
     The noise of logged rates is learnt where the IMU is `quiet` (N,), at `quiet_t` on the wheels' clock [s].
@@ -180,7 +180,7 @@ def wheels_still(wheels: Turning, quiet: Mask | None = None, quiet_t: Array | No
     return _by_rates(wheels, wheels.velocity, certain)
 
 
-def _by_counts(wheels: Turning) -> Still:
+def _by_counts(wheels: WheelTravel) -> Still:
     """Say where the wheels stand, by distances (M, 4) in whole counts.
 
     A count is larger than a creep in `LEAST_REST`. One that is taken back at once is no motion. What the
@@ -239,7 +239,7 @@ def _without_counts(t: Array, counted: Mask, lasting: float) -> list[tuple[int, 
     return stretches
 
 
-def _by_rates(wheels: Turning, velocity: Array, certain: Mask) -> Still:
+def _by_rates(wheels: WheelTravel, velocity: Array, certain: Mask) -> Still:
     """Say where the wheels stand, by velocities (M, 4) [m/s], whose noise is learnt from the slow of them.
 
     These are those at which the robot stands for `certain` (M,), by its IMU. Where none tells, they are the
@@ -297,7 +297,7 @@ def _highest(dof: float, chance: float = FALSE_ALARM) -> float:
     return float(chdtri(dof, chance) / dof)
 
 
-def rolls(wheels: Turning, t: Array) -> Mask:
+def rolls(wheels: WheelTravel, t: Array) -> Mask:
     """(N,) True at instants t where a wheel certainly rolls: faster than `SLOW` of what is usual."""
     rolling = np.zeros(t.size, dtype=bool)
     reach = 0.5 * WINDOW
@@ -310,7 +310,7 @@ def rolls(wheels: Turning, t: Array) -> Mask:
     return rolling
 
 
-def coasting(wheels: Turning | None, begin: float, end: float) -> bool:
+def coasting(wheels: WheelTravel | None, begin: float, end: float) -> bool:
     """Whether every wheel turns more slowly than `COAST` on the average of an interval [s]."""
     if wheels is None or not wheels.t[0] <= begin < end <= wheels.t[-1]:
         return False
@@ -320,7 +320,7 @@ def coasting(wheels: Turning | None, begin: float, end: float) -> bool:
 
 
 def unbridged(
-    gaps: Sequence[Interval], rests: Sequence[Interval], wheels: Turning | None, offset: float = 0.0
+    gaps: Sequence[Interval], rests: Sequence[Interval], wheels: WheelTravel | None, offset: float = 0.0
 ) -> list[Interval]:
     """Return the gaps [s] over `LONGEST_GAP` in which the robot neither stands nor coasts to rest.
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from granite_lab.estimate import Estimate
-from granite_lab.logs.counters import joined
+from granite_lab.logs.counters import interpolated
 from granite_lab.logs.sensors import mounting
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.imu import despike, mounted
@@ -84,7 +84,7 @@ def gross_offset(imu: BodyImu, wheels: WheelStream, radius: float, *, forward_gi
     grids = [np.arange(t[0], t[-1], STEP) for t in (imu.t, wheels.t)]  # the clocks may be years apart
     wheel = changing(np.gradient(radius * _common_rate(grids[1], wheels), STEP))
     axes = [imu.forward] if forward_given else [imu.forward, imu.left]
-    force = [changing(joined(grids[0], imu.t, x)) for x in axes if np.isfinite(x).any()]
+    force = [changing(interpolated(grids[0], imu.t, x)) for x in axes if np.isfinite(x).any()]
     if not force or float(np.max(np.abs(wheel), initial=0.0)) < LEAST_RAMP:
         return Estimate(0.0)
     half = min(len(grid) for grid in grids) // 2
@@ -105,7 +105,7 @@ def gross_offset(imu: BodyImu, wheels: WheelStream, radius: float, *, forward_gi
 
 def _common_rate(grid: Array, wheels: WheelStream) -> Array:
     """(K,) rate that the wheels have in common, up to its sign [rad/s]: their first principal component."""
-    turned = [joined(grid, wheels.t, a) for a in wheels.angle.T if np.isfinite(a).sum() > 2]
+    turned = [interpolated(grid, wheels.t, a) for a in wheels.angle.T if np.isfinite(a).sum() > 2]
     if not turned:
         return np.zeros(grid.size)
     rates = np.gradient(np.stack(turned), STEP, axis=1)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granite_lab.logs.counters import integral, joined, quantum, runs
+from granite_lab.logs.counters import integral, interpolated, quantum, runs
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import CURRENTS, ENCODERS, factors
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, WheelStream
@@ -83,7 +83,7 @@ def _mean_at(t: Array, stamps: Array, columns: Array) -> Array | None:
     A wheel may have rows of its own; in between its value is a straight line.
     """
     known = [column for column in columns.T if np.count_nonzero(np.isfinite(column)) > 1]
-    return np.asarray(np.mean([joined(t, stamps, x) for x in known], axis=0)) if known else None
+    return np.asarray(np.mean([interpolated(t, stamps, x) for x in known], axis=0)) if known else None
 
 
 def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelStream:
