@@ -1,4 +1,4 @@
-"""A table declared in Python, beside the record that it shows, and filled: the one record of all renderers.
+"""Tables of results: columns are declared beside the record that they show, and filled for all renderers.
 
 A column names what stands above it and what it shows of a row. mypy knows the type of the row::
 

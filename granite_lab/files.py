@@ -52,7 +52,7 @@ def readable(error: OSError, path: Path | str, doing: str = "read") -> LabError:
 
 
 def is_folder(path: Path) -> bool:
-    """Say whether a path is a folder; no where one may not look, so that reading it says why."""
+    """Return whether a path is a folder; False without permission, so that reading it raises the error."""
     try:
         return path.is_dir()
     except OSError:
@@ -60,7 +60,7 @@ def is_folder(path: Path) -> bool:
 
 
 def refuse_special(path: Path) -> None:
-    """Refuse what would be read for ever: a pipe, a device, a socket.
+    """Refuse a pipe, a device or a socket, whose content may never end.
 
     Raises:
         InputError: the path is one of these, or nothing can be found there.

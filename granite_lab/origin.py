@@ -71,7 +71,7 @@ class Written:
 
 
 NOTHING = Written()
-"""Of results that were not written."""
+"""Nothing was written."""
 
 
 @dataclass(frozen=True)
@@ -92,4 +92,4 @@ class Origin:
 
 
 NOWHERE = Origin()
-"""Of results whose maker was not asked where they come from."""
+"""Origin of results for which it is not recorded."""

@@ -1,4 +1,4 @@
-"""Logs of robots whose wheels or motors are not all alike, as those of one whose are."""
+"""Logs of robots with unlike wheel radii or shared motors, converted to equal wheels with a motor each."""
 
 from __future__ import annotations
 

@@ -20,7 +20,8 @@ from granite_lab.logs.trial import CurrentStream, ImuStream, Trial, WheelStream
 from granite_lab.parameters import GRAVITY, WHEELS, Robot
 
 AMISS = 0.05
-"""A wheel that was silent and comes back off the others' rotation by this share is put level with them."""
+"""Share by which the angle of a wheel that was silent may differ from the others' rotation; beyond it, the
+angle is set to theirs."""
 
 
 def clean_trial(

@@ -47,7 +47,7 @@ LATEST = 0.01
 """Filters, buses and logging delay one sensor against the other by up to this [s]."""
 
 LATENCY = LATEST / float(np.sqrt(3.0))
-"""Std of such an offset [s], any of which is as likely. It is not applied but left to the filter."""
+"""Std of an offset that is uniformly distributed up to `LATEST` [s]. It is left to the filter."""
 
 LOG_ODDS = 8.0
 """Log prior odds against a larger offset: one logger in a hundred has one, anywhere in 0.4 s. It is applied

@@ -1,4 +1,4 @@
-"""Clocks that run at different rates: how much more the body lags when it brakes than when it set off.
+"""Difference of the clocks' rates, by their offsets at the first and at the last ramp.
 
 The offset that shows where the robot sets off and the one where it brakes are the same, unless one of the
 two clocks is fast. Which of them is wrong, no log tells. A body on soft tyres or with play in its gears

@@ -1,4 +1,4 @@
-"""The IMU alone as a witness: whether it comes to rest when the robot does, and goes as far as a reference.
+"""Closure of the integrated IMU: its velocity at standstills, and its distance against a reference.
 
 From one standstill to the next the integral of the specific force returns to zero within its noise. What is
 left beyond that is a bias that changed in motion, or a vibration that sampling folded to slow frequencies.

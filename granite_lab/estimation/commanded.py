@@ -1,4 +1,4 @@
-"""Any command: a logged desired velocity, or a stated list of times and velocities, for a trapezoid."""
+"""Commands other than a trapezoid: a logged desired velocity, or a stated list of times and velocities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the filter fared: innovations, their consistency, and a verdict in plain words."""
+"""Consistency of the filter: innovations, their statistics, and a verdict in plain words."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ RESISTANCE = 0.1 * GRAVITY
 """What sand resists with, over mass [m/s^2]."""
 
 LOOSE_TIME = 0.1
-"""Time over which such a walk keeps its direction [s]."""
+"""Time over which the displacement between wheels and body walks in one direction [s]."""
 
 SWAY = 0.25
 """A body that pitches or gains speed goes on with it for so long [s]."""

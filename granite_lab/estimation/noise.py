@@ -36,10 +36,10 @@ PRIOR_SAMPLES = 20.0
 """The grade of the robot's file weighs as much as this many samples."""
 
 AVERAGED = (1, 8, 16, 32, 64, 128)
-"""Samples over which noise at rest is averaged, ..."""
+"""Numbers of samples over which noise at rest is averaged."""
 
 LEAST_FREEDOM = 8
-"""... as long as so many degrees of freedom are left."""
+"""Fewest degrees of freedom of an average that counts."""
 
 LONGEST = 20.0
 """Noise at rest that is too short to be averaged is louder at low frequencies by this factor at most: that of
@@ -64,7 +64,7 @@ LAST = 0.4
 """Beyond this share of the sampling rate the end of a spectrum is judged."""
 
 ENDED = 0.1
-"""A spectrum has ended where it is below this share of its maximum (10 dB): what is beyond is not counted."""
+"""A spectrum ends where it is below this share of its maximum (10 dB); what is beyond is not counted."""
 
 LOBE = 4.0
 """Half the width of the window's main lobe, in reciprocals of its length."""

@@ -1,4 +1,4 @@
-"""The last look at an estimate: what wheels, ground and clocks allow, whatever the filter says of itself."""
+"""Plausibility of an estimate: what wheels, ground and clocks allow, beside the filter's own checks."""
 
 from __future__ import annotations
 

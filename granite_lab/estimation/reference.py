@@ -24,7 +24,7 @@ from granite_lab.logs.sensors.standstill import Interval, inside
 from granite_lab.logs.trial import Array, Series, Trial
 
 TOLD = 3.0
-"""A speed by positions in a plane is never below zero: below so many std it tells nothing of its noise."""
+"""Speeds by positions in a plane are magnitudes: below this many std they may be noise alone."""
 
 PAUSE = 2.0
 """A reference that pauses for longer than this in motion [s] leaves the velocity to drift."""
@@ -102,7 +102,7 @@ def lag_of(readings: Readings, rolling: Rolling, offset: float) -> float:
 
 
 def _left(x: Array, like: Array) -> float:
-    """Return the sum of the squares that a multiple of `like` (G,) leaves of x (G,)."""
+    """Return the residual sum of squares of the regression of x (G,) on `like` (G,), through the origin."""
     size = float(like @ like)
     return float(np.sum((x - (like @ x / size if size else 0.0) * like) ** 2))
 

@@ -43,7 +43,7 @@ FALSE_ALARM = 0.01
 """False-alarm probability of a log: that one of all its usual changes of slip is taken for a jump."""
 
 SURE, LASTING = 0.02, 1.0
-"""A body that stands on turning wheels is so slow, as a share of the wheels' speed, for so long [s]."""
+"""Largest speed of a body that stands on turning wheels, as a share of theirs [-], and shortest time [s]."""
 
 WINDOW = 6.0
 """Length of a window of motion by which scatter is identified [s]; the IMU is precise over few seconds."""

@@ -1,4 +1,4 @@
-"""What the wheel encoders say: signs and sides, rolled distances, circumferential velocities and their noise.
+"""Wheel encoders: rolled distances, circumferential velocities and their noise.
 
 Everything here is on the encoders' own clock. Distances are of the tread, angle times radius.
 """
@@ -24,10 +24,10 @@ STUCK_AFTER = 0.25
 """A wheel without a count for this long [s], while the others roll, is taken for a dead encoder."""
 
 COUNTS = 3.0
-"""It must have missed this many counts."""
+"""Fewest counts that a dead encoder misses."""
 
 FEWEST = 3
-"""A wheel that is known for fewer samples on end has no speed."""
+"""Fewest successive samples of a wheel by which its speed is found."""
 
 SHARED, SLOWEST = 0.2, 1.0e-3
 """Samples share the error of the last count for this long [s] at most, of wheels this fast [m/s] at least:

@@ -1,4 +1,4 @@
-"""What counts: clocks and wheel encoders; their wraps, resets and resolution."""
+"""Counters of clocks and wheel encoders: wraps, resets, resolution; and statistics of samples with gaps."""
 
 from __future__ import annotations
 

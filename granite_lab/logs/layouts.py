@@ -46,7 +46,7 @@ class Column:
     circumferential velocity (m/s) or a cumulated distance (m); "date" says that stamps are dates (ISO 8601).
     """
 
-    to: tuple[str, ...]  # the channels it feeds; none for a column that only belongs to the picture
+    to: tuple[str, ...]  # the channels it feeds; none: the column only helps to recognise the layout
     name: str = ""  # upper and lower case count as one; the second of two columns called x is x#2
     pattern: str = ""  # or a regular expression for the whole name; a group called `unit` gives the unit
     unit: str = ""  # unless the name gives it

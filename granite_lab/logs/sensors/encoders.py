@@ -19,15 +19,16 @@ from granite_lab.logs.trial import Array
 from granite_lab.parameters import Robot
 
 _TURN = 2 * math.pi
-_FASTEST_WHEEL = 300.0  # no wheel of a ground robot turns faster [rad/s]; a step that needs more is a fault
-_DOWNHILL = 3.0  # nor does a wheel turn this many times as fast as its motor can drive it
-_TREAD = 15.0  # nor does its tread gain more than 1.5 g [m/s^2]: a tyre's friction, with a margin
+_FASTEST_WHEEL = 300.0  # largest rate of a ground robot's wheel [rad/s]; a step that needs more is a fault
+_DOWNHILL = 3.0  # largest rate of a wheel over that at the highest voltage of its motor
+_TREAD = 15.0  # largest acceleration of a tread [m/s^2]: 1.5 g, by a tyre's friction with a margin
 _LOST = 0.5  # wild readings and zeros for lost samples last no longer than this [s]
-_STUCK = (0.1, 10)  # a rate that is repeated for so long [s] and so many samples was not measured, ...
-_OFTEN = 5  # unless so many times shorter repetitions are the rule
+# A rate that is repeated for this time [s] and number of samples was not measured, if that is this many times
+# as long as its usual repetitions.
+_STUCK, _OFTEN = (0.1, 10), 5
 _ROUNDING = 1e-3  # scatter of the levels of a grid, as a share of the largest
 _MANY = 0.2  # share of jumps up to which they are faults
-_RETURNS = 6  # values on a grid go up and down by turns so often; a ramp of equal steps does not
+_RETURNS = 6  # fewest changes of direction of values on a grid; a ramp of equal steps has none
 _NEAR = 0.02  # a grid of rates is one of counts per period where it is so close to it
 _CLEAR = 0.4  # steps up to this share of a range are read the short way round without a doubt
 

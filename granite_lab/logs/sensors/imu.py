@@ -1,4 +1,4 @@
-"""Are the inertial samples what their columns say they are?
+"""Checks of the inertial samples: units, rails, dead axes, exchanged axes.
 
 Gravity fixes the accelerometer's unit, and the turning of the gravity vector the gyroscope's: unmistakable
 evidence corrects it, with a warning; the rest is refused or reported. An axis is judged by the other sensors.

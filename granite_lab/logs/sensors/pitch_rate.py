@@ -1,4 +1,4 @@
-"""Is the pitch rate that of the axis on which it is logged, with its sign?
+"""Check of the axis and the sign of the pitch rate.
 
 Between two standstills the velocity is the integral of specific force less gravity's part by the pitch, and
 the pitch is the integral of the pitch rate. With the right axis both return: the pitch to the level that

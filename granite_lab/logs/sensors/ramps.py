@@ -1,4 +1,4 @@
-"""What wheels and IMU have in common where the robot changes its speed: at which lag, how much, which way.
+"""Regression of the specific force on the acceleration of the wheels: lag, gain and direction.
 
 The specific force along the robot is the acceleration of its wheels, but for slip. So a regression of the one
 on the other tells the offset of their clocks, the axis that points forward, and its sign.

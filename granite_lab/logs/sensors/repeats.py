@@ -17,7 +17,7 @@ from granite_lab.logs.sensors.standstill import FALSE_ALARM, step_of
 from granite_lab.logs.trial import Array, ImuStream, part
 
 _FEW = 20  # readings that change, by which the others are judged
-_FALLS = 0.3  # no wheeled robot loses so much of gravity as to feel this share of it
+_FALLS = 0.3  # least specific force of a wheeled robot, as a share of its median
 _RULE = 0.2  # repeated rows beyond this share of all are the rule, not losses
 _STRAIGHT = 2e-3  # a signal is straight where it bends by this share of the rms: once in 600 times by chance
 _FINE = (

@@ -1,4 +1,4 @@
-"""Do the wheels count forwards, each on its own side, and does the IMU point forward?"""
+"""Signs and sides of the wheel encoders, and the direction of the IMU's x axis."""
 
 from __future__ import annotations
 

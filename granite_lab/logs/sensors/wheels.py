@@ -1,4 +1,4 @@
-"""The wheels of a log: a first look at the motion, and whether their samples are what their columns say."""
+"""The wheels of a log: a first estimate of the motion, and checks of units, dead wheels and currents."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _LIKE, _UNLIKE = 0.8, 0.5  # two signals share most of their variance (64 %), or
 _GAINED = 0.08  # less speed says nothing [m/s]
 _APART = 0.3  # the clocks of IMU and wheels may be so far apart [s]
 _BRIEF = 20.0  # an IMU's speed is that of the body for so long [s]
-# Driven wheels gain this many times the speed of the body on driving off: no less, within the errors of both,
-# and no more: they slip by 15 % on sand, and by as much for each m/s^2. The rest is not explained by a unit.
+# Bounds of the speed that driven wheels gain on driving off, over that of the body: 1 within the errors of
+# both, and the slip on sand, 15 % and as much again for each m/s^2.
 _GRIPS, _SLIPS = 0.9, 1.5
 _OPPOSED = -0.5  # a current that correlates with the other motors' by less has the opposite sign
 
