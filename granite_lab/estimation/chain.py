@@ -71,7 +71,7 @@ def correct(trial: Trial, robot: Robot, *, soil: Soil | None = None) -> tuple[Tr
             raise _too_few(trial)
         rolling = replace(rolling, doubts=(*turned, *rolling.doubts))
         motion = motion_without_imu(trial, robot, rolling, rests)
-        return clean_trial(trial, robot, motion, wheels, rolling), motion
+        return _with_warnings(clean_trial(trial, robot, motion, wheels, rolling), motion)
     trial, moved = synchronize_roughly(trial, robot)
     solved = solve(trial, robot, rests=rests, soil=soil, moved=moved != 0.0)
     clean, motion = finish(trial, robot, solved)
@@ -125,7 +125,13 @@ def finish(trial: Trial, robot: Robot, solved: Solved) -> tuple[Trial, Motion]:
     problem, solution = solved.problem, solved.solution
     health = assess(solution, problem)
     motion = motion_of(trial, problem, solution, health)
-    return clean_trial(trial, robot, motion, problem.wheels, problem.rolling, problem, solution), motion
+    clean = clean_trial(trial, robot, motion, problem.wheels, problem.rolling, problem, solution)
+    return _with_warnings(clean, motion)
+
+
+def _with_warnings(clean: Trial, motion: Motion) -> tuple[Trial, Motion]:
+    """Return the corrected trial, and the motion whose warnings say what was put right in it."""
+    return clean, replace(motion, warnings=tuple(dict.fromkeys((*motion.warnings, *clean.warnings))))
 
 
 def _tape(trial: Trial, rolling: Rolling | None) -> Estimate | None:

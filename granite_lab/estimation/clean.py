@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,13 +16,15 @@ from granite_lab.logs.counters import interpolated
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.faults import Restart
 from granite_lab.logs.sensors.standstill import MOVING, inside
-from granite_lab.logs.sensors.wheels import opposed
-from granite_lab.logs.trial import CurrentStream, ImuStream, Trial, WheelStream
+from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, WheelStream
 from granite_lab.parameters import GRAVITY, WHEELS, Robot
 
 AMISS = 0.05
 """Share by which the angle of a wheel that was silent may differ from the others' rotation; beyond it, the
 angle is set to theirs."""
+
+OPPOSED = -0.5
+"""Correlation of a motor's current with the others' below which its sign is wrong."""
 
 
 def clean_trial(
@@ -146,7 +149,7 @@ def _turn_currents(
     with np.errstate(invalid="ignore"):
         power = np.mean(values[going] * np.sign(speed[going])[:, None], axis=0)
     sign = np.ones(4)
-    sign[opposed(values, power, live.tolist())] = -1.0
+    sign[_opposed(values, power, live.tolist())] = -1.0
     if np.all(power[live] < 0):
         gained = np.gradient(speed, t)
         gained -= np.mean(gained)
@@ -157,3 +160,17 @@ def _turn_currents(
     if turned := ", ".join(WHEELS[i] for i in live if sign[i] < 0):
         doubts.append(Doubt("flows against the wheels", f"current {turned}", "its sign was turned"))
     return CurrentStream(t, currents.current * sign) if turned else currents
+
+
+def _opposed(values: Array, power: Array, live: Sequence[int]) -> list[int]:
+    """Return which of the `live` motors' currents (N, 4) [A] run against the others', which deliver power.
+
+    `power` (4,) [A] is their mean, counted positive where it drives the wheels.
+    """
+    against = []
+    for i in live:
+        others = [j for j in live if j != i]
+        if power[i] < 0 and len(others) > 1 and np.median(power[others]) > 0:
+            like = np.corrcoef(values[:, i], values[:, others].mean(axis=1))[0, 1]
+            against += [i] if like < OPPOSED else []
+    return against

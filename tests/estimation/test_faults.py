@@ -372,9 +372,9 @@ def test_currents_of_the_wrong_sign_are_turned(wheels: tuple[str, ...]) -> None:
     currents = good(0).trial.currents
     sign = np.array([-1.0 if name in wheels else 1.0 for name in WHEELS])
     wrong = replace(good(0).trial, currents=replace(currents, current=currents.current * sign))
-    clean, _ = correct(wrong, robot(0))
+    clean, motion = correct(wrong, robot(0))
     assert np.array_equal(clean.currents.current, currents.current)
-    assert said(clean.warnings, f"current {', '.join(wheels)}: flows against the wheels")
+    assert said(motion.warnings, f"current {', '.join(wheels)}: flows against the wheels")
 
 
 def test_gravity_that_the_logger_removed_is_put_back() -> None:

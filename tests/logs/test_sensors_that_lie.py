@@ -119,7 +119,6 @@ REPORTED: dict[str, tuple[Change, str]] = {
     "gravity that the logger takes out": (without_gravity, "has removed gravity"),
     "an axis at its limit": (clipped, "accelerometer x: saturated at"),
     "an axis that nothing needs": (constant(RATE[2], at=0.25), "gyroscope z: constant at 0.25"),
-    "a current that flows against the others": (times(-1, CURRENTS[2]), f"{CURRENTS[2]}.*scale = -1"),
     "a wheel that stands": (constant(ANGLES[0], at=0.25), "encoder fl stands still"),
     "a wheel without encoder": (constant(ANGLES[3], at=np.nan), "'enc_rr_rad' is empty; that wheel"),
     "a wheel that is silent for a while": (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +25,6 @@ _BRIEF = 20.0  # an IMU's speed is that of the body for so long [s]
 # Bounds of the speed that driven wheels gain on driving off, over that of the body: 1 within the errors of
 # both, and the slip on sand, 15 % and as much again for each m/s^2.
 _GRIPS, _SLIPS = 0.9, 1.5
-_OPPOSED = -0.5  # a current that correlates with the other motors' by less has the opposite sign
 
 
 @dataclass(frozen=True)
@@ -281,7 +279,7 @@ def without_free_wheels(wheels: WheelStream, log: Log) -> WheelStream:
 
 
 def check_currents(currents: CurrentStream, wheels: WheelStream | None, log: Log) -> CurrentStream:
-    """Convert currents beyond what the motors can draw from mA; name one that flows against the others."""
+    """Convert currents beyond what the motors can draw from mA; report those that never change."""
     drive = log.robot.drive
     limit = drive.voltage_max / drive.resistance if drive else 300.0
     shown = np.abs(currents.current[np.isfinite(currents.current)])
@@ -298,29 +296,7 @@ def check_currents(currents: CurrentStream, wheels: WheelStream | None, log: Log
     values = currents.current
     finite = np.isfinite(values)
     live = [i for i in range(4) if finite[:, i].sum() > 20 and finite[going, i].any()]
-    dead = [i for i in live if not np.ptp(values[finite[:, i], i])]
-    for i in dead:
+    for i in (i for i in live if not np.ptp(values[finite[:, i], i])):
         seen = f"constant at {np.nanmax(values[:, i]):g} A, as if not connected"
         log.doubt(seen, log.column(CURRENTS[i]), dead=True)
-    if dead or len(live) < 3:
-        return currents
-    values = np.nan_to_num(values)
-    power = np.mean(values[going] * np.sign(speed[going])[:, None], axis=0)
-    for i in opposed(values, power, live):
-        message = "the current flows against the other motors': its sign is wrong"
-        log.doubt(message, log.column(CURRENTS[i]), "say scale = -1 in a column map")
     return currents
-
-
-def opposed(values: Array, power: Array, live: Sequence[int]) -> list[int]:
-    """Return which of the `live` motors' currents (N, 4) [A] run against the others', which deliver power.
-
-    `power` (4,) [A] is their mean, counted positive where it drives the wheels.
-    """
-    against = []
-    for i in live:
-        others = [j for j in live if j != i]
-        if power[i] < 0 and len(others) > 1 and np.median(power[others]) > 0:
-            like = np.corrcoef(values[:, i], values[:, others].mean(axis=1))[0, 1]
-            against += [i] if like < _OPPOSED else []
-    return against
