@@ -291,8 +291,7 @@ def _process_noise(problem: Problem, nominal: Nominal, course: Course, F: Array,
 def _creep(problem: Problem, course: Course) -> Array:
     """(K,) velocities that a standstill may begin with at the node before, gone at this one [m/s]."""
     creep = np.zeros(course.t.size)
-    if problem.unseen is not None:
-        creep[1:] = (course.rest * problem.unseen[course.index])[:-1]
+    creep[1:] = (course.rest * problem.unseen[course.index])[:-1]
     return creep
 
 

@@ -68,7 +68,7 @@ class Standing:
     """
 
     rests: tuple[Interval, ...]
-    unseen: Array | None = None
+    unseen: Array
     coasts: bool = False
     spins: bool = True
     far: bool = False
