@@ -140,14 +140,10 @@ def model_of(options: Options) -> ModelFile | None:
 
 def modelled_soil(trial: Trial, options: Options, model: ModelFile | None) -> Soil:
     """Return the soil of a trial, as the model file has it fitted unless another is given."""
-    fitted = model is not None and options.soil is None
-    soil = model.ground if model and fitted else load_soil(soil_name(trial, options, model))
-    return changed(soil, "soil", trial.info.changes)
-
-
-def soil_name(trial: Trial, options: Options, model: ModelFile | None) -> str:
-    """Return the name or path of a trial's soil: the option, else of the model file, of the log, dry sand."""
-    return options.soil or (model.soil if model else None) or trial.info.soil or "dry_sand"
+    changes = trial.info.changes
+    if model is not None and options.soil is None:
+        return changed(model.ground, "soil", changes)
+    return load_soil(options.soil or trial.info.soil or "dry_sand", changes)
 
 
 NO_SLIP = "no trial has a slip ratio that is known to 5 points, so nothing is searched"
@@ -332,9 +328,9 @@ def source_of(
         options: that were in force.
         discover: whether a search for a missing effect was asked for; None of commands without one.
     """
-    info = trials[0].info
-    names = options.robot or info.robot or "granite", soil_name(trials[0], options, model_of(options))
-    rows = in_force(*names, changes=info.changes)
+    info, model = trials[0].info, model_of(options)
+    soil = options.soil or (model.soil if model else None) or info.soil or "dry_sand"
+    rows = in_force(options.robot or info.robot or "granite", soil, changes=info.changes)
     given = options.given() + ((("discover", "no"),) if discover is False else ())
     used = [file for trial in trials for file in trial.inputs]
     read_files = {file.path for file in used}
