@@ -10,8 +10,6 @@ from typer import Argument, Option
 
 import granite_lab as gl
 from granite_lab import reporting
-from granite_lab.columns import Column
-from granite_lab.columns import Table as Tabular
 from granite_lab.commands.options import (
     BodyRests,
     Changes,
@@ -47,19 +45,15 @@ from granite_lab.commands.options import (
 from granite_lab.commands.printer import Printer, progress, provenance, warn, warn_of
 from granite_lab.errors import LabError
 from granite_lab.files import write_table, write_text
-from granite_lab.rounding import significant, tidy_unit
+from granite_lab.rounding import tidy_unit
 from granite_lab.running.output import tell
 from granite_lab.shown import picked
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from granite_lab.api.verification import Verification
-    from granite_lab.planning.plan import Option as Proposed
-    from granite_lab.planning.plan import Plan, Proposal
 
-MOST, PROPOSALS = 20, 8
-"""Differences and proposed trials that are printed at most."""
+MOST = 20
+"""Differences that are printed at most."""
 
 
 def fit_k92(
@@ -345,82 +339,11 @@ def plan_next(
     ]
     measure = "relative standard deviation" if kind == "sharpen" else "expected log Bayes factor"
     document: dict[str, Any] = {
-        "question": asked(plan),
+        "question": reporting.terminal.asked(plan),
         "kind": kind,
         "models": [dict(model) for model in plan.models],
     }
     document |= {"virtual": plan.design.virtual, "measure": measure, "proposals": proposals}
     printer = Printer(as_json)
     printer.json("plan/2", document | picked(plan, "now", "worth", "failed"))
-    show_plan(plan, printer.shown)
-
-
-def show_plan(plan: Plan, shown: Console) -> None:
-    """Print a plan so that it fits 80 columns."""
-    say, names = reporting.table.say, reporting.names
-    sharpens = plan.question.kind == "sharpen"
-
-    def change(p: Proposal) -> str:
-        before, after = plan.now[p.improves], p.after[p.improves]
-        if sharpens:
-            return f"{significant(100 * before, 2)} % → {significant(100 * after, 2)} %"
-        return f"{after - before:+.{0 if after - before >= 9.95 else 1}f}".replace("-", "−")
-
-    def command(o: Proposed) -> str:
-        v, under = o.variant, o.conditions.words
-        words = f"{v.velocity:g} m/s, {v.acceleration:g} m/s², {v.distance:g} m"
-        return f"{words}, {under}" if under else words
-
-    def cells(k: int, p: Proposal) -> tuple[str, ...]:
-        because = f"{names.outlook(p.improves)}: {p.option.why}" if len(plan.now) > 1 else p.option.why
-        return (str(k), command(p.option), change(p), because)
-
-    count = sum(int(d.count) for d in plan.design.driven)
-    trials = f"the {count} trials at hand" if count > 1 else "the one trial at hand"
-    say(shown, asked(plan) + (" (virtual data)" if plan.design.virtual else ""), "bold")
-    if sharpens:
-        ((name, std),) = plan.now.items()
-        say(
-            shown,
-            f"Relative standard deviation with {trials}: {names.outlook(name)} {significant(100 * std, 2)} "
-            f"%. The error of a formula, {reporting.search_tables.FORMULA}, is not part of it: no trial "
-            "lowers it. The report adds it.",
-        )
-    else:
-        say(
-            shown,
-            f"Adds: expected gain of the logarithm of the Bayes factor between two of them, over {trials}, "
-            "if their formulas are exact. 3 decides (20 to 1).",
-        )
-    if not plan.worth:
-        why = "none lowers the std by a fifth" if sharpens else "none adds 3 to a log Bayes factor (20 to 1)"
-        say(shown, f"No trial is recommended: {why}.", "bold")
-    table = Tabular[tuple[str, ...]](
-        "plan",
-        "Proposals",
-        Column("", lambda row: row[0], "rank"),
-        Column("next trial", lambda row: row[1]),
-        Column("std" if sharpens else "adds", lambda row: row[2], "change"),
-        Column("because", lambda row: row[3]),
-    )
-    rows = (cells(k, p) for k, p in enumerate(plan.proposals[:PROPOSALS], 1))
-    reporting.table.show_table(table.fill(rows), shown)
-    if plan.worth:
-        best = plan.proposals[0].option
-        say(shown, f"First choice, {command(best)}: {best.how}.")
-        if best.conditions.lines:
-            lines = ", ".join(f"'{line}'" for line in best.conditions.lines)
-            say(shown, f"Write {lines} into its log, so that discover knows.")
-    if plan.failed:
-        say(shown, f"{plan.failed} commands cannot be simulated and were left out.")
-
-
-def asked(plan: Plan) -> str:
-    """Return the question."""
-    names = reporting.names
-    rivals = [names.plain(rival) for rival in plan.question.rivals]
-    if plan.question.kind == "apart":
-        return f"Which trial distinguishes {names.listed(rivals)}?"
-    if plan.question.kind == "show":
-        return f"Which trial shows {names.listed(rivals, 'or')}, if it is present?"
-    return "Which trial lowers the largest relative standard deviation of a strength?"
+    reporting.terminal.show_plan(plan, printer.shown)

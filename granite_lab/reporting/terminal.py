@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from granite_lab.model.run import Run
     from granite_lab.parameters import Variant
     from granite_lab.parameters.catalogue import Provenance
+    from granite_lab.planning.plan import Option, Plan, Proposal
     from granite_lab.reporting.answers import Answer
     from granite_lab.results import StudyResult
 
@@ -290,3 +291,78 @@ def show_effect(effect: Effect, console: Console) -> None:
     for label, text in texts.items():
         say(console, Text.assemble(clean(f"{label}: ", "dim"), clean(text)))
     show_table(EFFECT_PARAMETERS.fill(effect.parameters), console)
+
+
+PROPOSALS = 8
+"""Proposed trials that are printed at most."""
+
+
+def show_plan(plan: Plan, console: Console) -> None:
+    """Print a plan so that it fits 80 columns."""
+    names = reporting.names
+    sharpens = plan.question.kind == "sharpen"
+
+    def change(p: Proposal) -> str:
+        before, after = plan.now[p.improves], p.after[p.improves]
+        if sharpens:
+            return f"{significant(100 * before, 2)} % → {significant(100 * after, 2)} %"
+        return f"{after - before:+.{0 if after - before >= 9.95 else 1}f}".replace("-", "−")
+
+    def command(o: Option) -> str:
+        v, under = o.variant, o.conditions.words
+        motion = f"{v.velocity:g} m/s, {v.acceleration:g} m/s², {v.distance:g} m"
+        return f"{motion}, {under}" if under else motion
+
+    def cells(k: int, p: Proposal) -> tuple[str, ...]:
+        because = f"{names.outlook(p.improves)}: {p.option.why}" if len(plan.now) > 1 else p.option.why
+        return (str(k), command(p.option), change(p), because)
+
+    count = sum(int(d.count) for d in plan.design.driven)
+    trials = f"the {count} trials at hand" if count > 1 else "the one trial at hand"
+    say(console, asked(plan) + (" (virtual data)" if plan.design.virtual else ""), "bold")
+    if sharpens:
+        ((name, std),) = plan.now.items()
+        say(
+            console,
+            f"Relative standard deviation with {trials}: {names.outlook(name)} {significant(100 * std, 2)} "
+            f"%. The error of a formula, {reporting.search_tables.FORMULA}, is not part of it: no trial "
+            "lowers it. The report adds it.",
+        )
+    else:
+        say(
+            console,
+            f"Adds: expected gain of the logarithm of the Bayes factor between two of them, over {trials}, "
+            "if their formulas are exact. 3 decides (20 to 1).",
+        )
+    if not plan.worth:
+        why = "none lowers the std by a fifth" if sharpens else "none adds 3 to a log Bayes factor (20 to 1)"
+        say(console, f"No trial is recommended: {why}.", "bold")
+    table = Table[tuple[str, ...]](
+        "plan",
+        "Proposals",
+        Column("", lambda row: row[0], "rank"),
+        Column("next trial", lambda row: row[1]),
+        Column("std" if sharpens else "adds", lambda row: row[2], "change"),
+        Column("because", lambda row: row[3]),
+    )
+    rows = (cells(k, p) for k, p in enumerate(plan.proposals[:PROPOSALS], 1))
+    show_table(table.fill(rows), console)
+    if plan.worth:
+        best = plan.proposals[0].option
+        say(console, f"First choice, {command(best)}: {best.how}.")
+        if best.conditions.lines:
+            lines = ", ".join(f"'{line}'" for line in best.conditions.lines)
+            say(console, f"Write {lines} into its log, so that discover knows.")
+    if plan.failed:
+        say(console, f"{plan.failed} commands cannot be simulated and were left out.")
+
+
+def asked(plan: Plan) -> str:
+    """Return the question."""
+    names = reporting.names
+    rivals = [names.plain(rival) for rival in plan.question.rivals]
+    if plan.question.kind == "apart":
+        return f"Which trial distinguishes {names.listed(rivals)}?"
+    if plan.question.kind == "show":
+        return f"Which trial shows {names.listed(rivals, 'or')}, if it is present?"
+    return "Which trial lowers the largest relative standard deviation of a strength?"

@@ -13,7 +13,6 @@ from rich.console import Console
 from scipy.signal import lfilter
 
 import granite_lab as gl
-from granite_lab.commands.trials import show_plan
 from granite_lab.discovery.finding import DESIGN, Finding, Residual
 from granite_lab.effects import library
 from granite_lab.errors import InputError
@@ -35,6 +34,7 @@ from granite_lab.planning.design import (
 )
 from granite_lab.planning.plan import options, plan_next
 from granite_lab.planning.stage import question, trial_model, whitener_of
+from granite_lab.reporting.terminal import show_plan
 from tests.corpus.cli import lab, refused, told
 from tests.reporting.made_up_finding import made_up_finding
 from tests.soak import sampled
