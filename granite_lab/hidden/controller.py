@@ -10,7 +10,8 @@ import numpy as np
 from granite_lab.hidden.chance import magnitude
 from granite_lab.hidden.contact import Array, Contact
 from granite_lab.hidden.model import CURRENT, Truth
-from granite_lab.parameters import GRAVITY, Robot
+from granite_lab.hidden.parts import CompleteRobot
+from granite_lab.parameters import GRAVITY
 
 BANDWIDTH = 2.0, 10.0
 """Motor controllers of mobile robots close their speed loop at so many Hz; an assumption."""
@@ -30,7 +31,7 @@ class Controller(Truth):
     account: ClassVar[str]
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator, robot: Robot) -> dict[str, float]:
+    def drawn(cls, rng: np.random.Generator, robot: CompleteRobot) -> dict[str, float]:
         """Draw the gains for a robot."""
         raise NotImplementedError
 
@@ -63,18 +64,15 @@ class Integrating(Controller):
         return dy
 
 
-def _per_wheel(robot: Robot) -> tuple[float, float, float]:
+def _per_wheel(robot: CompleteRobot) -> tuple[float, float, float]:
     """Return inertia on one motor [kg m^2], torque of a wheel per current [N m/A], EMF per rate [V s/rad]."""
     ch, d, r = robot.chassis, robot.drive, robot.wheels.radius
-    assert ch is not None
-    assert d is not None
     inertia = ch.wheel_inertia + ch.total_mass * r**2 / 4
     return inertia, d.gear_efficiency * d.gear_ratio * d.torque_constant, d.emf_constant * d.gear_ratio
 
 
-def _limit(rng: np.random.Generator, robot: Robot) -> float:
+def _limit(rng: np.random.Generator, robot: CompleteRobot) -> float:
     """Draw the largest current [A]."""
-    assert robot.chassis is not None
     pulls = robot.chassis.total_mass * GRAVITY / 4 * robot.wheels.radius
     return float(rng.uniform(*STRENGTH)) * pulls / _per_wheel(robot)[1]
 
@@ -86,7 +84,7 @@ class OtherGains(Controller):
     account = "(26) with 0.15 to 0.5 times the gains of the file, their ratio off by up to 1.4"
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator, robot: Robot) -> dict[str, float]:
+    def drawn(cls, rng: np.random.Generator, robot: CompleteRobot) -> dict[str, float]:
         """Draw the factors on both gains."""
         del robot
         both = magnitude(rng, 0.15, 0.5)
@@ -107,7 +105,7 @@ class FeedForward(Controller):
     account = "u = share · EMF at the desired speed + a proportional gain on the error of the speed"
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator, robot: Robot) -> dict[str, float]:
+    def drawn(cls, rng: np.random.Generator, robot: CompleteRobot) -> dict[str, float]:
         """Draw the share of the EMF, and the gain [V s/rad]."""
         emf = _per_wheel(robot)[2]
         return {"share": float(rng.uniform(0.9, 1.0)), "p": emf * magnitude(rng, 0.5, 4.0)}
@@ -128,9 +126,8 @@ class Limited(Integrating):
     )
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator, robot: Robot) -> dict[str, float]:
+    def drawn(cls, rng: np.random.Generator, robot: CompleteRobot) -> dict[str, float]:
         """Draw the gains for a bandwidth, and the largest current."""
-        assert robot.drive is not None
         inertia, torque, emf = _per_wheel(robot)
         w = 2 * np.pi * magnitude(rng, *BANDWIDTH)
         lag = inertia * robot.drive.resistance / (torque * emf)  # of the speed behind the voltage [s]
@@ -158,7 +155,7 @@ class Cascade(Integrating):
     )
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator, robot: Robot) -> dict[str, float]:
+    def drawn(cls, rng: np.random.Generator, robot: CompleteRobot) -> dict[str, float]:
         """Draw the gains for a bandwidth, and the largest current."""
         inertia, torque, _ = _per_wheel(robot)
         w = 2 * np.pi * magnitude(rng, *BANDWIDTH)

@@ -10,7 +10,7 @@ import numpy as np
 
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.model import PITCH, Truth
-from granite_lab.parameters import Robot
+from granite_lab.hidden.parts import CompleteRobot
 
 Kind = Literal["exact", "equivalent", "shape", "amplitude"]
 
@@ -67,7 +67,7 @@ class Influence(Truth):
     phased: ClassVar[bool] = False
 
     @classmethod
-    def altered(cls, robot: Robot, sizes: Mapping[str, float]) -> Robot:  # noqa: ARG003
+    def altered(cls, robot: CompleteRobot, sizes: Mapping[str, float]) -> CompleteRobot:  # noqa: ARG003
         """Return the robot as it really is."""
         return robot
 

@@ -18,12 +18,12 @@ from granite_lab.hidden.chance import factors, lot, magnitude, scaled
 from granite_lab.hidden.command import trapezoid
 from granite_lab.hidden.contact import FLOOR, V_FLOOR, NearRest
 from granite_lab.hidden.model import Setup, Truth
-from granite_lab.hidden.parts import exponential_k92
+from granite_lab.hidden.parts import CompleteRobot, complete, exponential_k92
 from granite_lab.hidden.sensors import Logger
 from granite_lab.parameters import Robot, Soil, load_paper, load_soil
 from granite_lab.parameters.quantity import table_of, toml_line
 
-R = TypeVar("R", Robot, Soil)
+R = TypeVar("R", CompleteRobot, Soil)
 
 LABS = ("bench", "wild")
 
@@ -84,7 +84,7 @@ class Lab:
     """
 
     name: str
-    robot: Filed[Robot]
+    robot: Filed[CompleteRobot]
     soil: Filed[Soil]
     a_theta: float
     scatter: Mapping[str, float] = field(default_factory=lambda: SCATTER)
@@ -103,7 +103,7 @@ class Lab:
         }
 
 
-def bench(robot: Robot, soil: Soil) -> Lab:
+def bench(robot: CompleteRobot, soil: Soil) -> Lab:
     """Return the laboratory in which robot, sand and sensors are as their files say."""
     return Lab("bench", Filed(robot.name, robot, robot), Filed(soil.name, soil, soil), load_paper().a_theta)
 
@@ -124,12 +124,11 @@ def lab_of(name: str, seed: int, robot: Robot, soil: Soil) -> Lab:
     """
     if name not in LABS:
         raise UsageError(f"unknown laboratory '{name}'", f"known: {', '.join(LABS)}")
-    if robot.chassis is None or robot.drive is None:
-        raise UsageError(f"robot '{robot.name}' cannot be simulated", "give one with chassis and drive")
-    return bench(robot, soil) if name == "bench" else wild(seed, robot, soil)
+    whole = complete(robot)
+    return bench(whole, soil) if name == "bench" else wild(seed, whole, soil)
 
 
-def wild(seed: int, robot: Robot, soil: Soil) -> Lab:
+def wild(seed: int, robot: CompleteRobot, soil: Soil) -> Lab:
     """Return the laboratory of a seed: half of them have the given robot, two fifths the given sand."""
     for attempt in range(200):
         lab = _drawn(lot(seed, 5, attempt), robot, soil)
@@ -151,7 +150,7 @@ def drives(lab: Lab) -> bool:
     return bool(sunk < DEEPEST * truth.r and 0.0 < slip < MOST_SLIP)
 
 
-def _drawn(rng: np.random.Generator, robot: Robot, soil: Soil) -> Lab:
+def _drawn(rng: np.random.Generator, robot: CompleteRobot, soil: Soil) -> Lab:
     """Draw robot, sand, sensors, and what is left, in this order."""
     filed = robot if rng.random() < 0.5 else other_robot(rng, robot)
     sand = soil if rng.random() < 0.4 else load_soil(PUBLISHED[int(rng.integers(len(PUBLISHED)))])
@@ -199,7 +198,7 @@ def _drawn(rng: np.random.Generator, robot: Robot, soil: Soil) -> Lab:
     )
 
 
-def _with_sensors(rng: np.random.Generator, filed: Robot) -> Robot:
+def _with_sensors(rng: np.random.Generator, filed: CompleteRobot) -> CompleteRobot:
     """Draw the sensors of a robot: their rates, their errors and where the IMU sits."""
     # Rates that makers offer (Xsens MTi 100-400, VectorNav VN-100 up to 400, Analog Devices ADIS16460 and
     # TDK ICM-20948 dividers; motor controllers on CAN at 50-200).
@@ -241,7 +240,7 @@ def _with_sensors(rng: np.random.Generator, filed: Robot) -> Robot:
     )
 
 
-def _at_rates(filed: Robot, real: Robot) -> Robot:
+def _at_rates(filed: CompleteRobot, real: CompleteRobot) -> CompleteRobot:
     """Return a robot of the catalogue with the sensor rates of the real robot, which its laboratory knows."""
     return replace(
         filed,
@@ -251,7 +250,7 @@ def _at_rates(filed: Robot, real: Robot) -> Robot:
     )
 
 
-def other_robot(rng: np.random.Generator, robot: Robot) -> Robot:
+def other_robot(rng: np.random.Generator, robot: CompleteRobot) -> CompleteRobot:
     """Return a robot of other radius, width, lengths and mass.
 
     Masses follow the measures so that the pressure under the wheels stays in the range in which (8) was
@@ -259,8 +258,6 @@ def other_robot(rng: np.random.Generator, robot: Robot) -> Robot:
     inertias, damping and gains keep the time constants.
     """
     ch, d = robot.chassis, robot.drive
-    assert ch is not None
-    assert d is not None
     r = magnitude(rng, 0.5, 2.0)
     width, length = (float(np.clip(r * np.exp(rng.uniform(-0.25, 0.25)), 0.5, 2.0)) for _ in range(2))
     mass = float(np.clip(r**2.2 * np.exp(rng.uniform(-0.4, 0.1)), 0.5, 2.0))

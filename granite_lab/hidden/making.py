@@ -220,7 +220,7 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame]:
         info=info,
         imu=ImuStream(imu.t.round(6), imu.specific_force.round(7), imu.angular_rate.round(8)),
         wheels=WheelStream(wheels.t.round(6), wheels.angle.round(8), resolution=wheels.resolution),
-        currents=None if currents is None else CurrentStream(currents.t.round(6), currents.current.round(5)),
+        currents=CurrentStream(currents.t.round(6), currents.current.round(5)),
         command=_logged(command, body.start, wheels.t, wrong.late) if plan.wish.logged else None,
     )
     return trial, true_motion(plan, body)

@@ -26,8 +26,8 @@ from granite_lab.hidden.contact import (
     contact,
     smoothstep,
 )  # fmt: skip
-from granite_lab.hidden.parts import Law, Method, Misreading, Sizes
-from granite_lab.parameters import GRAVITY, Robot, Soil
+from granite_lab.hidden.parts import CompleteRobot, Law, Method, Misreading, Sizes
+from granite_lab.parameters import GRAVITY, Soil
 
 X, Z, PITCH, VX, VZ, Q = range(6)
 ANGLE, OMEGA, CURRENT = slice(6, 8), slice(8, 10), slice(10, 12)
@@ -57,7 +57,7 @@ class Setup:
         controller: id of a controller other than (26), empty for (26); gains: its numbers.
     """
 
-    robot: Robot
+    robot: CompleteRobot
     soil: Soil
     law: Law
     near_rest: NearRest = FLOOR
@@ -82,8 +82,6 @@ class Truth:
 
     def __init__(self, setup: Setup, command: Command, sizes: Mapping[str, Sizes] | None = None) -> None:
         robot, soil = setup.robot, setup.soil
-        if robot.chassis is None or robot.drive is None:
-            raise ValueError("the robot has no chassis or no drive")
         self.robot, self.chassis, self.drive, self.command = robot, robot.chassis, robot.drive, command
         self.law, self.near_rest, self.intervals = setup.law, setup.near_rest, setup.intervals
         self.sizes, self.gains = dict(sizes or {}), dict(setup.gains)

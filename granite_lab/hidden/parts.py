@@ -1,4 +1,4 @@
-"""Laws of k_92, and the small records that the methods of the truth's model pass on."""
+"""The robot that is simulated, laws of k_92, and the small records that the methods of the truth pass on."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from typing import Literal
 
 import numpy as np
 
+from granite_lab.errors import UsageError
 from granite_lab.hidden.contact import Array
+from granite_lab.parameters import Chassis, Drive, Robot
 
 Law = Callable[[float | Array], float | Array]
 Method = Literal["LSODA", "Radau"]
@@ -16,6 +18,25 @@ Method = Literal["LSODA", "Radau"]
 
 Sizes = Mapping[str, float]
 """Parameters of an influence by name."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompleteRobot(Robot):
+    """A robot that can be simulated."""
+
+    chassis: Chassis
+    drive: Drive
+
+
+def complete(robot: Robot) -> CompleteRobot:
+    """Return a robot as one that can be simulated.
+
+    Raises:
+        UsageError: its file lacks a part.
+    """
+    if robot.chassis is None or robot.drive is None:
+        raise UsageError(f"robot '{robot.name}' cannot be simulated", "give one with chassis and drive")
+    return CompleteRobot(**vars(robot))
 
 
 def exponential_k92(a_theta: float) -> Law:

@@ -13,10 +13,10 @@ import scipy
 
 from granite_lab.hidden.chance import T, scaled
 from granite_lab.hidden.contact import Array
-from granite_lab.hidden.parts import Misreading
+from granite_lab.hidden.parts import CompleteRobot, Misreading
 from granite_lab.hidden.simulator import DT, Body
 from granite_lab.logs.trial import CurrentStream, ImuStream, WheelStream
-from granite_lab.parameters import GRAVITY, Robot
+from granite_lab.parameters import GRAVITY
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def resonance(rng: np.random.Generator, size: int, frequency: float, quality: fl
     return np.asarray(ringing / ringing.std())
 
 
-def vibration(rng: np.random.Generator, body: Body, robot: Robot) -> tuple[Array, Array]:
+def vibration(rng: np.random.Generator, body: Body, robot: CompleteRobot) -> tuple[Array, Array]:
     """Return the shaking of the frame as acceleration (N, 3) [m/s^2] and angular rate (N, 3) [rad/s].
 
     It is the derivative of a bounded velocity, and of a bounded angle, that is zero at rest: it
@@ -138,7 +138,7 @@ def stamped(rng: np.random.Generator, instants: Array, jitter: float) -> Array:
 def read_imu(
     rng: np.random.Generator,
     body: Body,
-    robot: Robot,
+    robot: CompleteRobot,
     logger: Logger,
     misreading: Misreading | None = None,
 ) -> tuple[ImuStream, Array, Array, Array]:
@@ -147,7 +147,7 @@ def read_imu(
     Args:
         rng: source of all errors.
         body: what really happened.
-        robot: its parameters.
+        robot: with its sensors.
         logger: its further errors.
         misreading: lasting errors on top.
     """
@@ -180,7 +180,7 @@ def read_imu(
 
 
 def read_wheels(
-    rng: np.random.Generator, body: Body, robot: Robot, clock_offset: float, gain: float | Array = 1.0
+    rng: np.random.Generator, body: Body, robot: CompleteRobot, clock_offset: float, gain: float | Array = 1.0
 ) -> WheelStream:
     """Return the encoders' samples, stamped by their own clock, angles times `gain`."""
     enc = robot.encoders
@@ -195,11 +195,9 @@ def read_wheels(
 
 
 def read_currents(
-    rng: np.random.Generator, body: Body, robot: Robot, clock_offset: float, logger: Logger
-) -> CurrentStream | None:
-    """Return the motor currents, which share the encoders' clock; None without a drive."""
-    if robot.drive is None:
-        return None
+    rng: np.random.Generator, body: Body, robot: CompleteRobot, clock_offset: float, logger: Logger
+) -> CurrentStream:
+    """Return the motor currents, which share the encoders' clock."""
     cur = robot.currents
     instants = np.arange(rng.uniform(0, 1) / cur.rate, body.t[-1], 1 / cur.rate)
     busy = np.clip(body.v_wheel / 0.1, 0, 1)
@@ -212,10 +210,8 @@ def read_currents(
     return CurrentStream(stamped(rng, instants, robot.encoders.jitter) - clock_offset, sampled)
 
 
-def with_noise(robot: Robot, factor: float) -> Robot:
+def with_noise(robot: CompleteRobot, factor: float) -> CompleteRobot:
     """Return the robot with noise, drift, vibration and jitter of its sensors times a factor."""
-    if factor == 1.0:
-        return robot
 
     def louder_of(record: T, *names: str) -> T:
         return scaled(record, dict.fromkeys(names, factor))

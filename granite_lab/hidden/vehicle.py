@@ -10,9 +10,9 @@ import numpy as np
 from granite_lab.hidden.contact import Array, Contact
 from granite_lab.hidden.influence import Influence, Size
 from granite_lab.hidden.model import OMEGA, Q
-from granite_lab.hidden.parts import Misreading
+from granite_lab.hidden.parts import CompleteRobot, Misreading
 from granite_lab.hidden.sensors import rotation
-from granite_lab.parameters import GRAVITY, Robot
+from granite_lab.parameters import GRAVITY
 
 
 class DriveReaction(Influence):
@@ -43,10 +43,8 @@ class ComOffset(Influence):
     declared = (Size("forward", "m", "shift, forward positive", 0.012, 0.03, -0.1, 0.1, signed=True),)
 
     @classmethod
-    def altered(cls, robot: Robot, sizes: Mapping[str, float]) -> Robot:
+    def altered(cls, robot: CompleteRobot, sizes: Mapping[str, float]) -> CompleteRobot:
         """Move the centre of mass."""
-        if robot.chassis is None:
-            return robot
         x, z = robot.chassis.com_x + sizes["forward"], robot.chassis.com_z + abs(sizes["forward"]) / 3
         return replace(robot, chassis=replace(robot.chassis, com_x=x, com_z=z))
 
@@ -63,10 +61,8 @@ class PayloadMass(Influence):
     )
 
     @classmethod
-    def altered(cls, robot: Robot, sizes: Mapping[str, float]) -> Robot:
+    def altered(cls, robot: CompleteRobot, sizes: Mapping[str, float]) -> CompleteRobot:
         """Load the robot."""
-        if robot.chassis is None:
-            return robot
         plain, mass, place = robot.chassis, sizes["mass"], sizes["place"]
         bodies = np.array([[plain.total_mass, plain.com_x], [mass, place]])
         centre = float(bodies[:, 0] @ bodies[:, 1] / bodies[:, 0].sum())
