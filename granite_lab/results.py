@@ -63,11 +63,11 @@ def command_of(name: str, logs: Sequence[Path], options: Sequence[tuple[str, str
 
 @dataclass(frozen=True, eq=False)
 class StudyResult(Shown):
-    """A whole study.
+    """A whole study, or a search alone.
 
     Attributes:
         name: of the report.
-        trials: those that went through.
+        trials: those that went through; at least one, or none of a search alone, which has a finding.
         failures: those that did not.
         a_theta: over the trials; None where fewer than two could be fitted.
         source: provenance.

@@ -27,8 +27,6 @@ def lead(result: StudyResult, speeds: Sequence[Speed]) -> str:
         robot, soil = result.finding.robot.title, result.finding.soil.title
         driven = {r.trial: r.variant for r in result.finding.residuals}
         return f"{_drove(len(driven), [robot], [soil], sorted(set(driven.values())))}."
-    if not result.trials:
-        return f"None of {len(result.failures)} trials could be used. The reasons are listed below."
     runs = [r.run for r in result.trials]
     robots, soils = [r.robot.title for r in runs], [r.soil.title for r in runs]
     counts = {len(s.results) for s in speeds}

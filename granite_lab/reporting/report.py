@@ -187,11 +187,11 @@ def study_report(
         sections = [Section("slip", "Slip" if decided.slip_unknown else "Slip and k_92", _shared(slip))]
         if not decided.slip_unknown:
             sections.append(Section("model", "Model and measurement", _shared(_model(result, decided))))
-    elif result.failures:
-        sections = [Section("trials", "Trials that were left out", (_failures(result),))]
     if result.finding is not None:
         sections.append(Section("missing", "What is missing", _shared(_missing(result.finding))))
+    numbers, kind, pages = "finding.json", "search for a missing effect", {}
     if result.trials:
+        numbers, kind, pages = "report.json", "study", {"explore": LINES, "PDF": "report.pdf"}
         looks, finding = _looks(result, folder, recordings), result.finding
         options = ""
         if model and finding is not None and finding.simulates:
@@ -200,10 +200,7 @@ def study_report(
         quality = _quality(result, decided, looks, options)
         sections.append(Section("trials", "Quality of the trials", _shared(quality)))
     sections.append(_provenance(result.source, decided.steps[1:]))
-    study = bool(result.trials) or result.finding is None
-    numbers, kind = ("report.json", "study") if study else ("finding.json", "search for a missing effect")
-    addresses = {
-        "explore": LINES if result.trials else "", "PDF": "report.pdf" if study else "",
+    addresses = pages | {
         "Markdown": "report.md", "JSON": numbers, "recordings": f"{recordings}/" if recordings else "",
         "tables": "tables/", "figures": "figures/",
     }  # fmt: skip

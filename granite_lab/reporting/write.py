@@ -59,11 +59,10 @@ def write_report(
         _write(new / "report.md", to_markdown("report.md", report=report))
         on_pages = {f.name: on_page(f, pictures[f.name]) for f in report.figures}
         _write(new / "index.html", to_html(report, on_pages))
-        if report.numbers == "finding.json" and result.finding is not None:
+        if result.finding is not None and not result.trials:
             _write(new / "finding.json", dumps(finding_as_json(result.finding, model)))
         else:
-            if result.trials:
-                _write(new / LINES, to_explore(result, report.name, jobs))
+            _write(new / LINES, to_explore(result, report.name, jobs))
             (new / "report.pdf").write_bytes(to_pdf(result, report, made_by(result.source), pictures))
             for name in (MODEL, DESIGN) if result.finding is not None else ():
                 if (folder / name).is_file():

@@ -24,7 +24,7 @@ from granite_lab.reporting import render, write, write_report
 from granite_lab.reporting.json_report import to_json
 from granite_lab.reporting.names import from_here
 from granite_lab.reporting.report import study_report
-from granite_lab.results import Failure, Source, StudyResult, command_of
+from granite_lab.results import Source, StudyResult, command_of
 from tests.corpus.cli import strict
 from tests.fitting.made_up import HEALTHY
 from tests.reporting.conftest import HOSTILE
@@ -258,15 +258,6 @@ def test_what_could_not_be_had_is_a_dash_and_null(tmp_path: Path) -> None:
     assert report["a_theta"] is None
     assert "not measured" in (folder / "figures" / "motion_0p50.svg").read_text(encoding="utf-8")
     assert not re.search(r"\bnan\b", (folder / "report.md").read_text(encoding="utf-8"), flags=re.I)
-
-
-def test_failures_alone_make_a_report_too(tmp_path: Path) -> None:
-    study = made_up_study(speeds=(0.5,), repetitions=1)
-    failed = dataclasses.replace(
-        study, trials=(), a_theta=None, failures=(Failure("x", "x.csv: is empty", "log again"),)
-    )
-    page = write_report(failed, tmp_path / "failed").read_text(encoding="utf-8")
-    assert "x.csv: is empty (log again)" in page
 
 
 def test_a_second_report_replaces_the_first_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
