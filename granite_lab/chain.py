@@ -122,7 +122,8 @@ def analyse(path: Path, options: Options) -> Comparison:
         robot = changed(model.with_lugs(robot), "robot", trial.info.changes)
         effects = (*model.effects, *effects)
     fit = fitting.fit_k92(motion, trial, robot, soil, effects=effects)
-    return compare(motion, trial, fit, robot, soil, effects=effects)
+    run = fitting.simulate_k92(fit.variant, robot, soil, fit.k92.value, effects=effects)
+    return compare(motion, trial, fit, run)
 
 
 def slope_effects(trial: Trial) -> tuple[Active, ...]:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab import fitting
 from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import K92Fit
@@ -19,13 +17,11 @@ from granite_lab.logs.trial import Array, Trial
 from granite_lab.model import Run
 from granite_lab.model.command import V_FLOOR
 from granite_lab.model.symbols import DIRECT
-from granite_lab.parameters import WHEELS, Robot, Soil
+from granite_lab.parameters import WHEELS, Robot
 from granite_lab.shown import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from granite_lab.model.effect import Active
 
 AXLES = {"f": (0, 1), "r": (2, 3)}
 """Columns of WHEELS that form a pair; the model's pairs are symmetric (section 3.3)."""
@@ -119,31 +115,17 @@ class Comparison(Shown):
         return pd.DataFrame([dataclasses.asdict(misfit) for misfit in self.misfits])
 
 
-def compare(
-    motion: Motion,
-    trial: Trial,
-    fit: K92Fit,
-    robot: Robot,
-    soil: Soil,
-    *,
-    effects: Sequence[Active] = (),
-    run: Run | None = None,
-) -> Comparison:
-    """Hold a trial against its simulation.
+def compare(motion: Motion, trial: Trial, fit: K92Fit, run: Run) -> Comparison:
+    """Compare a trial with its simulation.
 
     Args:
         motion, trial: the estimate, and the trial as it was corrected.
-        fit: its k_92 (by steady slip) is simulated by (5), its t_start aligns the two in time.
-        robot, soil: the robot with chassis and drive, and the ground.
-        effects: added to the paper's model.
-        run: a simulation to compare with instead.
+        fit: its t_start aligns the two in time.
+        run: the simulation of the trial's command, with the k_92 of `fit`.
 
     Raises:
-        EstimateError: the start of the command is unknown, or the simulation fails.
-        InputError: the robot's file lacks chassis or drive.
+        EstimateError: the start of the command is unknown.
     """
-    if run is None:
-        run = fitting.simulate_k92(fit.variant, robot, soil, fit.k92.value, effects=effects)
     start = fit.t_start.value if np.isfinite(fit.t_start.value) else motion.t_start.value
     if not np.isfinite(start):
         raise EstimateError(
@@ -152,7 +134,7 @@ def compare(
         )
     t = motion.t - start
     simulated = simulated_channels(run, t)
-    measured = _measured(motion, trial, robot, t)
+    measured = _measured(motion, trial, run.robot, t)
     for name in measured.keys() & STANDSTILL:
         # tilt and bias of the sensor cannot be separated from the robot's pitch: its change is compared
         value, std = measured[name]

@@ -29,26 +29,30 @@ def fitted(velocity=0.3, k92=0.2286, seed=0):
     return motion, trial, run, fit_k92(motion, trial, ROBOT, SOIL)
 
 
+def simulated(fit):
+    return simulate_k92(fit.variant, ROBOT, SOIL, fit.k92.value)
+
+
 def misfit(comparison, channel, phase="all"):
     return next(m for m in comparison.misfits if (m.channel, m.phase) == (channel, phase))
 
 
 def test_every_channel_that_was_measured_is_there_on_the_motions_stamps():
     motion, trial, _, fit = fitted()
-    c = compare(motion, trial, fit, ROBOT, SOIL)
+    c = compare(motion, trial, fit, simulated(fit))
     assert set(c.measured) == set(c.measured_std) == set(c.simulated) == set(c.units) == CHANNELS
     assert all(values.shape == motion.t.shape for values in c.measured.values())
     assert c.t == pytest.approx(motion.t - fit.t_start.value)
     assert {m.phase for m in c.misfits} == {"all", "rest", "accelerate", "steady", "brake"}
     bare = dataclasses.replace(trial, currents=None, imu=None)
-    c = compare(motion, bare, fit, ROBOT, SOIL)
+    c = compare(motion, bare, fit, simulated(fit))
     assert set(c.measured) == CHANNELS - {"torque_f", "torque_r", "accel", "pitch_rate"}
     assert not [m for m in c.misfits if m.channel == "accel"]
 
 
 def test_the_model_that_made_the_log_is_at_the_noise_floor():
     motion, trial, _, fit = fitted()
-    c = compare(motion, trial, fit, ROBOT, SOIL)
+    c = compare(motion, trial, fit, simulated(fit))
     for channel, low, high in [
         ("velocity", 0.3, 2.0), ("torque_f", 0.5, 1.6), ("torque_r", 0.5, 1.6), ("accel", 0.9, 1.2),
         ("pitch_rate", 0.9, 1.2),
@@ -60,9 +64,9 @@ def test_the_model_that_made_the_log_is_at_the_noise_floor():
 
 def test_a_wrong_k92_shows_in_slip_and_velocity_and_not_in_the_wheels():
     motion, trial, _, fit = fitted()
-    right = compare(motion, trial, fit, ROBOT, SOIL)
+    right = compare(motion, trial, fit, simulated(fit))
     wrong_run = simulate_k92(variant_of(0.3), ROBOT, SOIL, 0.10)
-    wrong = compare(motion, trial, fit, ROBOT, SOIL, run=wrong_run)
+    wrong = compare(motion, trial, fit, wrong_run)
     assert wrong.run is wrong_run
     bias = misfit(wrong, "slip_f", "steady").bias
     assert bias == pytest.approx(0.170 - 0.0973, abs=0.01)  # λ_R of the two k_92
@@ -73,7 +77,7 @@ def test_a_wrong_k92_shows_in_slip_and_velocity_and_not_in_the_wheels():
 
 def test_driving_torques_come_from_the_currents_by_24():
     motion, trial, run, fit = fitted()
-    c = compare(motion, trial, fit, ROBOT, SOIL)
+    c = compare(motion, trial, fit, simulated(fit))
     i = int(np.argmin(np.abs(c.t - 4.0)))
     j = int(np.argmin(np.abs(trial.currents.t - motion.t[i])))
     still = trial.currents.t < fit.t_start.value - 0.1
@@ -90,7 +94,7 @@ def test_an_unknown_start_is_refused():
     with pytest.raises(EstimateError, match="start of the command"):
         compare(
             dataclasses.replace(motion, t_start=nowhere), trial,
-            dataclasses.replace(fit, t_start=nowhere), ROBOT, SOIL,
+            dataclasses.replace(fit, t_start=nowhere), simulated(fit),
         )  # fmt: skip
 
 
@@ -116,7 +120,7 @@ def test_an_uncertain_start_counts_where_the_signal_is_steep():
     motion, trial, _, fit = fitted()
     for std in (0.01, math.nan):
         start = Estimate(fit.t_start.value, std)
-        c = compare(motion, trial, dataclasses.replace(fit, t_start=start), ROBOT, SOIL)
+        c = compare(motion, trial, dataclasses.replace(fit, t_start=start), simulated(fit))
         at = np.array(motion.phase) == "accelerate"
         ramp = np.gradient(c.simulated["velocity"], c.t)[at]
         assert np.median(ramp) > 0.5

@@ -16,7 +16,7 @@ from granite_lab.errors import EstimateError, InputError
 from granite_lab.estimation import correct
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.outcome import find_phases
-from granite_lab.fitting import fit_a_theta, fit_k92, with_drive_input
+from granite_lab.fitting import fit_a_theta, fit_k92, simulate_k92, with_drive_input
 from granite_lab.fitting.drive import FOLLOW, OBEYS, deviation, mistaken
 from granite_lab.inference.setup import trial_models
 from granite_lab.logs import write_canonical
@@ -193,7 +193,7 @@ def test_a_robot_without_drive_is_driven_by_its_wheels() -> None:
     fit = fit_k92(turned, trial, bare, SOIL, trajectory=False)
     a = -math.log(fit.k92.value) / turned.variant.velocity
     assert abs(a - A_THETA) < 0.5
-    found = compare(turned, trial, fit, bare, SOIL)
+    found = compare(turned, trial, fit, simulate_k92(turned.variant, bare, SOIL, fit.k92.value))
     assert "torque_f" not in found.measured
     assert found.simulated["velocity"] == pytest.approx(found.measured["velocity"], abs=0.03)
 

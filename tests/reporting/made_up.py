@@ -64,7 +64,7 @@ def made_up_trial(
         currents=dataclasses.replace(trial.currents, current=current),
         inputs=(InputFile(Path(f"data/samples/{name}.csv"), f"{zlib.crc32(name.encode()):064x}"),),
     )  # fmt: skip
-    return compare(motion, trial, fit, load_robot(), load_soil(), run=run)
+    return compare(motion, trial, fit, run)
 
 
 def made_up_health(t: np.ndarray, stop: float, seed: int) -> Health:
