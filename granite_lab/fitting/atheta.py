@@ -32,10 +32,11 @@ from scipy.special import fdtrc, ndtri, stdtrit
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate, Part
-from granite_lab.fitting.fit import K92_BOUNDS, AThetaFit, K92Fit, PointRow
+from granite_lab.estimation.motion import TELLING
+from granite_lab.fitting.fit import K92_BOUNDS, AThetaFit, K92Fit
 from granite_lab.fitting.laws import Points, fit_laws, gather, row_of, usable
 from granite_lab.logs.trial import Array
-from granite_lab.parameters import load_paper
+from granite_lab.parameters import load_paper, variant_of
 
 LACK_OF_FIT = 0.05
 """Significance at which the speeds are taken to disagree with (27) by more than their trials do."""
@@ -72,22 +73,21 @@ class _Weighted:
     covariance: Array
 
 
-def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
+def fit_a_theta(fits: Sequence[K92Fit]) -> AThetaFit:
     """Fit a_θ over trials, the paper's way and with uncertainty, beside rival laws.
 
     Args:
-        items: fits of single trials, of which the k_92 by the steady slip is taken, or rows.
+        fits: of single trials, of which the k_92 by the steady slip is taken.
 
     Raises:
         EstimateError: no k_92 from which a_θ follows.
     """
-    fits = [item for item in items if isinstance(item, K92Fit)]
-    if fits and len(fits) == len(items) and not any(fit.slip_known for fit in fits):
+    if fits and all(fit.slip_measured.std > TELLING for fit in fits):
         raise EstimateError(
             "no trial has a λ_R that is known to 5 points, so k_92 and a_θ cannot be computed",
             "granite-lab ingest shows why: it grades the estimate of each trial",
         )
-    kept, points, notes = gather(items)
+    kept, points, notes = gather(fits)
     inner, stated = points.of(points.inner), bool((points.sigma > 0).all())
     if not inner.v.size:
         raise EstimateError(
@@ -99,9 +99,8 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
     quantile = float(stdtrit(fit.dof, 0.975) if fit.dof else ndtri(0.975))
     a_theta = Estimate(fit.a, fit.std)
     ci95 = linear = a_theta.interval(quantile)
-    fits = [item for item in kept if isinstance(item, K92Fit)]
-    if stated and len(fits) == len(kept):
-        ci95 = a_theta_interval(fits, points.v, fit.covariance, a_theta, quantile)
+    if stated:
+        ci95 = a_theta_interval(kept, points.v, fit.covariance, a_theta, quantile)
     if ci95 != linear:
         notes.append(
             f"The interval of a_θ follows from the likelihood; from the covariance it is {linear[0]:.3f} to "
@@ -110,8 +109,8 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
     if left_out := int((inner.k <= 0).sum()):
         notes.append(f"{left_out} values of k_92 <= 0 cannot enter the fit of log k_92.")
     laws, remarks = fit_laws(points)
-    total, total_ci95, shared = _with_shared(fits if len(fits) == len(kept) else [], points, fit, ci95)
-    published, rows, each = load_paper().a_theta, list(map(row_of, items)), iter(fit.sensitivity.tolist())
+    total, total_ci95, shared = _with_shared(kept, points, fit, ci95)
+    published, rows, each = load_paper().a_theta, list(map(row_of, fits)), iter(fit.sensitivity.tolist())
     return AThetaFit(
         a_theta=a_theta,
         ci95=ci95,
@@ -125,7 +124,7 @@ def fit_a_theta(items: Sequence[K92Fit | PointRow]) -> AThetaFit:
         notes=(*notes, *remarks),
         parts=fit.parts,
         sensitivity=tuple(next(each) if usable(row) else 0.0 for row in rows) if stated else (),
-        virtual=any(isinstance(item, K92Fit) and item.virtual for item in items),
+        virtual=any(fit.virtual for fit in fits),
         total=total,
         total_ci95=total_ci95,
         shared=shared,
@@ -173,12 +172,18 @@ def _with_shift(points: Points, fit: _Weighted, shift: Array) -> float:
 
 def published_fit() -> AThetaFit:
     """Return the fit to Table 3, whose k_92 and λ_R come without uncertainties."""
+    nothing = Estimate(math.nan)
     return fit_a_theta(
         [
-            (f"{row.velocity:g} m/s in Table 3", row.velocity, Estimate(row.k92), Estimate(row.slip_measured))
+            K92Fit(
+                trial=f"{row.velocity:g} m/s in Table 3", virtual=False, variant=variant_of(row.velocity),
+                k92=Estimate(row.k92), k92_trajectory=nothing, t_start=nothing,
+                slip_measured=Estimate(row.slip_measured), slip_simulated=row.slip_simulated,
+                status="ok", status_trajectory="not_evaluated",
+            )
             for row in load_paper().table3
         ]
-    )
+    )  # fmt: skip
 
 
 def _unweighted(points: Points) -> tuple[_Weighted, list[str]]:

@@ -113,11 +113,9 @@ class Points:
         return θ
 
 
-def row_of(item: K92Fit | PointRow) -> PointRow:
-    """Return the point of a fit; a row passes through."""
-    if not isinstance(item, K92Fit):
-        return item
-    return item.trial, reference_velocity(item.variant), item.k92, item.slip_measured
+def row_of(fit: K92Fit) -> PointRow:
+    """Return the point of a fit."""
+    return fit.trial, reference_velocity(fit.variant), fit.k92, fit.slip_measured
 
 
 def usable(row: PointRow) -> bool:
@@ -125,16 +123,16 @@ def usable(row: PointRow) -> bool:
     return math.isfinite(row[2].value) and math.isfinite(row[1]) and row[1] > 0
 
 
-def gather(items: Sequence[K92Fit | PointRow]) -> tuple[list[K92Fit | PointRow], Points, list[str]]:
-    """Return the usable fits or rows, the same as columns, and notes on the others.
+def gather(fits: Sequence[K92Fit]) -> tuple[list[K92Fit], Points, list[str]]:
+    """Return the usable fits, the same as columns, and notes on the others.
 
     Raises:
         EstimateError: nothing usable.
     """
     notes = []
-    kept = [item for item in items if usable(row_of(item))]
-    if len(kept) < len(items):
-        notes.append(f"{len(items) - len(kept)} of {len(items)} trials have no k_92 and are left out.")
+    kept = [fit for fit in fits if usable(row_of(fit))]
+    if len(kept) < len(fits):
+        notes.append(f"{len(fits) - len(kept)} of {len(fits)} trials have no k_92 and are left out.")
     if not kept:
         raise EstimateError(
             "no trial has a k_92, so there is no a_θ", "granite-lab fit-k92 --verbose shows why"
@@ -154,7 +152,7 @@ def gather(items: Sequence[K92Fit | PointRow]) -> tuple[list[K92Fit | PointRow],
         sigma=sigma,
         slip=np.array([s.value for s in slip]),
         slip_std=np.nan_to_num([s.std for s in slip]),
-        censored=np.array([side.get(getattr(item, "status", "ok"), 0) for item in kept]),
+        censored=np.array([side.get(fit.status, 0) for fit in kept]),
     )
     bound = [name for name, inner in zip(trials, points.inner, strict=True) if not inner]
     if bound:

@@ -23,14 +23,14 @@ def law(fit, name):
     return next(law for law in fit.laws if law.id == name)
 
 
-def rows(rng, *, scatter=0.05, std=0.006, a=4.919, repetitions=3, shift=None):
+def drawn(rng, *, scatter=0.05, std=0.006, a=4.919, repetitions=3, shift=None):
     """Draw k_92 of trials around the exponential law; `shift` is a relative deviation per speed."""
     found = []
     for v in SPEEDS:
         for i in range(repetitions):
             k = math.exp(-a * v) * (1 + scatter * rng.standard_normal() + (shift or {}).get(v, 0.0))
             fitted, slip = Estimate(k + std * rng.standard_normal(), std), Estimate(0.26 - 0.7 * k, 0.004)
-            found.append((f"{v}/{i}", v, fitted, slip))
+            found.append(made_up_fit(f"{v}/{i}", v, fitted, slip))
     return found
 
 
@@ -62,8 +62,11 @@ def test_speeds_that_print_alike_are_one_speed_in_all_laws():
 def test_speeds_with_a_lack_of_fit_are_one_point_each_however_their_digits_differ():
     """What differs by a millionth from equal velocities gives the same fit over speeds."""
     shift = {0.2: 0.3, 0.3: -0.25, 0.5: 0.3, 0.7: -0.3}
-    equal = rows(np.random.default_rng(5), scatter=0.01, shift=shift)
-    near = [(name, v * (1 + 1e-6 * i), k, slip) for i, (name, v, k, slip) in enumerate(equal)]
+    equal = drawn(np.random.default_rng(5), scatter=0.01, shift=shift)
+    near = [
+        made_up_fit(f.trial, f.variant.velocity * (1 + 1e-6 * i), f.k92, f.slip_measured)
+        for i, f in enumerate(equal)
+    ]
     one, other = fit_a_theta(equal), fit_a_theta(near)
     assert any("over 4 speeds" in note for note in one.notes)
     assert other.a_theta.value == pytest.approx(one.a_theta.value, abs=1e-4)
@@ -88,7 +91,10 @@ def test_the_published_line_over_slip_is_found():
 
 
 def test_equal_errors_without_scatter_give_least_squares_on_k92():
-    points = [(f"{p.velocity}", p.velocity, Estimate(p.k92, 0.05), Estimate(p.slip_measured)) for p in TABLE3]
+    points = [
+        made_up_fit(f"{p.velocity}", p.velocity, Estimate(p.k92, 0.05), Estimate(p.slip_measured))
+        for p in TABLE3
+    ]
     fit = fit_a_theta(points)
     assert fit.scatter == 0.0  # 0.05 covers all deviations
     assert fit.a_theta.value == pytest.approx(fit.ordinary, abs=1e-6)
@@ -97,21 +103,21 @@ def test_equal_errors_without_scatter_give_least_squares_on_k92():
 
 
 def test_a_precise_trial_outweighs_a_vague_one():
-    precise = ("a", 0.3, Estimate(math.exp(-5.5 * 0.3), 0.001), Estimate(0.1))
-    vague = ("b", 0.3, Estimate(math.exp(-4.0 * 0.3), 0.2), Estimate(0.1))
+    precise = made_up_fit("a", 0.3, Estimate(math.exp(-5.5 * 0.3), 0.001), Estimate(0.1))
+    vague = made_up_fit("b", 0.3, Estimate(math.exp(-4.0 * 0.3), 0.2), Estimate(0.1))
     assert fit_a_theta([precise, vague]).a_theta.value == pytest.approx(5.5, abs=0.02)
 
 
 def test_scatter_beyond_the_stated_errors_is_found_and_widens_the_interval():
-    found = [fit_a_theta(rows(np.random.default_rng(s), scatter=0.10, std=0.001)) for s in range(12)]
+    found = [fit_a_theta(drawn(np.random.default_rng(s), scatter=0.10, std=0.001)) for s in range(12)]
     assert np.median([fit.scatter for fit in found]) == pytest.approx(0.10, rel=0.25)
-    calm = fit_a_theta(rows(np.random.default_rng(0), scatter=0.0, std=0.001))
+    calm = fit_a_theta(drawn(np.random.default_rng(0), scatter=0.0, std=0.001))
     assert found[0].a_theta.std > 3 * calm.a_theta.std
 
 
 def test_speeds_that_leave_the_law_rule_the_interval():
     shift = {0.2: -0.12, 0.3: 0.13, 0.5: 0.25, 0.7: -0.2}
-    fit = fit_a_theta(rows(np.random.default_rng(2), scatter=0.02, std=0.001, shift=shift))
+    fit = fit_a_theta(drawn(np.random.default_rng(2), scatter=0.02, std=0.001, shift=shift))
     assert any("over 4 speeds, not 12 trials" in note for note in fit.notes)
     assert fit.a_theta.std > 0.1
     assert fit.scatter < 0.06
@@ -129,7 +135,7 @@ def test_a_k92_at_the_lower_bound_counts_as_below_it():
                 k = math.exp(-truth * v) + 0.06 * rng.standard_normal()
                 status = "ok" if k > 0 else "at_lower_bound"
                 fits.append(made_up_fit(f"{v}/{i}", v, Estimate(max(k, 0.0), 0.06), status=status))
-        at_value = [(f.trial, f.variant.velocity, f.k92, f.slip_measured) for f in fits]
+        at_value = [dataclasses.replace(f, status="ok") for f in fits]
         naive.append(fit_a_theta(at_value).a_theta.value)
         dropped.append(fit_a_theta([f for f in fits if f.status == "ok"]).a_theta.value)
         fit = fit_a_theta(fits)
@@ -142,15 +148,15 @@ def test_a_k92_at_the_lower_bound_counts_as_below_it():
 
 
 def test_k92_below_zero_enters_the_weighted_fit_but_not_the_logarithm():
-    points = [*rows(np.random.default_rng(1)), ("odd", 0.7, Estimate(-0.004, 0.01), Estimate(0.26, 0.004))]
-    fit = fit_a_theta(points)
+    odd = made_up_fit("odd", 0.7, Estimate(-0.004, 0.01), Estimate(0.26, 0.004))
+    fit = fit_a_theta([*drawn(np.random.default_rng(1)), odd])
     assert any("<= 0 cannot enter" in note for note in fit.notes)
     assert math.isfinite(fit.log_linear)
     assert len(fit.points) == 13
 
 
 def test_one_trial_gives_a_normal_interval_and_says_what_it_lacks():
-    fit = fit_a_theta([("only", 0.3, Estimate(0.23, 0.01), Estimate(0.09, 0.004))])
+    fit = fit_a_theta([made_up_fit("only", 0.3, Estimate(0.23, 0.01), Estimate(0.09, 0.004))])
     assert fit.a_theta.value == pytest.approx(-math.log(0.23) / 0.3)
     assert fit.a_theta.std == pytest.approx(0.01 / (0.23 * 0.3), rel=1e-6)
     assert any("one trial only" in note for note in fit.notes)
@@ -160,7 +166,7 @@ def test_one_trial_gives_a_normal_interval_and_says_what_it_lacks():
     "items",
     [
         [],
-        [("x", 0.3, Estimate(math.nan), Estimate(0.1))],
+        [made_up_fit("x", 0.3, Estimate(math.nan), Estimate(0.1))],
         [made_up_fit("x", 0.7, Estimate(0.0, 0.01), status="at_lower_bound")],
     ],
 )
@@ -172,20 +178,18 @@ def test_nothing_usable_is_refused(items):
 
 
 def test_laws_compare_on_the_same_data_and_the_true_one_wins():
-    wins = [fit_a_theta(rows(np.random.default_rng([3, s]))).laws[0].id for s in range(10)]
-    fit = fit_a_theta(rows(np.random.default_rng([3, 0])))
+    wins = [fit_a_theta(drawn(np.random.default_rng([3, s]))).laws[0].id for s in range(10)]
+    fit = fit_a_theta(drawn(np.random.default_rng([3, 0])))
     assert sum(law.weight for law in fit.laws) == pytest.approx(1.0)
     assert [law.aicc for law in fit.laws] == sorted(law.aicc for law in fit.laws)
-    # the rows' λ_R is a line in k_92, so both laws are true there; a constant per speed is wasteful
+    # the trials' λ_R is a line in k_92, so both laws are true there; a constant per speed is wasteful
     assert "free" not in wins
 
 
 def test_aicc_of_the_exponential_law_is_the_textbooks():
-    points = [(f"{i}", v, Estimate(k), Estimate(0.1 + v / 5)) for i, (v, k) in enumerate(
-        [(0.2, 0.38), (0.2, 0.36), (0.3, 0.22), (0.3, 0.24), (0.5, 0.09), (0.7, 0.04)]
-    )]  # fmt: skip
-    fit = fit_a_theta(points)
-    v, k = np.array([p[1] for p in points]), np.array([p[2].value for p in points])
+    points = [(0.2, 0.38), (0.2, 0.36), (0.3, 0.22), (0.3, 0.24), (0.5, 0.09), (0.7, 0.04)]
+    fit = fit_a_theta([made_up_fit("", v, Estimate(k), Estimate(0.1 + v / 5)) for v, k in points])
+    v, k = np.array(points).T
     rss, n, count = float(((k - np.exp(-fit.ordinary * v)) ** 2).sum()), 6, 2
     expected = (
         n * (math.log(2 * math.pi * rss / n) + 1) + 2 * count + 2 * count * (count + 1) / (n - count - 1)
@@ -195,7 +199,7 @@ def test_aicc_of_the_exponential_law_is_the_textbooks():
 
 def test_the_95_percent_interval_holds_the_true_a_theta():
     """80 virtual studies of 12 trials; where k_92 is small, their stated std is as large as it."""
-    studies = [fit_a_theta(rows(np.random.default_rng([23, seed]), std=0.012)).ci95 for seed in range(80)]
+    studies = [fit_a_theta(drawn(np.random.default_rng([23, seed]), std=0.012)).ci95 for seed in range(80)]
     assert 0.90 <= np.mean([low <= 4.919 <= high for low, high in studies]) <= 0.99
 
 
@@ -222,8 +226,8 @@ def test_errors_that_all_trials_share_widen_the_total_by_what_they_do_to_a_theta
     assert math.hypot(*(part.contribution for part in uncertain.parts)) == pytest.approx(fit.total.std)
 
 
-def test_rows_without_a_simulation_have_no_total():
-    fit = fit_a_theta(rows(np.random.default_rng(1)))
+def test_trials_without_a_simulation_have_no_total():
+    fit = fit_a_theta(drawn(np.random.default_rng(1)))
     assert math.isnan(fit.total.value)
     assert [v.by for v in views_of(fit)] == ["files"]
 
