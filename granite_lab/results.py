@@ -175,7 +175,7 @@ class PooledMisfit:
     @property
     def name(self) -> str:
         """The channel as a reader calls it."""
-        return CHANNELS.get(self.channel, self.channel)
+        return CHANNELS[self.channel]
 
 
 def pooled_misfits(comparisons: Sequence[Comparison]) -> dict[tuple[str, str], PooledMisfit]:
@@ -196,8 +196,7 @@ def pooled_misfits(comparisons: Sequence[Comparison]) -> dict[tuple[str, str], P
             sizes[channel] = max(sizes.get(channel, 0.0), largest.get(m.channel, 0.0))
             if m.samples and math.isfinite(m.rms):
                 pooled.setdefault((channel, m.phase), []).append(m)
-    order = [*CHANNELS, *sorted(sizes.keys() - CHANNELS.keys())]
-    keys = [(c, p) for c in order for p in PHASES if (c, p) in pooled]
+    keys = [(c, p) for c in CHANNELS for p in PHASES if (c, p) in pooled]
     return {key: _pool(*key, sizes[key[0]], pooled[key]) for key in keys}
 
 

@@ -100,10 +100,7 @@ class Comparison(Shown):
     @property
     def start(self) -> float:
         """The log's own time [s] at which the clock of the comparison reads zero."""
-        if len(self.motion.t) == len(self.t):
-            return float(np.median(self.motion.t - self.t))
-        start = self.fit.t_start.value
-        return start if np.isfinite(start) else self.motion.t_start.value
+        return float(np.median(self.motion.t - self.t))
 
     def __repr__(self) -> str:
         return f"Comparison({self.motion!r}, {self.fit!r}, {len(self.misfits)} misfits)"

@@ -372,16 +372,16 @@ class Budget:
 
 
 def of_mean(
-    speed: float, mean: Estimate, trials: Sequence[Sequence[Part]], weights: Sequence[float] = ()
+    speed: float, mean: Estimate, trials: Sequence[Sequence[Part]], weights: Sequence[float]
 ) -> Budget | None:
-    """Return the budget of a mean over trials of a speed [m/s] by the components and the weight of each.
+    """Return the budget of a weighted mean over trials of a speed [m/s], by the components of each trial.
 
-    Without weights all are equal. None where a trial has no components, or the mean has no std.
+    None where a trial has no components, or the mean has no std.
     """
     if not trials or not all(trials) or not math.isfinite(mean.std):
         return None
     n = len(trials)
-    weighed = zip(weights or [1 / n] * n, trials, strict=True)
+    weighed = zip(weights, trials, strict=True)
     parts = _pooled(part.times(w) for w, of_trial in weighed for part in of_trial)
     beyond = mean.std**2 - sum(part.contribution**2 for part in parts)
     if beyond > 1e-6 * mean.std**2:

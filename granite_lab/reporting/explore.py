@@ -24,7 +24,7 @@ from granite_lab.model.simulator import simulate
 from granite_lab.parameters import WHEELS, by_speed
 from granite_lab.processes import forked_map
 from granite_lab.reporting.canvas import extremes
-from granite_lab.reporting.names import SENSORS, with_effects
+from granite_lab.reporting.names import SENSORS, sensor, with_effects
 from granite_lab.reporting.plot_motion import shown_channel
 from granite_lab.reporting.render import rendered
 from granite_lab.results import CHANNELS, StudyResult
@@ -162,7 +162,7 @@ def _search_curves(c: Comparison, finding: Finding | None) -> Iterator[Curves]:
         if r.trial != c.motion.trial:
             continue
         zero = r.before if r.unit == "rad" else np.zeros_like(r.before)
-        t, name = r.t + r.t_start - c.start, SENSORS.get(r.channel, r.channel)
+        t, name = r.t + r.t_start - c.start, sensor(r.channel)
         name += ", minus the paper's model" if r.unit == "rad" else ""
         later = r.after - zero if finding and finding.terms else None
         yield Curves(

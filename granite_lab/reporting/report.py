@@ -228,7 +228,7 @@ def _slip_alone(decided: Answers) -> Iterator[Maybe]:
         "No slip ratio is known to 5 points. So k_92, the comparison with the model and the search for a "
         "missing effect are left out."
     )
-    yield _gallery(plot_results.slip_figure(decided, load_paper()) if decided.speeds else None)
+    yield _gallery(plot_results.slip_figure(decided, load_paper()))
 
 
 def _model(result: StudyResult, decided: Answers) -> Iterator[Maybe]:

@@ -346,10 +346,10 @@ def test_the_sensitivity_of_a_theta_is_its_derivative() -> None:
 
 def test_what_scatters_beyond_the_stated_std_is_a_component_of_type_a() -> None:
     parts = [(Part("sensor", "A", "normal", "m/s²", 0.01, 0.002),)] * 3
-    budget = of_mean(0.3, Estimate(0.1, 0.004), parts)
+    budget = of_mean(0.3, Estimate(0.1, 0.004), parts, [1 / 3] * 3)
     assert budget.combined == pytest.approx(0.004)
     scatter = next(p for p in budget.parts if p.name == SCATTER)
     assert scatter.contribution == pytest.approx(math.sqrt(0.004**2 - 0.002**2 / 3))
     assert scatter.kind == "A"
-    narrow = of_mean(0.3, Estimate(0.1, 0.002 / math.sqrt(3)), parts)
+    narrow = of_mean(0.3, Estimate(0.1, 0.002 / math.sqrt(3)), parts, [1 / 3] * 3)
     assert [p.name for p in narrow.parts] == ["sensor"]
