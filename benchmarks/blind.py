@@ -39,7 +39,7 @@ from granite_lab.errors import EstimateError, LabError
 from granite_lab.hidden.catalogue import LIBRARY, OUTSIDE, influence
 from granite_lab.hidden.influence import Size
 from granite_lab.hidden.sealed import open_answer
-from granite_lab.hidden.wish import Wish, chosen
+from granite_lab.hidden.spec import Spec, chosen
 
 RESULTS = ROOT / "benchmarks" / "results" / "blind.jsonl"
 
@@ -104,7 +104,7 @@ def schedule() -> list[Task]:
             beside = f"+{inside[(i + 5) % 25]}" if k % 4 == 0 else ""
             tasks.append(Task("outside", outside[7 * (k // 3) % 9] + beside, 2.0, seed))
         elif k % 3 == 1:
-            tasks.append(Task("pair", "+".join(chosen(Wish("pair", seed))), 5.0, seed))
+            tasks.append(Task("pair", "+".join(chosen(Spec("pair", seed))), 5.0, seed))
     for k in range(OLD):
         seed = FIRST_SEED + 1000 + k
         tasks.append(Task("null", "none", 0.0, seed, "bench"))

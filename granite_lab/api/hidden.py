@@ -13,7 +13,7 @@ from granite_lab.files import sha256, write_bytes, write_text
 from granite_lab.hidden.lab import lab_of
 from granite_lab.hidden.scoring import Score, read_finding, score
 from granite_lab.hidden.sealed import NAME, OPEN, open_answer, read_answer, seal
-from granite_lab.hidden.wish import CAUSES, COMMANDS, CONTROLS, Wish
+from granite_lab.hidden.spec import CAUSES, COMMANDS, CONTROLS, Spec
 from granite_lab.logs import write_canonical, write_truth
 from granite_lab.parameters import load_robot, load_soil
 from granite_lab.shown import Shown, frame
@@ -135,7 +135,7 @@ def hide(
         )
     if truth is not None and (there := sorted(Path(truth).glob(f"{label}_[vs]*_r*.csv"))):
         raise UsageError(f"{there[0]}: exists already", "choose another folder for the truth")
-    wish = Wish(
+    spec = Spec(
         effect, seed, strength, noise, sand_off, lab, dict(sizes or {}), repetitions=repetitions, label=label,
         causes=causes, soil_law=soil_law, command=command, logged=log_command, controller=controller,
     )  # fmt: skip
@@ -143,7 +143,7 @@ def hide(
     lab_files = lab_of(lab, seed, the_robot, the_soil).files()
     if there := [folder / name for name in lab_files if (folder / name).exists()]:
         raise UsageError(f"{there[0]}: exists already", "choose another folder")
-    made, answer = make_set(wish, the_robot, the_soil, jobs=jobs, done=done)
+    made, answer = make_set(spec, the_robot, the_soil, jobs=jobs, done=done)
     for name, text in lab_files.items():
         write_text(folder / name, text)
     files = []

@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from granite_lab.hidden.chance import magnitude
 from granite_lab.hidden.contact import Array, Contact
 from granite_lab.hidden.model import CURRENT, Truth
 from granite_lab.hidden.parts import CompleteRobot
+from granite_lab.hidden.random_numbers import magnitude
 from granite_lab.parameters import GRAVITY
 
 BANDWIDTH = 2.0, 10.0

@@ -14,11 +14,11 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from granite_lab.errors import UsageError
-from granite_lab.hidden.chance import factors, lot, magnitude, scaled
 from granite_lab.hidden.command import trapezoid
 from granite_lab.hidden.contact import FLOOR, V_FLOOR, NearRest
 from granite_lab.hidden.model import Setup, Truth
 from granite_lab.hidden.parts import CompleteRobot, complete, exponential_k92
+from granite_lab.hidden.random_numbers import factors, generator, magnitude, scaled
 from granite_lab.hidden.sensors import Logger
 from granite_lab.parameters import Robot, Soil, load_paper, load_soil
 from granite_lab.parameters.quantity import table_of, toml_line
@@ -131,7 +131,7 @@ def lab_of(name: str, seed: int, robot: Robot, soil: Soil) -> Lab:
 def wild(seed: int, robot: CompleteRobot, soil: Soil) -> Lab:
     """Return the laboratory of a seed: half of them have the given robot, two fifths the given sand."""
     for attempt in range(200):
-        lab = _drawn(lot(seed, 5, attempt), robot, soil)
+        lab = _drawn(generator(seed, 5, attempt), robot, soil)
         if drives(lab):
             return lab
     raise UsageError(f"robot '{robot.name}' cannot drive on any of the sands", "give another robot")

@@ -13,7 +13,6 @@ import numpy as np
 from granite_lab import __version__
 from granite_lab.errors import EstimateError
 from granite_lab.hidden.catalogue import UNKNOWN_TO_LIBRARY, influence, model_of
-from granite_lab.hidden.chance import lot, scaled
 from granite_lab.hidden.command import Command, draw_stick, trapezoid
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.controller import CONTROLLERS
@@ -29,10 +28,11 @@ from granite_lab.hidden.mixture import (
 )
 from granite_lab.hidden.model import DigsInError, Setup
 from granite_lab.hidden.parts import exponential_k92
+from granite_lab.hidden.random_numbers import generator, scaled
 from granite_lab.hidden.sensors import read_currents, read_imu, read_wheels, with_noise
 from granite_lab.hidden.simulator import DT, Body, drive
+from granite_lab.hidden.spec import Spec, chosen, drawn, raked, sand
 from granite_lab.hidden.vehicle import ClockOffset
-from granite_lab.hidden.wish import Wish, chosen, drawn, raked, sand
 from granite_lab.logs.trial import CurrentStream, ImuStream, Series, Trial, TrialInfo, WheelStream
 from granite_lab.parameters import Robot, Soil, Variant, load_variants
 from granite_lab.processes import forked_map
@@ -52,7 +52,7 @@ class Plan:
     """One trial to be made.
 
     Attributes:
-        wish: of the set.
+        spec: of the set.
         lab: where it is made; its robot is as it really is, but for what the influences change.
         setup: of its model, with the sand and the radii of this trial.
         sizes: parameters of the influences by id in this trial, phases included.
@@ -62,7 +62,7 @@ class Plan:
         radii: (4,) true radius of each wheel over the filed one.
     """
 
-    wish: Wish
+    spec: Spec
     lab: Lab
     setup: Setup
     sizes: Mapping[str, Mapping[str, float]]
@@ -76,16 +76,16 @@ class Plan:
     @property
     def name(self) -> str:
         """Name of the trial, which tells nothing."""
-        return f"{self.wish.label}_{self.command.label}_r{self.repetition}"
+        return f"{self.spec.label}_{self.command.label}_r{self.repetition}"
 
 
 def make_set(
-    wish: Wish, robot: Robot, soil: Soil, *, jobs: int = 1, done: Callable[[str], None] = lambda _: None
+    spec: Spec, robot: Robot, soil: Soil, *, jobs: int = 1, done: Callable[[str], None] = lambda _: None
 ) -> tuple[list[tuple[Trial, pd.DataFrame]], dict[str, Any]]:
     """Make all trials of a set, each with its true motion (`true_motion`), and the answer.
 
     Args:
-        wish: what to hide.
+        spec: what to hide.
         robot, soil: records that the trials will name.
         jobs: processes.
         done: called with the name of each finished trial.
@@ -95,14 +95,14 @@ def make_set(
         EstimateError: the robot would dig itself in under this effect.
         LabError: a process died.
     """
-    lab = lab_of(wish.lab, wish.seed, robot, soil)
-    for plans, off, counts in _draws(wish, lab):
+    lab = lab_of(spec.lab, spec.seed, robot, soil)
+    for plans, off, counts in _draws(spec, lab):
         made = []
         with suppress(DigsInError):
             for trial, motion in forked_map(_make, plans, len(plans), "made a trial", jobs=jobs):
                 made.append((trial, motion))
                 done(trial.name)
-            answer = _answer(wish, off, plans)
+            answer = _answer(spec, off, plans)
             return made, answer | _of_mixture(plans[0], off, counts) if counts else answer
     raise EstimateError(
         "the robot sinks to its axles with the hidden effect, or a cause of a mixture does not count",
@@ -110,22 +110,22 @@ def make_set(
     )
 
 
-def _draws(wish: Wish, lab: Lab) -> Iterator[tuple[list[Plan], dict[str, float], dict[str, float]]]:
+def _draws(spec: Spec, lab: Lab) -> Iterator[tuple[list[Plan], dict[str, float], dict[str, float]]]:
     """Yield the plans of a set, the factors on its sand, and what each cause of a mixture reopens.
 
     They are drawn anew where the last were of no use. Sand drawn off its file may be too weak for the slope,
     drag or speed at hand. All of a mixture is drawn again, after causes that nearly count were made stronger.
     """
-    mixed = wish.effect == "mixture"
-    for attempt in range(ATTEMPTS if mixed else 8 if wish.sand_off else 1):
-        names = chosen(wish, attempt if mixed else 0)
-        sizes = drawn(wish, names, attempt if mixed else 0)
-        ground, off = sand(wish, lab.soil.real, attempt)
-        plans = _plans(wish, lab, ground, sizes)
+    mixed = spec.effect == "mixture"
+    for attempt in range(ATTEMPTS if mixed else 8 if spec.sand_off else 1):
+        names = chosen(spec, attempt if mixed else 0)
+        sizes = drawn(spec, names, attempt if mixed else 0)
+        ground, off = sand(spec, lab.soil.real, attempt)
+        plans = _plans(spec, lab, ground, sizes)
         counts = _reopened(plans) if mixed else {}
         if counts and LEAST / STRONGER**2 <= min(counts.values()) < LEAST:
             sizes = {name: stronger(name, sizes[name], share) for name, share in counts.items()}
-            plans = _plans(wish, lab, ground, sizes)
+            plans = _plans(spec, lab, ground, sizes)
             counts = _reopened(plans)
         if not mixed or min(counts.values(), default=0.0) >= LEAST:
             yield plans, off, counts
@@ -146,46 +146,46 @@ def _reopened(plans: list[Plan]) -> dict[str, float]:
         return {}
 
 
-def _plans(wish: Wish, lab: Lab, ground: Soil, sizes: Mapping[str, Mapping[str, float]]) -> list[Plan]:
+def _plans(spec: Spec, lab: Lab, ground: Soil, sizes: Mapping[str, Mapping[str, float]]) -> list[Plan]:
     """Return the trials of a set; each rakes the ground anew."""
     # the weakest ground shows at the highest speed: that comes first, so that a bad draw costs little
-    variants = sorted(wish.variants or load_variants(), key=lambda v: -v.velocity)
-    repetitions = range(1, (wish.repetitions or lab.repetitions or 3) + 1)
-    plans, (controller, gains) = [], _controller(wish, lab)
+    variants = sorted(spec.variants or load_variants(), key=lambda v: -v.velocity)
+    repetitions = range(1, (spec.repetitions or lab.repetitions or 3) + 1)
+    plans, (controller, gains) = [], _controller(spec, lab)
     for (k, variant), repetition in product(enumerate(variants), repetitions):
-        seed = (wish.seed, 4, k, repetition)
-        rng = lot(*seed, 0)
+        seed = (spec.seed, 4, k, repetition)
+        rng = generator(*seed, 0)
         soil, a_theta, raking = raked(ground, lab.a_theta, lab.scatter, rng)
         of_trial = {name: influence(name).of_trial(size, rng) for name, size in sizes.items()}
-        radii = np.asarray(1 + lab.radius * lot(*seed, 2).standard_normal(4))
+        radii = np.asarray(1 + lab.radius * generator(*seed, 2).standard_normal(4))
         pairs = (float(radii[:2].mean()), float(radii[2:].mean())) if lab.rolls else (1.0, 1.0)
         law = exponential_k92(a_theta)
         setup = Setup(lab.robot.real, soil, law, lab.near_rest, pairs, controller=controller, gains=gains)
-        command = _command(wish, k, repetition, variant)
-        plans.append(Plan(wish, lab, setup, of_trial, a_theta, raking, command, repetition, seed, radii))
+        command = _command(spec, k, repetition, variant)
+        plans.append(Plan(spec, lab, setup, of_trial, a_theta, raking, command, repetition, seed, radii))
     return plans
 
 
-def _controller(wish: Wish, lab: Lab) -> tuple[str, dict[str, float]]:
+def _controller(spec: Spec, lab: Lab) -> tuple[str, dict[str, float]]:
     """Draw who turns the wheels; the paper's controller has no name."""
-    if wish.controller == "paper":
+    if spec.controller == "paper":
         return "", {}
-    rng = lot(wish.seed, 7)
+    rng = generator(spec.seed, 7)
     name = str(rng.choice(sorted(CONTROLLERS)))
     return name, CONTROLLERS[name].drawn(rng, lab.robot.real)
 
 
-def _command(wish: Wish, k: int, repetition: int, variant: Variant) -> Command:
+def _command(spec: Spec, k: int, repetition: int, variant: Variant) -> Command:
     """Return the command of a trial; a stick goes about as fast as the variant in whose place it stands."""
-    if wish.command == "trapezoid":
+    if spec.command == "trapezoid":
         return trapezoid(variant.velocity, variant.acceleration, variant.distance)
-    rng = lot(wish.seed, 8, k, repetition if wish.command == "joystick" else 0)
+    rng = generator(spec.seed, 8, k, repetition if spec.command == "joystick" else 0)
     return draw_stick(rng, k + 1, variant.velocity * float(rng.uniform(*AS_FAST)))
 
 
 def _of_mixture(plan: Plan, off: Mapping[str, float], counts: Mapping[str, float]) -> dict[str, Any]:
     """Return what the answer of a mixture holds beside: what each cause reopens, the withheld motion."""
-    variant, lab = withheld_variant(plan.wish.seed, plan.wish.variants or load_variants()), plan.lab
+    variant, lab = withheld_variant(plan.spec.seed, plan.spec.variants or load_variants()), plan.lab
     ground = scaled(lab.soil.real, off)
     setup = Setup(lab.robot.real, ground, exponential_k92(lab.a_theta), lab.near_rest)
     command = trapezoid(variant.velocity, variant.acceleration, variant.distance)
@@ -203,10 +203,10 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame]:
     Raises:
         DigsInError: the robot digs itself in.
     """
-    rng, lab, command = lot(*plan.seed, 1), plan.lab, plan.command
+    rng, lab, command = generator(*plan.seed, 1), plan.lab, plan.command
     truth = model_of(tuple(plan.sizes), plan.setup, command, plan.sizes)
     body = drive(truth, rng.uniform(*lab.before), rng.uniform(*lab.after))
-    rig, wrong = with_noise(lab.robot.real, plan.wish.noise), truth.misreading()
+    rig, wrong = with_noise(lab.robot.real, plan.spec.noise), truth.misreading()
     imu, *_ = read_imu(rng, body, rig, lab.logger, wrong)
     wheels = read_wheels(rng, body, rig, -wrong.late, wrong.encoder / (1.0 if lab.rolls else plan.radii))
     currents = read_currents(rng, body, rig, -wrong.late * wrong.later, lab.logger)
@@ -221,7 +221,7 @@ def make_trial(plan: Plan) -> tuple[Trial, pd.DataFrame]:
         imu=ImuStream(imu.t.round(6), imu.specific_force.round(7), imu.angular_rate.round(8)),
         wheels=WheelStream(wheels.t.round(6), wheels.angle.round(8), resolution=wheels.resolution),
         currents=CurrentStream(currents.t.round(6), currents.current.round(5)),
-        command=_logged(command, body.start, wheels.t, wrong.late) if plan.wish.logged else None,
+        command=_logged(command, body.start, wheels.t, wrong.late) if plan.spec.logged else None,
     )
     return trial, true_motion(plan, body)
 
@@ -261,7 +261,7 @@ def true_motion(plan: Plan, body: Body) -> pd.DataFrame:
     return frame
 
 
-def _answer(wish: Wish, off: Mapping[str, float], plans: list[Plan]) -> dict[str, Any]:
+def _answer(spec: Spec, off: Mapping[str, float], plans: list[Plan]) -> dict[str, Any]:
     lab, sizes = plans[0].lab, plans[0].sizes
     late = lab.logger.behind(lab.robot.real.imu_grade.rate)
     effects = [
@@ -285,16 +285,16 @@ def _answer(wish: Wish, off: Mapping[str, float], plans: list[Plan]) -> dict[str
     return {
         "schema": "granite-lab/sealed/1",
         "version": __version__,
-        "asked": wish.effect,
-        "soil_law": wish.soil_law,
-        "seed": wish.seed,
-        "strength": wish.strength,
-        "noise": wish.noise,
+        "asked": spec.effect,
+        "soil_law": spec.soil_law,
+        "seed": spec.seed,
+        "strength": spec.strength,
+        "noise": spec.noise,
         "sand_off": off,
         "lab": asdict(lab),
         "lab_a_theta": lab.a_theta,
-        "command": wish.command,
-        "logged": wish.logged,
+        "command": spec.command,
+        "logged": spec.logged,
         "controller": {"id": plans[0].setup.controller or "paper", **plans[0].setup.gains},
         "effects": effects,
         "trials": {

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from granite_lab.hidden.catalogue import influence
-from granite_lab.hidden.chance import lot
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.model import Truth
+from granite_lab.hidden.random_numbers import generator
 from granite_lab.hidden.simulator import DT, drive
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import Robot, Variant
@@ -102,7 +102,7 @@ def _signals(trial: Trial, robot: Robot) -> Iterator[tuple[Array, Array, float]]
 
 def withheld_variant(seed: int, variants: Sequence[Variant]) -> Variant:
     """Return a command that no trial has, with acceleration and distance of the nearest variant."""
-    rng = lot(seed, 6)
+    rng = generator(seed, 6)
     while True:
         v = round(float(rng.uniform(*WITHHELD)), 3)
         if all(abs(v - variant.velocity) >= APART for variant in variants):

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from granite_lab.hidden.chance import T, scaled
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.parts import CompleteRobot, Misreading
+from granite_lab.hidden.random_numbers import T, scaled
 from granite_lab.hidden.simulator import DT, Body
 from granite_lab.logs.trial import CurrentStream, ImuStream, WheelStream
 from granite_lab.parameters import GRAVITY

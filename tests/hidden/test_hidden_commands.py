@@ -9,14 +9,14 @@ import pytest
 from granite_lab.api.hidden import hide
 from granite_lab.errors import UsageError
 from granite_lab.hidden.catalogue import model_of
-from granite_lab.hidden.chance import lot
 from granite_lab.hidden.command import SLOWEST, Command, draw_stick, trapezoid
 from granite_lab.hidden.controller import CONTROLLERS
 from granite_lab.hidden.making import make_set
 from granite_lab.hidden.model import OMEGA, Setup
 from granite_lab.hidden.parts import exponential_k92
+from granite_lab.hidden.random_numbers import generator
 from granite_lab.hidden.simulator import DT
-from granite_lab.hidden.wish import Wish
+from granite_lab.hidden.spec import Spec
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import Variant, load_robot, load_soil
 from tests.truth.simulator import Result, integrate
@@ -28,7 +28,7 @@ ROBOT = load_robot()
 
 @lru_cache
 def drawn() -> tuple[Command, ...]:
-    return tuple(draw_stick(lot(1, k), 1, 0.5) for k in range(200))
+    return tuple(draw_stick(generator(1, k), 1, 0.5) for k in range(200))
 
 
 def test_the_way_of_a_stick_is_the_integral_of_its_velocity() -> None:
@@ -58,7 +58,7 @@ def test_sticks_begin_and_end_at_rest_change_their_speed_and_pause_now_and_then(
 @lru_cache
 def run_under(name: str, seed: int = 4) -> tuple[Result, dict[str, float]]:
     """Return a run of 0.4 m/s under a controller, "" for the paper's, and its gains."""
-    gains = CONTROLLERS[name].drawn(lot(seed), ROBOT) if name else {}
+    gains = CONTROLLERS[name].drawn(generator(seed), ROBOT) if name else {}
     setup = Setup(ROBOT, load_soil(), exponential_k92(4.919), controller=name, gains=gains)
     truth = model_of((), setup, trapezoid(0.4, 1.2, 1.4), {})
     t = np.asarray(np.arange(-0.2, truth.command.end + 0.5, 0.0025))
@@ -88,7 +88,7 @@ def test_another_controller_turns_the_wheels_in_another_way_and_comes_to_rest(na
 
 @pytest.mark.parametrize("name", ["limited", "cascade"])
 def test_a_current_keeps_to_its_limit(name: str) -> None:
-    gains = CONTROLLERS[name].drawn(lot(4), ROBOT) | {"current": 2.5}
+    gains = CONTROLLERS[name].drawn(generator(4), ROBOT) | {"current": 2.5}
     setup = Setup(ROBOT, load_soil(), exponential_k92(4.919), controller=name, gains=gains)
     truth = model_of((), setup, trapezoid(0.4, 2.4, 0.6), {})
     r = integrate(truth, np.asarray(np.arange(-0.1, truth.command.end, 0.0025)), rtol=3e-5, atol=1e-6)
@@ -98,10 +98,10 @@ def test_a_current_keeps_to_its_limit(name: str) -> None:
 
 @lru_cache
 def trials(command: str, *, logged: bool) -> tuple[tuple[Trial, ...], dict[str, object]]:
-    wish = Wish(
+    spec = Spec(
         "none", 5, repetitions=2, variants=SHORT, command=command, logged=logged, controller="unknown"
     )
-    made, answer = make_set(wish, ROBOT, load_soil())
+    made, answer = make_set(spec, ROBOT, load_soil())
     return tuple(trial for trial, _ in made), answer
 
 
@@ -139,8 +139,8 @@ def test_the_logged_command_is_in_time_with_the_wheels() -> None:
 
 
 def test_true_slip_of_a_stick_is_that_of_its_whole_run() -> None:
-    wish = Wish("none", 5, repetitions=1, variants=SHORT, command="joystick")
-    ((_, motion),), _ = make_set(wish, ROBOT, load_soil())
+    spec = Spec("none", 5, repetitions=1, variants=SHORT, command="joystick")
+    ((_, motion),), _ = make_set(spec, ROBOT, load_soil())
     rolled = float((motion["v_wheel_f_mps"] + motion["v_wheel_r_mps"]).sum() / 2 * 5 * DT)
     assert motion.attrs["slip_ratio"] == pytest.approx(1 - motion["x_m"].iloc[-1] / rolled, abs=0.01)
 
@@ -163,7 +163,7 @@ def test_the_gains_fit_a_robot_of_other_measures() -> None:
     assert ROBOT.chassis is not None
     heavy = replace(ROBOT, chassis=replace(ROBOT.chassis, body_mass=4 * ROBOT.chassis.body_mass))
     for name in ("limited", "cascade"):
-        small, large = (CONTROLLERS[name].drawn(lot(9), robot) for robot in (ROBOT, heavy))
+        small, large = (CONTROLLERS[name].drawn(generator(9), robot) for robot in (ROBOT, heavy))
         assert large["current"] / small["current"] == pytest.approx(
             heavy.chassis.total_mass / ROBOT.chassis.total_mass  # type: ignore[union-attr]
         )

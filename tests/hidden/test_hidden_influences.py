@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from granite_lab.hidden.catalogue import LAWS, LIBRARY, OUTSIDE, influence, model_of
-from granite_lab.hidden.chance import lot
 from granite_lab.hidden.command import trapezoid
 from granite_lab.hidden.contact import NearRest, contact, oida
 from granite_lab.hidden.controller import CONTROLLERS
 from granite_lab.hidden.model import ANGLE, OMEGA, VX, Setup, Truth
 from granite_lab.hidden.parts import exponential_k92
+from granite_lab.hidden.random_numbers import generator
 from granite_lab.parameters import load_robot, load_soil
 from tests.soak import sampled
 from tests.truth.simulator import Result, integrate
@@ -116,7 +116,7 @@ def test_the_robot_rests_until_it_is_told_to_move(names: tuple[str, ...]) -> Non
     [*(((name,), "") for name in sorted(LIBRARY | OUTSIDE | LAWS)), *(((), c) for c in ("", *CONTROLLERS))],
 )
 def test_the_rates_of_many_states_at_once_are_those_of_each(names: tuple[str, ...], controller: str) -> None:
-    gains = CONTROLLERS[controller].drawn(lot(3), load_robot()) if controller else {}
+    gains = CONTROLLERS[controller].drawn(generator(3), load_robot()) if controller else {}
     setup = Setup(
         load_robot(), load_soil(), exponential_k92(A_THETA), NearRest("parabola", 0.02, 0.002), (1.01, 0.997),
         controller=controller, gains=gains,

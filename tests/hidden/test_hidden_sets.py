@@ -20,7 +20,7 @@ from granite_lab.hidden.parts import exponential_k92
 from granite_lab.hidden.sealed import open_answer
 from granite_lab.hidden.sensors import Logger, felt_at, read_imu, with_noise
 from granite_lab.hidden.simulator import body_from_states
-from granite_lab.hidden.wish import SAND_OFF, Wish, chosen, drawn, sand
+from granite_lab.hidden.spec import SAND_OFF, Spec, chosen, drawn, sand
 from granite_lab.logs import read_trial
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import Variant, load_robot, load_soil
@@ -32,8 +32,8 @@ SHORT = (Variant(velocity=0.3, acceleration=1.2, distance=0.4),)
 
 @lru_cache
 def one(effect: str, seed: int = 11, **given: Any) -> tuple[Trial, dict[str, Any]]:
-    wish = Wish(effect, seed, sizes=dict(given.pop("sizes", ())), repetitions=1, variants=SHORT, **given)
-    ((trial, _),), answer = make_set(wish, load_robot(), load_soil())
+    spec = Spec(effect, seed, sizes=dict(given.pop("sizes", ())), repetitions=1, variants=SHORT, **given)
+    ((trial, _),), answer = make_set(spec, load_robot(), load_soil())
     return trial, answer
 
 
@@ -42,67 +42,67 @@ def stamps(trial: Trial) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_lots_fall_where_they_may_but_always_the_same_way() -> None:
-    assert chosen(Wish("none", 1)) == ()
-    singles = {chosen(Wish("random", seed)) for seed in range(300)}
+    assert chosen(Spec("none", 1)) == ()
+    singles = {chosen(Spec("random", seed)) for seed in range(300)}
     assert singles == {(name,) for name in LIBRARY}
-    assert {chosen(Wish("outside", seed)) for seed in range(150)} == {(name,) for name in OUTSIDE}
-    pairs = [chosen(Wish("pair", seed)) for seed in range(60)]
+    assert {chosen(Spec("outside", seed)) for seed in range(150)} == {(name,) for name in OUTSIDE}
+    pairs = [chosen(Spec("pair", seed)) for seed in range(60)]
     assert all(len(pair) == 2 and frozenset(pair) not in TWINS for pair in pairs)
-    assert pairs == [chosen(Wish("pair", seed)) for seed in range(60)]
-    assert chosen(Wish("tyre_windup + drive_reaction", 1)) == ("drive_reaction", "tyre_windup")
+    assert pairs == [chosen(Spec("pair", seed)) for seed in range(60)]
+    assert chosen(Spec("tyre_windup + drive_reaction", 1)) == ("drive_reaction", "tyre_windup")
 
 
 def test_a_strength_scales_how_much_and_not_how() -> None:
     base, double = (
-        drawn(Wish("tyre_windup", 4, strength=x), ("tyre_windup",))["tyre_windup"] for x in (1, 2)
+        drawn(Spec("tyre_windup", 4, strength=x), ("tyre_windup",))["tyre_windup"] for x in (1, 2)
     )
     assert double["compliance"] == pytest.approx(2 * base["compliance"])
     assert double["retardation"] == base["retardation"]
-    signs = {np.sign(drawn(Wish("imu_tilt", seed), ("imu_tilt",))["imu_tilt"]["tilt"]) for seed in range(20)}
+    signs = {np.sign(drawn(Spec("imu_tilt", seed), ("imu_tilt",))["imu_tilt"]["tilt"]) for seed in range(20)}
     assert signs == {-1.0, 1.0}
 
 
 @pytest.mark.parametrize(
-    ("wish", "said"),
+    ("spec", "said"),
     [
-        (Wish("tyre_windap", 0), "unknown hidden effect 'tyre_windap'"),
-        (Wish("imu_tilt+imu_tilt", 0), "named twice"),
-        (Wish("imu_tilt", 0, sizes={"tlit": 1.0}), "no hidden effect has such a parameter"),
-        (Wish("none", 0, sizes={"tilt": 1.0}), "no hidden effect has such a parameter"),
-        (Wish("imu_tilt", 0, sizes={"tilt": 100.0}), "out of range"),
+        (Spec("tyre_windap", 0), "unknown hidden effect 'tyre_windap'"),
+        (Spec("imu_tilt+imu_tilt", 0), "named twice"),
+        (Spec("imu_tilt", 0, sizes={"tlit": 1.0}), "no hidden effect has such a parameter"),
+        (Spec("none", 0, sizes={"tilt": 1.0}), "no hidden effect has such a parameter"),
+        (Spec("imu_tilt", 0, sizes={"tilt": 100.0}), "out of range"),
     ],
 )
-def test_what_cannot_be_hidden_is_said(wish: Wish, said: str) -> None:
+def test_what_cannot_be_hidden_is_said(spec: Spec, said: str) -> None:
     with pytest.raises(UsageError, match=said):
-        drawn(wish, chosen(wish))
+        drawn(spec, chosen(spec))
 
 
 def test_sand_off_its_file_is_off_by_five_to_twenty_percent_either_way() -> None:
     soil = load_soil()
-    assert sand(Wish("none", 0), soil) == (soil, {})
+    assert sand(Spec("none", 0), soil) == (soil, {})
     factors = np.array(
-        [[sand(Wish("none", s, sand_off=True), soil)[1][k] for k in SAND_OFF] for s in range(50)]
+        [[sand(Spec("none", s, sand_off=True), soil)[1][k] for k in SAND_OFF] for s in range(50)]
     )
     off = np.abs(factors - 1)
     assert off.min() >= 0.05
     assert off.max() <= 0.20
     assert ((factors > 1).mean(axis=0) > 0.2).all()
     assert ((factors < 1).mean(axis=0) > 0.2).all()
-    there, known = sand(Wish("none", 3, sand_off=True), soil)
+    there, known = sand(Spec("none", 3, sand_off=True), soil)
     assert there.friction_angle == pytest.approx(soil.friction_angle * known["friction_angle"])
 
 
 def test_a_robot_that_digs_itself_in_or_has_no_drive_is_not_logged() -> None:
-    wish = Wish("bulldozing", 1, sizes={"strength": 8.0}, repetitions=1, variants=SHORT)
+    spec = Spec("bulldozing", 1, sizes={"strength": 8.0}, repetitions=1, variants=SHORT)
     with pytest.raises(EstimateError, match="sinks to its axles"):
-        make_set(wish, load_robot(), load_soil())
+        make_set(spec, load_robot(), load_soil())
     with pytest.raises(UsageError, match="cannot be simulated"):
-        make_set(Wish("none", 0), load_robot("husky"), load_soil())
+        make_set(Spec("none", 0), load_robot("husky"), load_soil())
 
 
 def test_each_trial_has_sand_and_phases_of_its_own_and_the_set_has_one_size() -> None:
-    wish = Wish("wheel_eccentricity", 2, repetitions=2, variants=SHORT)
-    _, answer = make_set(wish, load_robot(), load_soil())
+    spec = Spec("wheel_eccentricity", 2, repetitions=2, variants=SHORT)
+    _, answer = make_set(spec, load_robot(), load_soil())
     first, second = answer["trials"].values()
     assert first["raking"] != second["raking"]
     size = answer["effects"][0]["parameters"]["amplitude_front"]["value"]
@@ -385,14 +385,14 @@ def test_the_offset_of_the_clocks_is_told_as_the_stamps_show_it() -> None:
 
 def test_a_mixture_holds_as_many_causes_as_asked_no_twins_and_a_contact_law() -> None:
     for causes in (2, 5):
-        drawings = [chosen(Wish("mixture", seed, causes=causes, soil_law="random")) for seed in range(60)]
+        drawings = [chosen(Spec("mixture", seed, causes=causes, soil_law="random")) for seed in range(60)]
         assert all(len(set(names) - LAWS.keys()) == causes and set(names) & LAWS.keys() for names in drawings)
         assert not [pair for names in drawings for pair in TWINS if pair <= set(names)]
         foreign = sum(bool(set(names) & OUTSIDE.keys()) for names in drawings)
         assert 5 <= foreign <= 28  # a quarter of 60, three std about it
-    assert chosen(Wish("none", 1, soil_law="bearing_limit")) == ("bearing_limit",)
+    assert chosen(Spec("none", 1, soil_law="bearing_limit")) == ("bearing_limit",)
     with pytest.raises(UsageError, match="unknown contact law 'rock'"):
-        chosen(Wish("none", 1, soil_law="rock"))
+        chosen(Spec("none", 1, soil_law="rock"))
 
 
 def test_each_cause_of_a_mixture_reopens_a_tenth_of_the_gap_and_a_speed_is_withheld() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 T = TypeVar("T")
 
 
-def lot(*key: int) -> np.random.Generator:
+def generator(*key: int) -> np.random.Generator:
     """Return the random numbers of one purpose, independent of those of other keys."""
     return np.random.default_rng(key)
 

@@ -1,4 +1,4 @@
-"""What is to be hidden: the effect by name or by lot, its sizes, and the sand."""
+"""What is to be hidden: the effect, by name or drawn, its sizes, and the sand."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from granite_lab.errors import UsageError
 from granite_lab.hidden.catalogue import LAWS, LIBRARY, OUTSIDE, TWINS, influence
-from granite_lab.hidden.chance import factors, lot, magnitude, scaled
 from granite_lab.hidden.influence import Size
+from granite_lab.hidden.random_numbers import factors, generator, magnitude, scaled
 from granite_lab.parameters import Soil, Variant
 
 COMMANDS = ("trapezoid", "joystick", "recorded")
@@ -31,8 +31,8 @@ SAND_OFF = ("friction_angle", "shear_modulus", "exponent", "tyre_friction")
 
 
 @dataclass(frozen=True)
-class Wish:
-    """What to hide.
+class Spec:
+    """Specification of a hidden set: what is hidden, and how its trials are made.
 
     Attributes:
         effect: an id, or ids joined by ``+``; or random: one of the library; outside: one that it lacks;
@@ -69,17 +69,17 @@ class Wish:
     controller: str = "paper"
 
 
-def chosen(wish: Wish, attempt: int = 0) -> tuple[str, ...]:
+def chosen(spec: Spec, attempt: int = 0) -> tuple[str, ...]:
     """Return the ids that are hidden, sorted; `attempt` counts the draws of a mixture that were of no use.
 
     Raises:
         UsageError: an id is not known, or given twice.
     """
-    rng = lot(wish.seed, 1, attempt)
-    names = _effects(wish, rng)
-    if not wish.soil_law:
+    rng = generator(spec.seed, 1, attempt)
+    names = _effects(spec, rng)
+    if not spec.soil_law:
         return names
-    law = str(rng.choice(sorted(LAWS))) if wish.soil_law == "random" else wish.soil_law
+    law = str(rng.choice(sorted(LAWS))) if spec.soil_law == "random" else spec.soil_law
     if law not in LAWS:
         raise UsageError(f"unknown contact law '{law}'", f"known: {', '.join(LAWS)}, random")
     if law in names:
@@ -87,24 +87,24 @@ def chosen(wish: Wish, attempt: int = 0) -> tuple[str, ...]:
     return tuple(sorted([*names, law]))
 
 
-def _effects(wish: Wish, rng: np.random.Generator) -> tuple[str, ...]:
+def _effects(spec: Spec, rng: np.random.Generator) -> tuple[str, ...]:
     """Return the ids that are hidden beside a contact law."""
-    if wish.effect == "none":
+    if spec.effect == "none":
         return ()
-    if wish.effect == "random":
+    if spec.effect == "random":
         return (str(rng.choice(sorted(LIBRARY))),)
-    if wish.effect == "outside":
+    if spec.effect == "outside":
         return (str(rng.choice(sorted(OUTSIDE))),)
-    if wish.effect == "pair":
+    if spec.effect == "pair":
         while True:
             two = sorted(str(name) for name in rng.choice(sorted(LIBRARY), 2, replace=False))
             if frozenset(two) not in TWINS:
                 return tuple(two)
-    if wish.effect == "mixture":
-        return _mixture(wish.causes, rng)
-    names = [name.strip() for name in wish.effect.split("+")]
+    if spec.effect == "mixture":
+        return _mixture(spec.causes, rng)
+    names = [name.strip() for name in spec.effect.split("+")]
     if len(set(names)) < len(names):
-        raise UsageError(f"--effect {wish.effect}: an effect is named twice", "name each effect once")
+        raise UsageError(f"--effect {spec.effect}: an effect is named twice", "name each effect once")
     return tuple(sorted(influence(name).id for name in names))
 
 
@@ -118,17 +118,17 @@ def _mixture(causes: int, rng: np.random.Generator) -> tuple[str, ...]:
             return tuple(sorted(names))
 
 
-def drawn(wish: Wish, names: Sequence[str], attempt: int = 0) -> dict[str, dict[str, float]]:
+def drawn(spec: Spec, names: Sequence[str], attempt: int = 0) -> dict[str, dict[str, float]]:
     """Return the sizes of each hidden effect by id.
 
     Raises:
         UsageError: a given size belongs to none of them, or lies outside its bounds.
     """
-    rng, given, sizes_of = lot(wish.seed, 2, attempt), dict(wish.sizes), {}
+    rng, given, sizes_of = generator(spec.seed, 2, attempt), dict(spec.sizes), {}
     for name in names:
         sizes = {}
         for size in influence(name).declared:
-            value = _draw(size, rng, wish.strength)
+            value = _draw(size, rng, spec.strength)
             for key in (size.name, f"{name}.{size.name}"):
                 if key in given:
                     value = _within(size, key, given.pop(key))
@@ -159,14 +159,14 @@ def _within(size: Size, key: str, value: float) -> float:
     return value
 
 
-def sand(wish: Wish, soil: Soil, attempt: int = 0) -> tuple[Soil, dict[str, float]]:
+def sand(spec: Spec, soil: Soil, attempt: int = 0) -> tuple[Soil, dict[str, float]]:
     """Return the sand of the set, and by which factors it is off its file.
 
     `attempt` counts the draws that left the robot stuck.
     """
-    if not wish.sand_off:
+    if not spec.sand_off:
         return soil, {}
-    rng = lot(wish.seed, 3, attempt)
+    rng = generator(spec.seed, 3, attempt)
     off = {name: float(1 + rng.choice((-1.0, 1.0)) * rng.uniform(0.05, 0.20)) for name in SAND_OFF}
     return scaled(soil, off), off
 
