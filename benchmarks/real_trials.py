@@ -250,7 +250,7 @@ def _k92(log: Path, prepared: Prepared, known: dict[str, Any]) -> tuple[str, flo
         (fit,) = gl.fit_k92(log, jobs=1, cache=False, **prepared.about, **known)
     except LabError as error:
         return _short(error, log), math.nan
-    if fit.tells:
+    if fit.k92_known:
         low, high = interval_of(fit)
         return f"{fit.k92.value:.2f}, 95 % {low:.2f} to {high:.2f}", high - low
     if not fit.slip_known:

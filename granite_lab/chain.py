@@ -32,7 +32,7 @@ from granite_lab.results import StudyResult, command_of
 from granite_lab.running import Execution, each_trial, split_failures
 from granite_lab.running.cache import code, digest_of, fingerprint
 from granite_lab.running.codec import content, decode, encode
-from granite_lab.running.each import HERE
+from granite_lab.running.each import LOCAL
 
 
 def read(path: Path, options: Options) -> tuple[Trial, Robot]:
@@ -158,7 +158,7 @@ def over_trials(
     paths: Sequence[Path],
     options: Options,
     *,
-    execution: Execution = HERE,
+    execution: Execution = LOCAL,
     discover: bool = False,
     strict: bool = False,
     done: Callable[[Path], None] = lambda _: None,
@@ -205,7 +205,7 @@ def find_effect(
     *,
     motions: Sequence[Motion],
     law: AThetaFit | None = None,
-    execution: Execution = HERE,
+    execution: Execution = LOCAL,
     progress: Progress = lambda *_: None,
 ) -> Finding:
     """Find the effect that the model lacks, or return the stored finding of the same trials.

@@ -62,8 +62,8 @@ def with_unit(text: str, unit: str) -> str:
     return text if text == NONE or unit in ("", "-") else f"{text}{_SPACE}{tidy_unit(unit)}"
 
 
-def kept(text: str) -> str:
-    """Return a text in which no line ends between a number and its unit."""
+def unbroken(text: str) -> str:
+    """Return a text with no-break spaces between numbers and their units."""
     return _UNIT.sub(_SPACE, text)
 
 
@@ -99,7 +99,7 @@ def plus_minus(estimate: Estimate, unit: str = "", scale: float = 1.0) -> str:
     if (exponent >= 6 and decimals < 0) or (exponent < 0 and decimals > 6):
         both = f"{_shifted(value, exponent, decimals)} ± {_shifted(std, exponent, decimals)}"
         return with_unit(f"({both}){_power(exponent)}", unit)
-    return with_unit(decided(value, std).with_std, unit)
+    return with_unit(rounded(value, std).with_std, unit)
 
 
 def _shifted(value: float, exponent: int, decimals: int) -> str:
@@ -112,7 +112,7 @@ def interval(low: float, high: float, unit: str = "", scale: float = 1.0) -> str
     low, high = low * scale, high * scale
     if math.isfinite(low) and high <= low:
         return with_unit(significant(low), unit)
-    return with_unit(decided(low, (high - low) / 4, low, high).interval, unit)
+    return with_unit(rounded(low, (high - low) / 4, low, high).interval, unit)
 
 
 def times(gap: float) -> str:
@@ -208,7 +208,7 @@ class Number:
         return {"value": self.value, "std": self.std, "ci95": [self.low, self.high], "unit": self.unit}
 
 
-def decided(
+def rounded(
     value: float,
     std: float = math.nan,
     low: float = math.nan,
@@ -217,7 +217,7 @@ def decided(
     unit: str = "",
     scale: float = 1.0,
 ) -> Number:
-    """Round a value, its std and its interval to the place that the std carries, once and for all.
+    """Return a value, its std and its interval, rounded to the decimal place that the std carries.
 
     Args:
         value, std, low, high: in the unit of the record.
@@ -231,5 +231,5 @@ def decided(
         decimals = 2 - _scientific(scaled[0], _DIGITS)[0]
     else:
         decimals = 0
-    rounded = [round(x, decimals) + 0.0 if math.isfinite(x) else math.nan for x in scaled]
-    return Number(rounded[0], round(scaled_std, decimals), rounded[1], rounded[2], unit, decimals)
+    numbers = [round(x, decimals) + 0.0 if math.isfinite(x) else math.nan for x in scaled]
+    return Number(numbers[0], round(scaled_std, decimals), numbers[1], numbers[2], unit, decimals)

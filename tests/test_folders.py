@@ -15,7 +15,7 @@ from granite_lab.hidden.lab import lab_of
 from granite_lab.parameters import load_robot, load_soil
 from granite_lab.reporting import write_comparison, write_report
 from granite_lab.results import StudyResult
-from granite_lab.running.output import claimed
+from granite_lab.running.output import locked
 from tests.corpus.cli import SAMPLES, lab, refused
 from tests.reporting.made_up import made_up_study, rename
 
@@ -113,7 +113,7 @@ def test_what_a_killed_run_left_is_known_by_its_mark_not_by_its_name(tmp_path: P
 
 def test_an_empty_folder_of_the_user_is_not_removed(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
-    with claimed(tmp_path / "mine"):
+    with locked(tmp_path / "mine"):
         pass
     assert (tmp_path / "mine").is_dir()
 

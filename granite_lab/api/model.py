@@ -38,7 +38,7 @@ from granite_lab.parameters import (
     variant_of,
 )
 from granite_lab.parameters.analyses import Allowed, allowed_by
-from granite_lab.parameters.catalogue import Provenance, forget, in_force
+from granite_lab.parameters.catalogue import Provenance, clear_cache, in_force
 from granite_lab.parameters.changes import OPTION, changed, checked
 from granite_lab.parameters.new_robot import text_of
 from granite_lab.parameters.quantity import build
@@ -80,7 +80,7 @@ def _model(
         raise UsageError("--k92 and --a-theta exclude each other", "give one of the two")
     refuse_outside("k92", k92, 0, 1)
     refuse_outside("a-theta", a_theta, 0, 100)
-    forget()
+    clear_cache()
     base = load_model(Path(model), path(effects)) if model else None
     of_file = library(None if model else effects)
     switched = tuple(activate(get(name, of_file), values) for name, values in (active or {}).items())
@@ -293,7 +293,7 @@ def params(robot: File = None, soil: File = None) -> Records[Provenance]:
         UsageError: unknown robot or soil.
         InputError: a file is wrong.
     """
-    forget()
+    clear_cache()
     return Records(in_force(str(robot or "granite"), str(soil or "dry_sand")))
 
 
@@ -361,7 +361,7 @@ def robot(new: str | Path, *, changes: Changes = None, like: File = None) -> Rob
         raise UsageError(f"{OPTION} {foreign[0]}: is no number of a robot", "a soil has a file of its own")
     text = text_of(path.stem, given, load_robot(like) if like else None)
     write_text(path, text)
-    forget()
+    clear_cache()
     return RobotFile(path, allowed_by(in_force(str(path), "dry_sand")))
 
 

@@ -18,7 +18,7 @@ from granite_lab.files import refuse_special, sha256
 from granite_lab.logs.trial import Stated, TrialInfo, is_log, name_of, over, trial_files
 from granite_lab.options import Options
 from granite_lab.origin import EXCLUDED, Failure
-from granite_lab.parameters.catalogue import find, forget, load_robot, load_soil
+from granite_lab.parameters.catalogue import clear_cache, find, load_robot, load_soil
 from granite_lab.parameters.quantity import build, quantity, read_toml
 
 FILE = "granite-lab.toml"
@@ -176,7 +176,7 @@ def choose(logs: Logs, options: Options, *, everything: bool = False) -> Chosen:
             not known.
         InputError: no log is there, or a file of robot, soil, map, model or effects is wrong.
     """
-    forget()
+    clear_cache()
     files = trial_files(logs)
     project_of = _projects_of(files)
     projects = dict(project_of.values())

@@ -42,7 +42,7 @@ from granite_lab.results import RECORDINGS, StudyResult, of_search
 from granite_lab.running import Execution, each_trial, split_failures
 from granite_lab.running.cache import code, digest_of, fingerprint
 from granite_lab.running.codec import content, encode
-from granite_lab.running.output import Guard, claimed
+from granite_lab.running.output import Guard, locked
 
 if TYPE_CHECKING:
     from granite_lab.planning.plan import Plan
@@ -237,7 +237,7 @@ def study(
     options = options_of(locals())
     execution, folder = execution_of(jobs, scheduler, cache=cache), path(out)
     chosen = choose(logs, options)
-    with claimed(folder, PAGES) if folder else nullcontext():
+    with locked(folder, PAGES) if folder else nullcontext():
         result = over_trials(
             chosen.files, chosen.options, execution=execution,
             discover=discover, strict=strict, done=done, progress=progress,
@@ -369,7 +369,7 @@ def discover(
     finding = replace(finding, notes=notes, origin=origin)
     if folder is not None:
         progress("writing the report", 0, 0)
-        with claimed(folder, PAGES):
+        with locked(folder, PAGES):
             searched = list(zip(trials, motions, strict=True))
             result = write(of_search(finding, folder), options, folder, searched, jobs=execution.jobs)
         finding = result.finding or finding

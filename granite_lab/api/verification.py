@@ -20,7 +20,7 @@ from granite_lab.origin import Failure
 from granite_lab.processes import Progress
 from granite_lab.results import load_report
 from granite_lab.running.cache import code, fingerprint
-from granite_lab.running.output import tell
+from granite_lab.running.output import raise_failed
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def verify(
     result = replace(result, name=old["name"], failures=(*result.failures, *excluded))
     with tempfile.TemporaryDirectory(prefix="granite-lab-verify-") as temporary:
         folder = Path(temporary) / "report"
-        tell(write(result, options, folder).written.failures)
+        raise_failed(write(result, options, folder).written.failures)
         was, now = _values(old, path.parent), _values(load_report(folder / "report.json"), folder)
     for place in sorted(was.keys() | now.keys()):
         if place not in now:

@@ -84,7 +84,7 @@ Scheduler = Annotated[str | None, Option(help="Address of a Dask scheduler that 
 UseCache = Annotated[bool, Option(help="Store results and reuse those with the same inputs.")]
 Tolerance = Annotated[float, Option(help="Accepted discrepancy, as a share of a channel's rms in motion.")]
 Latency = Annotated[float, Option(help="Largest delay between two sensors that counts as latency [ms].")]
-Table = Annotated[Path | None, Option("--out", help="Also write the table to this file (CSV).")]
+TableFile = Annotated[Path | None, Option("--out", help="Also write the table to this file (CSV).")]
 Format = Annotated[str | None, Option(
     "--format", help="Format of the tables: csv or parquet.", show_default="csv")]  # fmt: skip
 Quiet = Annotated[bool, Option("--quiet", "-q", help="No progress display.")]

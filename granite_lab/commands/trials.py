@@ -31,7 +31,7 @@ from granite_lab.commands.options import (
     Scheduler,
     Soil,
     Strict,
-    Table,
+    TableFile,
     Tape,
     To,
     Tolerance,
@@ -46,7 +46,7 @@ from granite_lab.commands.printer import Printer, progress, provenance, warn, wa
 from granite_lab.errors import LabError
 from granite_lab.files import write_table, write_text
 from granite_lab.rounding import tidy_unit
-from granite_lab.running.output import tell
+from granite_lab.running.output import raise_failed
 from granite_lab.shown import picked
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def fit_k92(
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
-    out: Table = None,
+    out: TableFile = None,
     verbose: Annotated[bool, Option("--verbose", help="Print the notes of the fits.")] = False,
     quiet: Quiet = False, as_json: Json = False,
 ) -> None:  # fmt: skip
@@ -103,7 +103,7 @@ def fit_atheta(
     effects: EffectFile = None, strict: Strict = False, jobs: Jobs = 0, scheduler: Scheduler = None,
     cache: UseCache = True,
     model: ModelFile = None,
-    out: Table = None,
+    out: TableFile = None,
     quiet: Quiet = False, as_json: Json = False,
 ) -> None:  # fmt: skip
     """Estimate a_θ of k_92 = exp(-a_θ v) over trials, beside the paper's 4.919 and rival laws.
@@ -220,7 +220,7 @@ def study(
     if written.page is not None:
         kept = " (unchanged: logs, options and code are those it was written from)"
         printer.line(f"report: {written.page}{kept if written.unchanged else ''}")
-    tell(list(dict.fromkeys((*(finding.failures if finding is not None else ()), *written.failures))))
+    raise_failed(list(dict.fromkeys((*(finding.failures if finding is not None else ()), *written.failures))))
 
 
 def _show_verification(printer: Printer, verified: Verification) -> None:
@@ -244,7 +244,7 @@ def _show_verification(printer: Printer, verified: Verification) -> None:
 def compare_studies(
     first: Annotated[Path, Argument(metavar="A", help="Folder written by study.")],
     second: Annotated[Path, Argument(metavar="B", help="Folder of the other study.")],
-    out: Table = None,
+    out: TableFile = None,
     as_json: Json = False,
 ) -> None:  # fmt: skip
     """Compare two studies by the numbers of their reports.
@@ -301,7 +301,7 @@ def discover(
     for subject, path in (("report", written.page), ("model with what was found", written.model)):
         if path is not None:
             printer.line(f"{subject}: {path}")
-    tell(finding.failures)
+    raise_failed(finding.failures)
 
 
 def plan_next(
@@ -316,7 +316,7 @@ def plan_next(
         help="Fastest command [m/s]; by default 1.25 times the fastest so far (0.02 or more).")] = None,
     effects: EffectFile = None,
     jobs: Jobs = 0,
-    out: Table = None,
+    out: TableFile = None,
     quiet: Quiet = False, as_json: Json = False,
 ) -> None:  # fmt: skip
     """Propose the most useful next trial.
@@ -332,9 +332,9 @@ def plan_next(
         write_table(out, table.assign(data="virtual") if plan.design.virtual else table)
     kind = plan.question.kind
     proposals = [
-        picked(p.option, "variant", "conditions", "repeats", "why", "how")
+        picked(p.trial, "variant", "conditions", "repeats", "why", "how")
         | picked(p, "after", "improves", "worth")
-        | {"log_lines": p.option.conditions.lines}
+        | {"log_lines": p.trial.conditions.lines}
         for p in plan.proposals
     ]
     measure = "relative standard deviation" if kind == "sharpen" else "expected log Bayes factor"

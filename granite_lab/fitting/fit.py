@@ -151,7 +151,7 @@ class K92Fit(Shown):
         return self.slip_measured.std <= TELLING
 
     @property
-    def tells(self) -> bool:
+    def k92_known(self) -> bool:
         """Whether `k92` may be used: its optimum lies inside the bounds and λ_R is known."""
         return self.status == "ok" and self.slip_known
 

@@ -72,8 +72,8 @@ def load_robot(name: str | Path = "granite", grade: str | None = None, changes: 
     return changed(robot, "robot", changes)
 
 
-def forget() -> None:
-    """Read robots and soils anew when they are asked for next: a user may have edited a file."""
+def clear_cache() -> None:
+    """Have robots and soils read again at their next use: a user may have edited a file."""
     load_robot.cache_clear()
     load_soil.cache_clear()
 

@@ -59,7 +59,7 @@ _files: ContextVar[dict[Path, str] | None] = ContextVar("files", default=None)
 def noting_files() -> Iterator[dict[Path, str]]:
     """Note the TOML files that the block reads, with the SHA-256 of what was read.
 
-    Records of the catalogue are remembered once read; `catalogue.forget` before the block makes
+    Records of the catalogue are remembered once read; `catalogue.clear_cache` before the block makes
     it read them.
     """
     files: dict[Path, str] = {}

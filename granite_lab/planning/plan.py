@@ -51,7 +51,7 @@ Outlook = dict[str, float]
 
 
 @dataclass(frozen=True)
-class Option:
+class CandidateTrial:
     """A trial that could be driven: what it adds, and how it is done.
 
     Attributes:
@@ -78,7 +78,7 @@ class Proposal:
         rank: the smaller, the better.
     """
 
-    option: Option
+    trial: CandidateTrial
     after: Outlook
     improves: str
     worth: bool
@@ -103,7 +103,7 @@ class Plan(Shown):
     design: Design
 
     def __repr__(self) -> str:
-        best = self.proposals[0].option if self.proposals else None
+        best = self.proposals[0].trial if self.proposals else None
         first = f"first {best.variant.velocity:g} m/s, {best.conditions.words or 'level'}" if best else "none"
         return (
             f"Plan({len(self.proposals)} proposals, {first}{'' if self.worth else '; none is worth driving'})"
@@ -119,7 +119,7 @@ class Plan(Shown):
         columns = ["v_mps", "a_mps2", "distance_m", "conditions", "repeats", "improves", "before", "after"]
         rows = []
         for p in self.proposals:
-            o, v = p.option, p.option.variant
+            o, v = p.trial, p.trial.variant
             change = (p.improves, self.now[p.improves], p.after[p.improves])
             row = (v.velocity, v.acceleration, v.distance, o.conditions.words, o.repeats, *change)
             rows.append(dict(zip(columns, row, strict=True)) | {"worth": p.worth, "why": o.why})
@@ -152,7 +152,7 @@ def plan_next(
     """
     asked = question(design, library)
     effects = {*asked.rivals, *dict(asked.named)}
-    chosen = options(design, effects, room=room, max_speed=max_speed)
+    chosen = candidate_trials(design, effects, room=room, max_speed=max_speed)
     variants = (*(d.variant for d in design.driven), *(o.variant for o in chosen))
     conditions = (*(d.conditions for d in design.driven), *(o.conditions for o in chosen))
     scenario = StagedScenario(
@@ -165,19 +165,19 @@ def plan_next(
         pairs = [(model, [m for m in models if m is not model]) for model in false]
         at_hand = [stage.at_hand(model, others) for model, others in pairs]
         now = _outlook(stage, models, at_hand)
-        looked: list[tuple[Option, Outlook]] = []
-        for k, option in enumerate(chosen):
+        looked: list[tuple[CandidateTrial, Outlook]] = []
+        for k, trial in enumerate(chosen):
             progress("looking at trials", k + 1, len(chosen))
-            number = design.driven.index(option.like) if option.repeats else len(design.driven) + k
+            number = design.driven.index(trial.like) if trial.repeats else len(design.driven) + k
             try:
                 more = [stage.further_trial(number, model, others) for model, others in pairs]
             except EstimateError:
                 continue
             after = [a + b for a, b in zip(at_hand, more, strict=True)]
-            looked.append((option, _outlook(stage, models, after)))
+            looked.append((trial, _outlook(stage, models, after)))
     if asked.kind == "sharpen":
         now = _worst(now, [o for _, o in looked])
-    proposals = [_judged(asked, option, now, {t: after[t] for t in now}) for option, after in looked]
+    proposals = [_judged(asked, trial, now, {t: after[t] for t in now}) for trial, after in looked]
     proposals.sort(key=lambda p: (not p.worth, p.rank))
     return Plan(asked, models, now, tuple(proposals), len(chosen) - len(looked), design)
 
@@ -189,7 +189,7 @@ def _worst(now: Outlook, after: Sequence[Outlook]) -> Outlook:
     return {worst: now[worst]}
 
 
-def _judged(asked: Question, option: Option, now: Outlook, after: Outlook) -> Proposal:
+def _judged(asked: Question, trial: CandidateTrial, now: Outlook, after: Outlook) -> Proposal:
     """Judge a trial; of several pairs those count that it decides.
 
     Twins must be distinguished by the new trial alone, because the trials at hand do not decide between them.
@@ -197,12 +197,12 @@ def _judged(asked: Question, option: Option, now: Outlook, after: Outlook) -> Pr
     """
     if asked.kind == "sharpen":
         ((name, std),) = after.items()
-        return Proposal(option, after, name, std <= FIFTH * now[name], (std, 0.0, not option.repeats))
+        return Proposal(trial, after, name, std <= FIFTH * now[name], (std, 0.0, not trial.repeats))
     shows = asked.kind == "show"
     gained = {t: after[t] - (0.0 if shows and now[t] < DECISIVE else now[t]) for t in now}
     best = max(gained, key=lambda t: gained[t])
-    rank = (-sum(min(g, DECISIVE) for g in gained.values()), -gained[best], not option.repeats)
-    return Proposal(option, after, best, gained[best] >= DECISIVE, rank)
+    rank = (-sum(min(g, DECISIVE) for g in gained.values()), -gained[best], not trial.repeats)
+    return Proposal(trial, after, best, gained[best] >= DECISIVE, rank)
 
 
 def _outlook(stage: Stage, models: Sequence[Setting], informations: Sequence[Array]) -> Outlook:
@@ -235,9 +235,9 @@ def _stds(stage: Stage, named: Setting, information: Array) -> Outlook:
     return stds or {name: float(std[k]) for k, name in enumerate(SAND)}
 
 
-def options(
+def candidate_trials(
     design: Design, effects: Collection[str], *, room: float | None = None, max_speed: float | None = None
-) -> list[Option]:
+) -> list[CandidateTrial]:
     """List the trials that are worth simulating; room and speed as in `plan_next`.
 
     Args:
@@ -254,7 +254,7 @@ def options(
         free = 0.8 * drive.voltage_max / (drive.emf_constant * drive.gear_ratio) * design.robot.wheels.radius
     top = max_speed or max(speeds[-1], min(FASTER * speeds[-1], free))
     proposed = [
-        Option(d.variant, d.conditions, d, "averages noise and scatter of the sand", repeats=True)
+        CandidateTrial(d.variant, d.conditions, d, "averages noise and scatter of the sand", repeats=True)
         for d, v in zip(ranked, speeds, strict=True)
         if d.variant.distance <= room and v <= top
     ]
@@ -269,7 +269,7 @@ def options(
         new = Variant(velocity=v, acceleration=a, distance=way)
         if v * v / a <= way and duration(new) <= LONGEST and (new, PLAIN) not in listed:
             listed.add((new, PLAIN))
-            proposed.append(Option(new, PLAIN, like, why))
+            proposed.append(CandidateTrial(new, PLAIN, like, why))
 
     add(slow, SLOWER * speeds[0], starts[0], "lower speed than before: sinkage and slip at slow shear")
     if top > 1.02 * speeds[-1]:
@@ -286,7 +286,7 @@ def options(
     for like in dict.fromkeys(plain[:1] + plain[-1:]):
         for under, why, how in _conditions(design, effects):
             if (like.variant, under) not in listed:
-                proposed.append(Option(like.variant, under, like, why, how))
+                proposed.append(CandidateTrial(like.variant, under, like, why, how))
     return proposed
 
 

@@ -46,10 +46,10 @@ from granite_lab.results import StudyResult, pooled_misfits
 from granite_lab.rounding import (
     Number,
     chance,
-    decided,
     interval,
     percent,
     plural,
+    rounded,
     significant,
     times,
     with_unit,
@@ -215,7 +215,7 @@ def a_theta_of(fit: AThetaFit | None) -> tuple[Number | None, bool | None]:
     """Return a_θ as printed, and whether its interval holds the paper's; None where it cannot be tested."""
     if fit is None or not math.isfinite(fit.a_theta.value):
         return None, None
-    number = decided(fit.a_theta.value, fit.a_theta.std, *fit.ci95, unit="s/m")
+    number = rounded(fit.a_theta.value, fit.a_theta.std, *fit.ci95, unit="s/m")
     return number, number.holds(fit.published) if _speeds_of(fit) >= FEWEST_SPEEDS and fit.ci95[
         0
     ] > 0 else None
@@ -293,7 +293,7 @@ def _by_views(question: str, views: Sequence[View], depends: str) -> Answer:
     agrees = low <= paper <= high
     text = ""
     if (filed := next((v for v in views if v.by == "files"), None)) is not None:
-        number = decided(filed.a_theta.value, filed.a_theta.std, *filed.ci95)
+        number = rounded(filed.a_theta.value, filed.a_theta.std, *filed.ci95)
         text = f"With soil and robot as in their files: {number.with_std} s/m, {number.interval} s/m."
     verdict, tone = ("Yes, with what was found", "good") if agrees else ("No", "fair")
     return Answer("a_theta", question, verdict, f"{LAW} {text.strip()}{depends}", tone)
@@ -308,7 +308,7 @@ def _depends(views: Sequence[View]) -> str:
         ends = interval(*wide.ci95, "s/m")
         text += f" With the uncertainty of soil and wheel radius, mostly from {most}, the interval is {ends}."
     if (augmented := by.get("found")) is not None:
-        number = decided(augmented.a_theta.value, augmented.a_theta.std, *augmented.ci95)
+        number = rounded(augmented.a_theta.value, augmented.a_theta.std, *augmented.ci95)
         text += (
             " With the soil fitted to all sensors and what was found added to the model: "
             f"{number.with_std} s/m, {number.interval} s/m."

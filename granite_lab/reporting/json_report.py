@@ -129,7 +129,7 @@ def k92_as_json(fit: K92Fit) -> dict[str, Any]:
     """Return both fits of k_92 of a trial as plain objects."""
     k92 = Estimate(math.nan) if fit.status in BOUNDS else fit.k92
     return {
-        "k92": k92.as_json() | {"status": fit.status, "known": fit.tells},
+        "k92": k92.as_json() | {"status": fit.status, "known": fit.k92_known},
         "k92_trajectory": fit.k92_trajectory.as_json() | {"status": fit.status_trajectory},
         "slip_ratio_simulated": fit.slip_simulated,
         "notes": fit.notes,

@@ -18,7 +18,7 @@ from granite_lab.discovery.finding import EffectFinding, Finding, FittedParamete
 from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import EffectParameter
-from granite_lab.rounding import decided, plus_minus, tidy_unit, with_unit
+from granite_lab.rounding import plus_minus, rounded, tidy_unit, with_unit
 
 SENSORS = {
     "accel_x": "forward acceleration",
@@ -299,7 +299,7 @@ def law_formulas(finding: Finding) -> tuple[str, ...]:
     formulas = []
     for e in (e for e in finding.terms if e.empirical and e.parameters):
         value = e.parameters[0].estimate
-        number = decided(abs(value.value), value.std).text
+        number = rounded(abs(value.value), value.std).text
         formulas.append(re.sub(r"\ba\b", f"{'−' * (value.value < 0)}{number}", e.formula, count=1))
     return tuple(formulas)
 

@@ -149,8 +149,8 @@ def k92_over_slip(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figu
 
 
 def _usable(fit: K92Fit) -> Estimate:
-    """Return k_92 of a trial that tells it, else nothing to draw."""
-    return fit.k92 if fit.tells else Estimate(math.nan)
+    """Return k_92 of a trial where it is known, else NaN, which is not drawn."""
+    return fit.k92 if fit.k92_known else Estimate(math.nan)
 
 
 def _panel(draw: Callable[[Axes], None], x: str, y: str) -> Canvas:

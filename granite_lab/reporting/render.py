@@ -18,7 +18,7 @@ from granite_lab.reporting.answers import of_study
 from granite_lab.reporting.canvas import typeset
 from granite_lab.reporting.report import MODEL, Report
 from granite_lab.results import StudyResult
-from granite_lab.rounding import kept
+from granite_lab.rounding import unbroken
 from granite_lab.shown import as_html, jsonable
 
 _SYMBOL = re.compile(r"\b(k_92|k_c|k_φ|a_θ|λ_R|μ_s|b_0|b_1|J_t)\b")
@@ -38,7 +38,9 @@ def to_markdown(template: str, **content: object) -> str:
 
 def marked(text: object) -> Markup:
     """Escape a text, keep numbers on the line of their units, and set λ_R with its index low."""
-    return Markup(_SYMBOL.sub(lambda m: m[1].replace("_", "<sub>", 1) + "</sub>", kept(str(escape(text)))))
+    return Markup(
+        _SYMBOL.sub(lambda m: m[1].replace("_", "<sub>", 1) + "</sub>", unbroken(str(escape(text))))
+    )
 
 
 def plain_markdown(value: object) -> str:

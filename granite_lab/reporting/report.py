@@ -15,9 +15,8 @@ from granite_lab.discovery.finding import Finding
 from granite_lab.fitting.fit import views_of
 from granite_lab.origin import Source
 from granite_lab.parameters import load_paper
-from granite_lab.reporting import answers as decide
 from granite_lab.reporting import plot_motion, plot_results, plot_search, search_tables, tables
-from granite_lab.reporting.answers import Answers
+from granite_lab.reporting.answers import Answers, all_good, of_study
 from granite_lab.reporting.canvas import Figure
 from granite_lab.reporting.channels import CHANNEL_TABLE, MISFITS
 from granite_lab.reporting.names import (
@@ -180,13 +179,13 @@ def study_report(
     `model` and `folder` are named in commands; `recordings` is the folder of the recordings beside the page,
     empty where there is none.
     """
-    decided = decide.of_study(result, model, folder)
+    answers = of_study(result, model, folder)
     sections = []
     if result.trials:
-        slip = _slip_alone(decided) if decided.slip_unknown else _slip(result, decided)
-        sections = [Section("slip", "Slip" if decided.slip_unknown else "Slip and k_92", _shared(slip))]
-        if not decided.slip_unknown:
-            sections.append(Section("model", "Model and measurement", _shared(_model(result, decided))))
+        slip = _slip_alone(answers) if answers.slip_unknown else _slip(result, answers)
+        sections = [Section("slip", "Slip" if answers.slip_unknown else "Slip and k_92", _shared(slip))]
+        if not answers.slip_unknown:
+            sections.append(Section("model", "Model and measurement", _shared(_model(result, answers))))
     if result.finding is not None:
         sections.append(Section("missing", "What is missing", _shared(_missing(result.finding))))
     numbers, kind, pages = "finding.json", "search for a missing effect", {}
@@ -197,49 +196,49 @@ def study_report(
         if model and finding is not None and finding.simulates:
             effects = dict(result.source.options).get("effects", "")
             options = saved_model(model, folder or result.name, effects)
-        quality = _quality(result, decided, looks, options)
+        quality = _quality(result, answers, looks, options)
         sections.append(Section("trials", "Quality of the trials", _shared(quality)))
-    sections.append(_provenance(result.source, decided.steps[1:]))
+    sections.append(_provenance(result.source, answers.steps[1:]))
     addresses = pages | {
         "Markdown": "report.md", "JSON": numbers, "recordings": f"{recordings}/" if recordings else "",
         "tables": "tables/", "figures": "figures/",
     }  # fmt: skip
     files = tuple(Link(text, address) for text, address in addresses.items() if address)
-    return Report(result.name, f"Report of a {kind}, {today()}", decided, tuple(sections), numbers, files)
+    return Report(result.name, f"Report of a {kind}, {today()}", answers, tuple(sections), numbers, files)
 
 
-def _slip(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
+def _slip(result: StudyResult, answers: Answers) -> Iterator[Maybe]:
     fit, paper = result.a_theta, load_paper()
-    yield _gallery(plot_results.slip_figure(decided, paper), plot_results.k92_figure(decided, fit, paper))
+    yield _gallery(plot_results.slip_figure(answers, paper), plot_results.k92_figure(answers, fit, paper))
     if result.finding is None and fit is not None:
-        yield tables.A_THETA.fill(views_of(fit), virtual=bool(decided.virtual))
+        yield tables.A_THETA.fill(views_of(fit), virtual=bool(answers.virtual))
     yield _fold(
         "k_92 over slip, and laws compared",
-        _gallery(plot_results.k92_over_slip(decided, fit, paper)),
-        tables.law_table(fit, bool(decided.virtual)) if fit else None,
+        _gallery(plot_results.k92_over_slip(answers, fit, paper)),
+        tables.law_table(fit, bool(answers.virtual)) if fit else None,
         list(fit.notes) if fit else None,
     )
-    yield _fold("Uncertainty budgets", *tables.budget_tables(result, decided.speeds))
+    yield _fold("Uncertainty budgets", *tables.budget_tables(result, answers.speeds))
 
 
-def _slip_alone(decided: Answers) -> Iterator[Maybe]:
+def _slip_alone(answers: Answers) -> Iterator[Maybe]:
     """Show the motion of each speed, where no slip ratio is known well enough for k_92."""
     yield (
         "No slip ratio is known to 5 points. So k_92, the comparison with the model and the search for a "
         "missing effect are left out."
     )
-    yield _gallery(plot_results.slip_figure(decided, load_paper()))
+    yield _gallery(plot_results.slip_figure(answers, load_paper()))
 
 
-def _model(result: StudyResult, decided: Answers) -> Iterator[Maybe]:
-    virtual, misfits = bool(decided.virtual), pooled_misfits(result.trials)
-    drawn = [plot_motion.motion_figure(s) for s in decided.speeds]
+def _model(result: StudyResult, answers: Answers) -> Iterator[Maybe]:
+    virtual, misfits = bool(answers.virtual), pooled_misfits(result.trials)
+    drawn = [plot_motion.motion_figure(s) for s in answers.speeds]
     half = OPEN_SPEEDS // 2
     rest = drawn[half:-half] if len(drawn) > OPEN_SPEEDS else []
     shown: list[Figure | None] = [f for f in drawn if f not in rest]
     yield MODEL
     yield _gallery(*shown)
-    yield CHANNEL_TABLE.fill(decided.channels, virtual=virtual)
+    yield CHANNEL_TABLE.fill(answers.channels, virtual=virtual)
     yield _fold(
         "Differences by phase",
         _gallery(*rest), MISFITS.fill(misfits.values(), virtual=virtual),
@@ -304,11 +303,11 @@ def _looks(result: StudyResult, folder: str, recordings: str) -> Looks:
     return Looks(tuple(zip(trials, map(lines_link, trials), commands, strict=True)))
 
 
-def _quality(result: StudyResult, decided: Answers, looks: Looks, model: str) -> Iterator[Maybe]:
+def _quality(result: StudyResult, answers: Answers, looks: Looks, model: str) -> Iterator[Maybe]:
     """Show how far each trial can be trusted; `model`: options of a command, as `saved_model`."""
     n = len(result.trials)
     doubtful = [r for r in result.trials if not r.motion.health.good]
-    text = decide.all_good(n)
+    text = all_good(n)
     if doubtful:
         text = f"{n - len(doubtful)} of {n} motion estimates are good. Exceptions:"
     yield (
@@ -327,7 +326,7 @@ def _quality(result: StudyResult, decided: Answers, looks: Looks, model: str) ->
         yield Code(f"granite-lab fit-k92 TRIALS {model}") if model else None
     yield _fold("Results of each trial", tables.trial_table(result), printed=True)
     yield _fold("Look at each trial", looks)
-    typical = [s.typical for s in decided.speeds]
+    typical = [s.typical for s in answers.speeds]
     checked = [r for r in result.trials if r in typical or r in doubtful]
     checks = [plot_motion.health_figure(r.motion, k) for k, r in enumerate(checked, 1)]
     yield _fold(

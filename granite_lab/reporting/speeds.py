@@ -17,7 +17,7 @@ from granite_lab.fitting.fit import BOUNDS
 from granite_lab.parameters import Paper, Published, by_speed
 from granite_lab.reporting.names import listed
 from granite_lab.results import StudyResult
-from granite_lab.rounding import NONE, Number, decided, significant
+from granite_lab.rounding import NONE, Number, rounded, significant
 
 EVERYTHING = 100.0
 """An interval of λ_R wider than this [points] holds every slip that wheels may have, so no slip is known."""
@@ -116,7 +116,7 @@ def speeds_of(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
     for velocity, positions in by_speed(velocities_of(result)).items():
         trials = [result.trials[i] for i in positions]
         fits = [t.fit for t in trials]
-        inner = [f for f in fits if f.tells]
+        inner = [f for f in fits if f.k92_known]
         *slip, count = mean_over((t.motion.slip_ratio for t in trials), TELLING)
         k92 = mean_over(f.k92 for f in inner)
         # The interval is by the likelihood where the covariance is not enough.
@@ -124,8 +124,8 @@ def speeds_of(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
         published = published_at(velocity, paper)
         rows.append(
             Speed(
-                velocity, tuple(trials), count, decided(*slip, unit="%", scale=100),
-                decided(k92.value, k92.std, *ends),
+                velocity, tuple(trials), count, rounded(*slip, unit="%", scale=100),
+                rounded(k92.value, k92.std, *ends),
                 "" if inner else "at its limit" if all(f.status in BOUNDS for f in fits) else "not known",
                 # The paper prints three digits; the tail of 100 times a fraction is none of them.
                 round(100 * published.slip_measured, 6) if published else math.nan,
@@ -154,7 +154,7 @@ REMEDY = (
 
 def why_no_k92(result: StudyResult) -> str:
     """Say why no trial of a study determines k_92; empty where a trial does, or where there is no trial."""
-    if not result.trials or any(r.fit.tells for r in result.trials):
+    if not result.trials or any(r.fit.k92_known for r in result.trials):
         return ""
     reasons: dict[str, list[Comparison]] = defaultdict(list)
     for r in result.trials:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from granite_lab.columns import FilledTable
-from granite_lab.rounding import kept
+from granite_lab.rounding import unbroken
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -39,7 +39,7 @@ def clean(text: str, style: str = "") -> Text:
 def say(console: Console, sentence: str | Text, style: str = "") -> None:
     """Print a sentence; no line ends between a number and its unit, or inside a path."""
     text = clean(sentence, style) if isinstance(sentence, str) else sentence
-    plain, starts, place = kept(text.plain), [], 0
+    plain, starts, place = unbroken(text.plain), [], 0
     for part in textwrap.wrap(plain, console.width, break_long_words=False, break_on_hyphens=False):
         place = plain.index(part, place)
         starts.append(place)

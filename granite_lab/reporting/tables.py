@@ -121,7 +121,7 @@ def budget_tables(result: StudyResult, speeds: Sequence[Speed]) -> list[FilledTa
     for speed in speeds:
         motions = [r.motion for r in speed.results]
         with_slip = [m for m in motions if math.isfinite(m.slip_ratio.value)]
-        inner = [r.fit for r in speed.results if r.fit.tells]
+        inner = [r.fit for r in speed.results if r.fit.k92_known]
         slips, k92 = [m.slip_ratio for m in with_slip], [f.k92 for f in inner]
         parts = {"slip": [m.slip_parts for m in with_slip], "k92": [f.parts for f in inner]}
         for quantity, estimates, vague in (("slip", slips, TELLING), ("k92", k92, math.inf)):

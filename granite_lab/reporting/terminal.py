@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from granite_lab.model.run import Run
     from granite_lab.parameters import Variant
     from granite_lab.parameters.catalogue import Provenance
-    from granite_lab.planning.plan import Option, Plan, Proposal
+    from granite_lab.planning.plan import CandidateTrial, Plan, Proposal
     from granite_lab.reporting.answers import Answer
     from granite_lab.results import StudyResult
 
@@ -43,12 +43,12 @@ def show_study(
 
     `folder` and `model` are named in commands.
     """
-    decided = reporting.answers.of_study(result, model, folder)
-    say(console, decided.lead)
-    if decided.table is not None:
+    answers = reporting.answers.of_study(result, model, folder)
+    say(console, answers.lead)
+    if answers.table is not None:
         console.print()
-        show_table(decided.table, console)
-    _answers(decided.questions, console)
+        show_table(answers.table, console)
+    _answers(answers.questions, console)
     if result.finding is not None and not result.trials:
         _search(result.finding, console)
     for failure in result.failures:
@@ -308,14 +308,14 @@ def show_plan(plan: Plan, console: Console) -> None:
             return f"{significant(100 * before, 2)} % → {significant(100 * after, 2)} %"
         return f"{after - before:+.{0 if after - before >= 9.95 else 1}f}".replace("-", "−")
 
-    def command(o: Option) -> str:
+    def command(o: CandidateTrial) -> str:
         v, under = o.variant, o.conditions.words
         motion = f"{v.velocity:g} m/s, {v.acceleration:g} m/s², {v.distance:g} m"
         return f"{motion}, {under}" if under else motion
 
     def cells(k: int, p: Proposal) -> tuple[str, ...]:
-        because = f"{names.outlook(p.improves)}: {p.option.why}" if len(plan.now) > 1 else p.option.why
-        return (str(k), command(p.option), change(p), because)
+        because = f"{names.outlook(p.improves)}: {p.trial.why}" if len(plan.now) > 1 else p.trial.why
+        return (str(k), command(p.trial), change(p), because)
 
     count = sum(int(d.count) for d in plan.design.driven)
     trials = f"the {count} trials at hand" if count > 1 else "the one trial at hand"
@@ -348,7 +348,7 @@ def show_plan(plan: Plan, console: Console) -> None:
     rows = (cells(k, p) for k, p in enumerate(plan.proposals[:PROPOSALS], 1))
     show_table(table.fill(rows), console)
     if plan.worth:
-        best = plan.proposals[0].option
+        best = plan.proposals[0].trial
         say(console, f"First choice, {command(best)}: {best.how}.")
         if best.conditions.lines:
             lines = ", ".join(f"'{line}'" for line in best.conditions.lines)

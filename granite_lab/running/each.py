@@ -23,7 +23,7 @@ from granite_lab.errors import LabError, UsageError
 from granite_lab.logs.trial import name_of
 from granite_lab.options import Options
 from granite_lab.origin import Failure
-from granite_lab.parameters.catalogue import CATALOGUE, forget
+from granite_lab.parameters.catalogue import CATALOGUE, clear_cache
 from granite_lab.parameters.quantity import noting_files
 from granite_lab.processes import SHORT_OF_MEMORY, one_thread, shut_down, starting, worker_pool
 from granite_lab.running import cache as remembered
@@ -63,7 +63,7 @@ class Execution:
         return (f"nothing is remembered: {trouble}",) if trouble else ()
 
 
-HERE = Execution()
+LOCAL = Execution()
 """All cores of this machine, nothing remembered."""
 
 
@@ -72,7 +72,7 @@ def each_trial(
     paths: Sequence[Path],
     options: Options,
     *,
-    execution: Execution = HERE,
+    execution: Execution = LOCAL,
     done: Callable[[Path], None] = lambda _: None,
 ) -> list[T | LabError]:
     """Apply `work` to each trial; return results and errors in the order of the trials.
@@ -131,7 +131,7 @@ def _naming(path: Path, error: LabError) -> LabError:
 
 def _encoded_outcome(work: Callable[[Path, Options], Any], options: Options, path: Path) -> bytes | LabError:
     """Return the encoded pair of files that were read besides the log, and result."""
-    forget()
+    clear_cache()
     with one_thread(), noting_files() as files:
         try:
             result = work(path, options)

@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 @contextmanager
-def claimed(folder: Path, names: Sequence[str] = ()) -> Iterator[None]:
+def locked(folder: Path, names: Sequence[str] = ()) -> Iterator[None]:
     """Keep other runs out of a folder during the block, and remove what a killed one left behind.
 
     The lock is on the folder itself and leaves no file. A folder that is made here goes if it stays empty.
@@ -84,8 +84,8 @@ class Guard:
         return None
 
 
-def tell(lines: Sequence[str]) -> None:
-    """Tell which parts of a run failed, now that everything else is written.
+def raise_failed(lines: Sequence[str]) -> None:
+    """Raise an error that names the parts of a run that failed, after everything else is written.
 
     Raises:
         LabError: there is a line.

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from granite_lab.cli import main
-from granite_lab.parameters.catalogue import forget
+from granite_lab.parameters.catalogue import clear_cache
 from tests.logs import make
 
 ROOT = Path(__file__).parent.parent.parent
@@ -39,7 +39,7 @@ class Done:
 
 def lab(*args: object, cwd: Path | None = None) -> Done:
     """Run a command as a user does, errors and all; an exception that escapes is the test's failure."""
-    forget()  # another process would read every file anew
+    clear_cache()  # another process would read every file anew
     out, err, before = io.StringIO(), io.StringIO(), sys.argv
     sys.argv = ["granite-lab", *map(str, args)]
     code = 0

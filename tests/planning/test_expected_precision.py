@@ -132,8 +132,8 @@ def test_a_run_in_the_other_direction_tells_a_slope_from_a_tilted_sensor() -> No
     assert pair == "imu_tilt from ground_slope"
     best = plan.proposals[0]
     assert best.worth
-    assert best.option.conditions == TURNED
-    repeated = next(p for p in plan.proposals if p.option.repeats)
+    assert best.trial.conditions == TURNED
+    repeated = next(p for p in plan.proposals if p.trial.repeats)
     assert best.after[pair] - now > 3 * (repeated.after[pair] - now)
     assert plan.models[1][0] == ("imu_tilt", (pytest.approx(-1.0, abs=0.15),))
 

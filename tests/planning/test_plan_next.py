@@ -32,7 +32,7 @@ from granite_lab.planning.design import (
     load_design,
     save_design,
 )
-from granite_lab.planning.plan import options, plan_next
+from granite_lab.planning.plan import candidate_trials, plan_next
 from granite_lab.planning.stage import question, trial_model, whitener_of
 from granite_lab.reporting.terminal import show_plan
 from tests.corpus.cli import lab, refused, told
@@ -208,7 +208,7 @@ def test_the_strength_with_the_largest_relative_std_is_sharpened() -> None:
 
 def test_proposals_stay_within_room_speed_and_what_the_robot_can_do() -> None:
     design = design_of(*(driven_of(v) for v in load_variants()))
-    found = options(design, ["ground_slope", "multi_pass"], room=2.0, max_speed=0.4)
+    found = candidate_trials(design, ["ground_slope", "multi_pass"], room=2.0, max_speed=0.4)
     for o in found:
         assert o.variant.distance <= 2.0
         assert peak_velocity(o.variant) <= 0.4 * (1 + 1e-9)
@@ -219,15 +219,15 @@ def test_proposals_stay_within_room_speed_and_what_the_robot_can_do() -> None:
     drive = ROBOT.drive
     free = drive.voltage_max / (drive.emf_constant * drive.gear_ratio) * ROBOT.wheels.radius
     near = Variant(velocity=round(0.75 * free, 2), acceleration=2.4, distance=20.0)
-    fastest = max(o.variant.velocity for o in options(design_of(driven_of(near)), []))
+    fastest = max(o.variant.velocity for o in candidate_trials(design_of(driven_of(near)), []))
     assert near.velocity < fastest <= 0.8 * free
 
 
 def test_a_condition_that_was_driven_already_is_only_repeated() -> None:
     turned = Conditions(turned=True)
     both = design_of(driven_of(), driven_of(conditions=turned))
-    assert [o.repeats for o in options(both, ["ground_slope"]) if o.conditions == turned] == [True]
-    assert not [o for o in options(design_of(driven_of()), []) if o.conditions == turned]
+    assert [o.repeats for o in candidate_trials(both, ["ground_slope"]) if o.conditions == turned] == [True]
+    assert not [o for o in candidate_trials(design_of(driven_of()), []) if o.conditions == turned]
 
 
 def shown(design: Design, **told: Any) -> str:

@@ -32,7 +32,7 @@ from granite_lab.reporting.table import say, show_table
 from granite_lab.reporting.tables import trial_table
 from granite_lab.reporting.terminal import show_study
 from granite_lab.results import PooledMisfit, StudyResult, pooled_misfits
-from granite_lab.rounding import decided, interval, percent, plus_minus, significant
+from granite_lab.rounding import interval, percent, plus_minus, rounded, significant
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import SPEEDS, made_up_study, rename
 from tests.reporting.made_up_finding import made_up_finding
@@ -274,11 +274,11 @@ def test_units_stay_with_their_number_and_no_probability_is_rounded_to_certainty
 
 
 def test_value_std_and_interval_share_one_decimal_place() -> None:
-    number = decided(0.22481, 0.00104, 0.22137, 0.22824, unit="%", scale=100)
+    number = rounded(0.22481, 0.00104, 0.22137, 0.22824, unit="%", scale=100)
     assert (number.text, number.with_std, number.interval) == ("22.48", "22.48 ± 0.10", "22.14 to 22.82")
     assert number.holds(22.82) is True
     assert number.holds(22.9) is False
-    assert decided(0.3).holds(0.3) is None
+    assert rounded(0.3).holds(0.3) is None
     assert interval(4.8161, 5.0442, "s/m") == "4.82 to 5.04\u00a0s/m"
     assert (interval(NAN, 1.0), interval(2.0, 2.0)) == ("–", "2.00")
 
@@ -321,7 +321,7 @@ def test_a_value_of_any_size_without_std_has_three_digits(value: float, std: flo
 
 @given(*[SIZES | st.sampled_from((NAN, math.inf, -math.inf, 0.0))] * 3)
 def test_numbers_of_any_size_are_printed(value: float, low: float, high: float) -> None:
-    number = decided(value, abs(low), low, high, scale=100)
+    number = rounded(value, abs(low), low, high, scale=100)
     assert number.text == "–" or math.isfinite(value)
     shown = (interval(low, high), number.with_std, number.interval, percent(value), significant(value, 2))
     for text in shown:
@@ -374,7 +374,7 @@ def test_tables_fit_eighty_columns_and_are_marked_where_virtual(name: str, study
 
 def test_wide_tables_wrap_their_headings_and_lose_nothing() -> None:
     answers, out = of_study(made_up_study(speeds=SPEEDS, repetitions=3)), io.StringIO()
-    slip, k92 = decided(22.435, 0.123, 22.087, 22.788, unit="%"), decided(0.0825, 0.0026)
+    slip, k92 = rounded(22.435, 0.123, 22.087, 22.788, unit="%"), rounded(0.0825, 0.0026)
     speeds = tuple(replace(s, slip=slip, k92=k92) for s in answers.speeds)
     console = Console(file=out, width=80, highlight=False)
     show_table(first_table(speeds, slip_unknown=False, virtual=bool(answers.virtual)), console)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import pytest
 
 from granite_lab.errors import LabError
-from granite_lab.running.output import claimed
+from granite_lab.running.output import locked
 from tests.corpus.cli import lab, refused, succeeded
 from tests.effects.example import EXAMPLE
 from tests.running.processes import (
@@ -265,9 +265,9 @@ def test_verify_refuses_what_is_no_report(tmp_path: Path) -> None:
 
 def test_two_runs_do_not_write_into_one_folder(tmp_path: Path) -> None:
     with (
-        claimed(tmp_path / "report"),
+        locked(tmp_path / "report"),
         pytest.raises(LabError, match="another run"),
-        claimed(tmp_path / "report"),
+        locked(tmp_path / "report"),
     ):
         pass
     assert not (tmp_path / "report").exists()

@@ -22,7 +22,7 @@ from granite_lab.options import Options
 from granite_lab.planning.design import load_design
 from granite_lab.results import StudyResult
 from granite_lab.running.cache import trial_key
-from granite_lab.running.output import Guard, tell
+from granite_lab.running.output import Guard, raise_failed
 from granite_lab.study_folder import save_finding, write
 from tests.effects.example import EXAMPLE
 from tests.reporting.made_up import made_up_study
@@ -183,7 +183,7 @@ def test_what_fails_is_one_line_with_a_traceback_unless_known_or_an_interruption
     ]
     assert "in broken" in (tmp_path / "failure-second.txt").read_text(encoding="utf-8")
     with pytest.raises(LabError, match="second: ValueError"):
-        tell(guard.lines)
+        raise_failed(guard.lines)
     Guard(tmp_path).run("second", lambda: 5)
     assert not (tmp_path / "failure-second.txt").exists()  # it was mended
 
