@@ -1,4 +1,4 @@
-"""Manners of processes: quiet on Ctrl-C, none stays behind, and sums do not depend on the number of cores."""
+"""Worker processes: Ctrl-C ends them quietly, none outlives its parent, results do not depend on cores."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ def write(
     failures: Sequence[str] = (),
     jobs: int = 1,
 ) -> StudyResult:
-    """Write the report of a study, and the model with what was found; return it with what was written.
+    """Write the report of a study and the model with what was found; return the study with the written files.
 
     A part that fails costs nothing of the others.
 

@@ -68,7 +68,7 @@ STATUS_NAMES: Mapping[FitStatus, str] = {
 SCATTER, COMBINED = "scatter between trials beyond these", "combined standard uncertainty"
 
 APART = 3.0
-"""The two k_92 of a trial differ by more than chance from so many standard deviations on."""
+"""Difference of the two k_92 of a trial, in standard deviations, above which it is more than chance."""
 
 TRIALS = "trials"
 """The std of a_θ by the files, as a component of a larger one."""

@@ -77,8 +77,8 @@ class Lab:
         repetitions: of each variant; 0: as asked for, else 3.
         logger: what the logger adds to the errors that the robot's record states.
         radius: relative std of each wheel's radius in each trial.
-        rolls: the wheels really have these radii; otherwise they are alike, and the logger's angles are off
-            by as much.
+        rolls: True where the wheels have these radii; False where all radii are equal and the logged angles
+            are wrong by the same factors.
         before, after: least and most of the standstills [s].
         near_rest: how the forces and the drive go on near rest.
     """

@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 def generator(*key: int) -> np.random.Generator:
-    """Return the random numbers of one purpose, independent of those of other keys."""
+    """Return the generator of a key; those of different keys are independent."""
     return np.random.default_rng(key)
 
 

@@ -60,7 +60,7 @@ MODEL_QUESTION = "Does the paper's model explain the measurements?"
 LAW = "k_92 falls with the desired velocity v as exp(−a_θ v)."
 
 DISAGREES = 3.0
-"""Numbers disagree that are so many standard deviations apart."""
+"""Difference of two numbers, in standard deviations, above which they disagree."""
 
 
 @dataclass(frozen=True)

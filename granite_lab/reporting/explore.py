@@ -31,11 +31,11 @@ from granite_lab.results import CHANNELS, StudyResult
 from granite_lab.rounding import axis_unit, shown_as
 
 POINTS, FEWEST = 900, 150
-"""Points of a line, and how few of them are left where there are many trials."""
+"""Usual number of points of a line, and the least number where there are many trials."""
 FULL = 12
-"""So many trials have all the points of their lines; with more the page does not grow."""
+"""Largest number of trials whose lines have `POINTS` points; with more trials each line has fewer."""
 MOST = 120
-"""So many trials are on the page, of each speed the first ones."""
+"""Largest number of trials on the page; of each speed the first ones are taken."""
 
 READ = ("torque_f", "torque_r", "accel", "pitch_rate")
 """Channels of a comparison that a sensor reads; the others are estimated from several."""

@@ -20,7 +20,7 @@ LINE, LINES = 100, 45
 """Characters of a row, with two for each gap, and lines of a page: footnotesize in an article of 11 pt."""
 
 WORDS, PIECE = 28, 10
-"""Characters up to which a cell stays on one line and a word in one piece, and those of a piece of a word."""
+"""Longest cell on one line and longest unbroken word, and the pieces of a longer word [characters]."""
 
 _SIGNS = {
     "−": "-", "±": r"\pm", "·": r"\cdot", "×": r"\times", "≤": r"\le", "≥": r"\ge", "≈": r"\approx",

@@ -25,7 +25,7 @@ VELOCITY, SLIP, RATIO = "desired velocity [m/s]", "robot slip ratio [%]", "conta
 APART, WIDE = 0.008, 0.05
 """Abscissae of the trials of a speed [m/s]: from one to the next, and from first to last at most."""
 CROWD = 12
-"""So many trials of a speed are drawn in full; more are drawn smaller and fainter."""
+"""Largest number of trials of a speed that are drawn at full size; more are drawn smaller and fainter."""
 DASHED, UNDER = (0, (4, 1.5)), 2.8
 """Line of the paper, and width of the fitted one below it [pt]: both are seen where they coincide."""
 

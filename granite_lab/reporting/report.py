@@ -34,10 +34,10 @@ from granite_lab.results import StudyResult, pooled_misfits, recordings_of, warn
 from granite_lab.rounding import percent
 
 OPEN_SPEEDS = 4
-"""So many time histories stand open; of more speeds the slowest and fastest do."""
+"""Largest number of time histories that are shown open; of more speeds only the slowest and fastest are."""
 
 LONGEST = 1000
-"""So many characters of a command are shown: where logs were named one by one, it may have no end."""
+"""Largest number of characters of a command that are shown: one that names each log may be very long."""
 
 MODEL = (
     "Blue: measured; orange: simulated, with k_92 fitted to the slip of the trial and all else from the "

@@ -23,8 +23,8 @@ TONES = {"good": "green", "fair": "yellow", "bad": "red", "faint": "dim"}
 
 VIRTUAL = "virtual data: written by a simulator"
 SHORT, WHOLE, NARROW = 9, 27, 18
-"""Lengths up to which a heading stays on one line where there is room, no word or number is broken, and no
-number where there is no room at all: "0.104 (not converged)" then takes two lines."""
+"""Longest heading on one line where there is room; longest word or number that is not broken; longest number
+that is not broken where there is no room, so that "0.104 (not converged)" takes two lines [characters]."""
 
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]+")
 
