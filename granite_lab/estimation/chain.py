@@ -19,6 +19,7 @@ from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.outcome import FEWEST_OF_IMU, motion_of, motion_without_imu
 from granite_lab.estimation.plausibility import (
     common_gaps,
+    disagreeing_wheels,
     missing_rates,
     open_end_changes,
     with_plausibility,
@@ -76,9 +77,11 @@ def correct(trial: Trial, robot: Robot, *, soil: Soil | None = None) -> tuple[Tr
     solved = solve(trial, robot, rests=rests, soil=soil, moved=moved != 0.0)
     clean, motion = finish(trial, robot, solved)
     problem = solved.problem
+    yaw_rate = solved.solution.nominal.heading_rate if np.isfinite(problem.imu.yaw_rate).any() else None
     unsure = (
         *common_gaps(motion, problem.faults.gaps, problem.wheels), *missing_rates(motion, problem.wheels),
         *open_end_changes(motion, problem.open_ends),
+        *disagreeing_wheels(motion, yaw_rate, robot),
     )  # fmt: skip
     limits = [doubt for doubt in (*trial.doubts, *problem.doubts) if doubt.grade != "good"]
     motion = with_radius(with_plausibility(motion, soil, (*limits, *unsure)), robot)

@@ -26,11 +26,12 @@ from granite_lab.estimation.white import (
     white_below_resonance,
     white_in_motion,
 )
-from granite_lab.logs.counters import mad_std, runs
+from granite_lab.logs.counters import runs
 from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.stamps import GAP_PERIODS
 from granite_lab.logs.sensors.standstill import ROUNDED, Interval, inside
 from granite_lab.logs.trial import Array
-from granite_lab.parameters import GRAVITY, Robot
+from granite_lab.parameters import GRAVITY, ImuGrade, Robot
 
 PRIOR_SAMPLES = 20.0
 """The grade of the robot's file weighs as much as this many samples."""
@@ -128,7 +129,9 @@ def stamp_noise(imu: BodyImu, moving: np.ndarray) -> float:
     shaken = (imu.forward[2:] - imu.forward[:-2])[moving[1:-1]]
     if shaken.size < 8:
         return 0.0
-    uneven = mad_std(np.diff(imu.t, n=2), 0.0) / np.sqrt(6.0)
+    steps = np.diff(imu.t)
+    near = np.fmax(steps[1:], steps[:-1]) <= GAP_PERIODS * period
+    uneven = float(np.sqrt(np.mean(np.diff(steps)[near] ** 2) / 6.0)) if near.any() else 0.0
     return float(uneven * 0.5 * np.sqrt(np.mean(shaken**2) / period))
 
 
@@ -172,7 +175,10 @@ def identify(imu: BodyImu, rolling: Rolling | None, robot: Robot, rests: Sequenc
         if dead := silent(imu.pitch_rate[~moving], rate_step, grade.gyro_noise, imu.period):
             gyro = max(gyro, grade.gyro_noise)
         gyro_level = level_error(imu.pitch_rate, ~moving, rate_step, grade.gyro_bias if dead else 0.0)
-    accel_level = level_error(imu.forward, ~moving, force_step, 0.0)
+    accel_bias = 0.0
+    if silent(imu.forward[~moving], force_step, grade.accel_noise, imu.period):
+        accel, accel_bias = max(accel, grade.accel_noise), dead_band(imu.forward, ~moving, grade.accel_bias)
+    accel_level = level_error(imu.forward, ~moving, force_step, accel_bias)
     rms, frequency, damping = vibration(imu, moving, accel, robot.imu.vibration_frequency)
     tilt = np.radians(2.0 if imu.levelled else robot.imu.tilt)
     # unseen pitch on setting off (squat), or an unknown error of the attitude the logger worked with
@@ -213,6 +219,25 @@ def silent(still: Array, step: float, density: float, period: float) -> bool:
     """Whether a dead band mutes readings (N,) at rest: all are equal, and noise would exceed their step."""
     still = still[np.isfinite(still)]
     return still.size > 1 and not np.ptp(still) and density / float(np.sqrt(period)) > 3.0 * step
+
+
+def muted_share(imu: BodyImu, rests: Sequence[Interval], grade: ImuGrade) -> float:
+    """Share of the forward readings in motion that equal the one at rest, if a dead band mutes it; else 0."""
+    at_rest = inside(imu.t, rests)
+    still = imu.forward[at_rest]
+    if not silent(still, imu.steps[0], grade.accel_noise, imu.period):
+        return 0.0
+    return float(np.mean(imu.forward[~at_rest] == still[np.isfinite(still)][0])) if (~at_rest).any() else 0.0
+
+
+def dead_band(values: Array, rest: np.ndarray, bias: float) -> float:
+    """Std of what a dead band hides in readings (N,) that are all equal at rest, the bias at least.
+
+    No reading lies between the level at rest and the end of the band: anything between is as likely.
+    """
+    finite = np.isfinite(values)
+    off = np.abs(values[finite] - values[rest & finite][0])
+    return max(bias, 2.0 * ROUNDED * float(off[off > 0.0].min(initial=np.inf))) if off.any() else bias
 
 
 def level_error(values: Array, rest: np.ndarray, step: float, bias: float) -> float:

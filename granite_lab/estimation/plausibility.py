@@ -12,9 +12,11 @@ from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation.closure import CONTRADICTS, FOLLOWS
 from granite_lab.estimation.error_model import SlipModel
 from granite_lab.estimation.health import scattering, sentence
-from granite_lab.estimation.motion import TELLING, Motion, slips_of
+from granite_lab.estimation.motion import LEAST_WAY, TELLING, Motion, slips_of
+from granite_lab.estimation.straight import WIDTH
 from granite_lab.logs.counters import Mask, integral, mean_known, runs
 from granite_lab.logs.sensors.doubt import Doubt, Grade
+from granite_lab.logs.sensors.signs import TURNING
 from granite_lab.logs.sensors.standstill import MOVING, Interval
 from granite_lab.logs.trial import Array, WheelStream
 from granite_lab.parameters import GRAVITY, WHEELS, Robot, Soil
@@ -22,6 +24,10 @@ from granite_lab.parameters import GRAVITY, WHEELS, Robot, Soil
 RADIUS = 0.04
 """Std of the effective wheel radius against the robot's file, as a share: deflection, wear and lugs of a tyre
 change the rolling radius by some per cent (Wong, Theory of Ground Vehicles, section 1.2)."""
+
+UNLIKE = 0.01
+"""Std of the ways of wheels that roll alike, as a share: what tyres of one size and their loads differ by, a
+quarter of `RADIUS`, the std against a file that may be of another tyre."""
 
 BY_RADIUS = "wheel radius"
 """Part of the std of a slip ratio."""
@@ -248,6 +254,39 @@ def _differing_wheel(motion: Motion) -> Iterator[Doubt]:
         seen = f"wheel {WHEELS[wheel]} rolls {100 * share:.0f} % {how}"
         why = "its encoder counts wrongly, or it slips by itself"
         yield Doubt(f"{seen}: {why}", grade="fair", rolled_std=share / len(WHEELS))
+
+
+def disagreeing_wheels(motion: Motion, yaw_rate: Array | None, robot: Robot) -> Iterator[Doubt]:
+    """Yield the doubt about wheels that roll unlike each other in the steady part, if it is not a bend.
+
+    Different counts of a turn, lost counts and wheels that slip by themselves look alike, and any one of the
+    wheels is as likely to be right: the way of all is off by the std of the single ways about it. One below
+    the std of the slip ratio, or below what tyres differ by, changes little.
+
+    Args:
+        motion: as estimated.
+        yaw_rate: (N,) by the gyro, without its bias, positive to the left [rad/s]; None: not known.
+        robot: with its track. Sides differ where it turns; skidding takes a part of the turn.
+    """
+    inside = (motion.t >= motion.steady[0]) & (motion.t <= motion.steady[1])
+    t = motion.t[inside]
+    # NaN of a wheel that is not known all along
+    ways = np.asarray(np.trapezoid(motion.v_wheel[inside], t, axis=0))
+    if np.count_nonzero(np.isfinite(ways)) < 2:
+        return
+    usual = float(np.nanmean(ways))
+    left, right = (mean_known(ways[side::2], axis=0) for side in (0, 1))
+    track = robot.chassis.track if robot.chassis is not None else WIDTH
+    turned = math.nan if yaw_rate is None else float(integral(t, yaw_rate[inside])[-1])
+    if not turned * track * np.sign(right - left) <= TURNING * abs(right - left):  # a bend, or not known
+        ways = ways - np.where(np.arange(len(WHEELS)) % 2 == 0, left, right) + usual
+    share = float(np.nanstd(ways)) / max(abs(usual), LEAST_WAY)
+    if share > max(motion.slip_ratio.std, UNLIKE):
+        apart = zip(WHEELS, (ways / usual - 1.0).tolist(), strict=True)
+        each = ", ".join(f"{name} {by:+.1%}" for name, by in apart if math.isfinite(by))
+        why = "counts of a turn differ or are lost, or wheels slip by themselves"
+        seen = f"the wheels roll unlike each other while the robot drives straight ({each})"
+        yield Doubt(f"{seen}: {why}", grade="fair", rolled_std=share)
 
 
 def _differing_share(distances: Array) -> Array:

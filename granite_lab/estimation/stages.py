@@ -12,7 +12,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.clock import Clock, agreed, find_offset, ramps, slow_offset
 from granite_lab.estimation.error_model import ANY_SLIP, FAR_FROM_REST, LOST_PITCH, SlipModel
-from granite_lab.estimation.noise import identify, with_motion_noise
+from granite_lab.estimation.noise import identify, muted_share, with_motion_noise
 from granite_lab.estimation.problem import Problem, Sensors
 from granite_lab.estimation.reference import LOST, readings_of
 from granite_lab.estimation.rest import coasts, find_rests, refuse_moved, travel_of
@@ -37,6 +37,10 @@ a trial of half a minute [1/sqrt(s)]."""
 UNMATCHED = Doubt(
     "the ramps of the wheels are not found in the IMU: their clocks may be apart by any time", grade="poor"
 )
+
+SWALLOWED = 0.05
+"""A dead band that hides a larger share of the samples in motion hides how the body moves; chance makes
+single readings equal that at rest."""
 
 FEWEST = 3
 """Samples of the encoders from which on the wheels can be rolled."""
@@ -92,6 +96,8 @@ def stand(sensors: Sensors, by_hand: Sequence[Interval] = ()) -> Problem:
     if robot.imu.forward == "find" and not stream.robot_axes and rolling is not None and rests:
         imu = _orient(stream, imu, rolling, rests)
     level = mounting.by_gravity(stream, imu, inside(imu.t, rests), robot)
+    if rolling is not None and robot.imu.forward != "find":
+        level = mounting.by_ramps(level, rolling.t, rolling.speed)
     if rolling is None and not rests:
         raise EstimateError(
             f"{sensors.name}: neither wheels nor a standstill: nothing anchors the velocity",
@@ -258,8 +264,11 @@ def _limits(problem: Problem, offset: Estimate) -> list[Doubt]:
         )
     if not imu.has_pitch_rate:
         lines.append("no pitch rate was logged: pitch is taken as constant with 1 deg of doubt in motion")
+    share = muted_share(imu, problem.rests, problem.robot.imu_grade)
+    muted = f"a dead band of the accelerometer hides all at rest, and {share:.0%} of the samples in motion"
+    dead = [Doubt(muted, grade="poor" if share > SWALLOWED else "fair")] if share else []
     ends = [f"no standstill at the {side}: uncertainty grows towards it" for side in problem.open_ends]
-    doubts = [*map(Doubt, lines), *problem.faults.doubts(), *map(Doubt, ends)]
+    doubts = [*map(Doubt, lines), *problem.faults.doubts(), *dead, *map(Doubt, ends)]
     if rolling is None:
         alone = (
             "standstill is judged by the IMU alone, and noise that only motion makes is not told from motion"

@@ -28,6 +28,7 @@ from granite_lab.logs.sensors.standstill import (
 from granite_lab.logs.sensors.wheels import (
     check_currents,
     check_wheels,
+    doubt_whole_rates,
     look,
     refuse_counts_and_speed,
     report_absent,
@@ -184,6 +185,7 @@ def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
         if clean is None and called:
             raise log.refuse(called, ": every cell is empty, expected an IMU's samples")
         refuse_counts_and_speed(wheels, log)
+        doubt_whole_rates(wheels, log)
         angle = wheels.angle[np.isfinite(wheels.angle)]
         if clean is not None and len(clean.t) > 100 and len(angle) and np.ptp(angle) > 1.0:
             still = standstills(dataclasses.replace(trial, imu=clean), log.robot)

@@ -14,6 +14,7 @@ from granite_lab.logs.counters import Mask, in_words, integral, powers, quantum,
 from granite_lab.logs.layouts import Column
 from granite_lab.logs.quantities import Unit
 from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.repeats import between_readings
 from granite_lab.logs.sensors.stamps import GAP_PERIODS
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import Robot
@@ -28,6 +29,7 @@ _LOST = 0.5  # wild readings and zeros for lost samples last no longer than this
 _STUCK, _OFTEN = (0.1, 10), 5
 _ROUNDING = 1e-3  # scatter of the levels of a grid, as a share of the largest
 _MANY = 0.2  # share of jumps up to which they are faults
+_SELDOM = 0.1  # levels of a coarse rate change in fewer samples than this share
 _RETURNS = 6  # fewest changes of direction of values on a grid; a ramp of equal steps has none
 _NEAR = 0.02  # a grid of rates is one of counts per period where it is so close to it
 _CLEAR = 0.4  # steps up to this share of a range are read the short way round without a doubt
@@ -96,7 +98,8 @@ def convert(t: Array, raw: Array, unit: Unit, spec: Column, wheel: Wheel, doubts
         angle = _without_jumps(t, values * factor, step, replace(wheel, fastest=limit), doubts)
         return Decoded(angle, None, step, span)
     counts = _counts_per_period(t, values, wheel.per_rev * size / _TURN)
-    step = size * (counts.rate if counts else max(quantum(raw) or lattice(raw), 1.0 if whole else 0.0))
+    coarse = quantum(raw) or lattice(raw) or few_levels(raw)
+    step = size * (counts.rate if counts else max(coarse, 1.0 if whole else 0.0))
     rate = _measured(t, values * factor, step, wheel, doubts)
     finite = np.isfinite(rate)
     if counts and finite.all():
@@ -155,6 +158,16 @@ def lattice(values: Array) -> float:
     whole = np.rint(middles / np.diff(middles).min())
     step = float(np.sum(weights * whole * middles) / max(np.sum(weights * whole**2), 1.0))
     return step if step > 0 and np.abs(middles / step - whole).max() < 0.05 else 0.0
+
+
+def few_levels(values: Array) -> float:
+    """Return the smallest step of values (N,) nine tenths of which repeat the last one; 0: fewer do.
+
+    A rate that is rounded coarsely has too few levels for a grid to be recognised.
+    """
+    changes = np.abs(np.diff(values))
+    changes = changes[changes > 0.0]
+    return float(changes.min()) if 0 < changes.size < _SELDOM * values.size else 0.0
 
 
 def wrap_ranges(raw: Array, unit: Unit, given: float, per_rev: float) -> list[float]:
@@ -222,9 +235,13 @@ def _without_jumps(t: Array, angle: Array, step: float, wheel: Wheel, doubts: li
 
     What was logged again while the wheel turned on is NaN.
     """
-    lost = caught_up(t, angle)
+    lost, repeats = caught_up(t, angle), between_readings(t, angle, step)
     if lost.any():
         doubts.append(Doubt(in_words(lost, t, "reading", "that repeat the last one"), remedy="left out"))
+    if repeats.any():
+        seen = f"{repeats.mean():.0%} of the rows repeat the reading before: the log is faster than it"
+        doubts.append(Doubt(seen, remedy="the first row of each is used"))
+        lost |= repeats
     known, kept = np.full(len(angle), np.nan), ~lost
     known[kept] = _joined(t[kept], _counted_on(t[kept], angle[kept], step, wheel, doubts), wheel, doubts)
     return known

@@ -20,6 +20,12 @@ from granite_lab.parameters import GRAVITY, Robot
 BEYOND = 3.0
 """What gravity shows beyond this many std of the IMU's grade is an error of mounting or scale."""
 
+LEAST_POWER = 0.01
+"""Wheels whose squared acceleration adds up to less than this tell no direction [m^2/s^3]."""
+
+RIVAL = 0.5
+"""A peak of a correlation that is not twice as high as the next one is not told from it (as in PIV)."""
+
 LOCAL = 0.0026
 """Half the range of gravity on Earth about 9.81 m/s^2, as a share (9.780 to 9.832 m/s^2, WGS 84)."""
 
@@ -141,6 +147,38 @@ def by_gravity(stream: ImuStream, imu: BodyImu, still: np.ndarray, robot: Robot)
     imu = to_body(stream, rotation, levelled=levelled)
     robot = replace(robot, imu_grade=replace(grade, accel_scale=scale.std))
     return Levelled(stream, imu, robot, tuple(doubts))
+
+
+def by_ramps(found: Levelled, wheel_t: Array, wheel_speed: Array) -> Levelled:
+    """Turn the axes about z by the angle that the wheels' ramps show, where it changes distances.
+
+    Where the wheels gain speed (M,) [m/s], a robot that drives straight is pushed along its x axis. The
+    forward axis of an IMU that is turned by an angle reads the cosine of it, and the left axis its sine. What
+    a yaw gyro shows of centripetal acceleration is taken out of the latter; without one a bend would look
+    like a turned sensor, and nothing is judged. As of a tilt (`by_gravity`), an angle that changes distances
+    by less than `LOCAL` stays, and the std of the scale covers that the angle is one of the left axis alone.
+    """
+    stream, imu, robot = found.stream, found.imu, found.robot
+    seen = np.isfinite(np.stack([imu.forward, imu.left, imu.yaw_rate])).all(axis=0)
+    speed, grade = np.nan_to_num(wheel_speed), robot.imu_grade
+    if stream.robot_axes or not seen.all() or wheel_t.size < 2 or imu.t.size < 2:
+        return found
+    grid = np.arange(imu.t[0], imu.t[-1], STEP)
+    pace = interpolated(grid, wheel_t, speed)
+    forward, left, yaw = (interpolated(grid, imu.t, x) for x in (imu.forward, imu.left, imu.yaw_rate))
+    gain = gain_of([forward, left - pace * (yaw - np.median(yaw))], pace)
+    heading = float(np.arctan2(gain.vector[1], gain.vector[0]))
+    lost = 1.0 - float(np.cos(heading))
+    clear = gain.power * STEP >= LEAST_POWER and gain.opposite <= RIVAL
+    if not clear or lost <= LOCAL or abs(heading) <= BEYOND * gain.std:
+        return found
+    turned = to_body(stream, Rotation.from_euler("z", -heading) * imu.rotation, levelled=imu.levelled)
+    std = float(np.hypot(grade.accel_scale, lost))
+    by = f"{np.degrees(heading):.0f} ± {np.degrees(gain.std):.1f} deg"
+    what = f"the IMU is turned by {by} about the vertical, by the wheels' ramps"
+    doubt = Doubt(what, remedy="its axes were turned back", grade="fair")
+    robot = replace(robot, imu_grade=replace(grade, accel_scale=std))
+    return Levelled(stream, turned, robot, (*found.doubts, doubt))
 
 
 def _turn(rotation: Rotation, vectors: Array) -> Array:

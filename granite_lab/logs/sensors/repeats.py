@@ -1,4 +1,4 @@
-"""Rows of an IMU that hold no new reading: the logger is faster than the sensor, or samples were lost.
+"""Rows that hold no new reading of an IMU or an encoder: the logger is faster, or samples were lost.
 
 A logger that is faster repeats the last reading, or fills up the time between two along a straight line.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from granite_lab.logs.trial import Array, ImuStream, part
 _FEW = 20  # readings that change, by which the others are judged
 _FALLS = 0.3  # least specific force of a wheeled robot, as a share of its median
 _RULE = 0.2  # repeated rows beyond this share of all are the rule, not losses
+_BESIDE = 0.05  # a logger that is faster by this share repeats a reading in each second of 20 samples
+_COUNTS = 3  # a wheel that turns by so many counts from reading to reading does not stand in the next
+_EVEN = 50  # readings whose spacing is judged: of those that a chance of 5 % drops, the places scatter more
 _STRAIGHT = 2e-3  # a signal is straight where it bends by this share of the rms: once in 600 times by chance
 _FINE = (
     40.0  # a signal that bends by so many steps of its values is straight within two of them once in 25 times
@@ -109,6 +113,38 @@ def _corners(t: Array, values: Array, lines: list[tuple[int, int]]) -> Array:
         behind, slope = last, after
     kept.append(rows[max(behind, 1) :])
     return np.concatenate(kept)
+
+
+def between_readings(t: Array, angle: Array, step: float) -> Mask:
+    """(N,) True in rows that repeat an encoder's last reading, where the log has more rows than readings.
+
+    A table on one clock is filled up so. While the wheel turns by several counts of a `step` [unit of the
+    angle] from one reading to the next, the new ones are then evenly spaced within a row, or fewer than half
+    of all rows. Counts that are lost, and readings that are not, come at any place.
+    """
+    made, repeats = np.abs(np.diff(angle)), np.zeros(len(t), dtype=bool)
+    new = np.flatnonzero(made != 0) + 1
+    if len(new) < 2 * _FEW or len(new) == len(t) - 1:
+        return repeats
+    made = made[new - 1]
+    fast = made >= max(0.5 * float(np.quantile(made, 0.9)), _COUNTS * (step or float(made.min())))
+    parts = [new[k : min(k + _EVEN, b)] for a, b in runs(fast) for k in range(a, b, _EVEN)]
+    parts = [rows for rows in parts if len(rows) >= _FEW]
+    if not parts:
+        return repeats
+    each = float(np.median([np.ptp(rows) / (len(rows) - 1) for rows in parts]))
+    scatter = float(np.median([_unevenness(t[rows]) for rows in parts])) / float(np.median(np.diff(t)))
+    if each * (1.0 - _BESIDE) < 1.0 or (each < 2.0 and scatter > 0.5):
+        return repeats
+    for a, b in pairwise(new):
+        repeats[a + 1 : b] = b - a <= np.ceil(each) + 1
+    return repeats
+
+
+def _unevenness(t: Array) -> float:
+    """Std of stamps (N,) about an even spacing [s]."""
+    place = np.arange(len(t))
+    return float(np.std(t - np.polyval(np.polyfit(place, t, 1), place)))
 
 
 def without_held(imu: ImuStream, rolls: Mask) -> tuple[ImuStream, Doubt | None]:

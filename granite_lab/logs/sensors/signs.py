@@ -10,7 +10,7 @@ from scipy.ndimage import uniform_filter1d
 from granite_lab.errors import EstimateError
 from granite_lab.logs.counters import interpolated, mean_known
 from granite_lab.logs.sensors.doubt import Doubt
-from granite_lab.logs.sensors.mounting import BodyImu
+from granite_lab.logs.sensors.mounting import LEAST_POWER, RIVAL, BodyImu
 from granite_lab.logs.sensors.ramps import LARGEST, SMOOTH, STEP, gain_of
 from granite_lab.logs.sensors.standstill import MOVING
 from granite_lab.logs.trial import Array, WheelStream
@@ -21,12 +21,6 @@ ALIKE = 0.9
 
 CLEAR = 0.4
 """Correlation with the IMU from which on a direction counts as seen."""
-
-LEAST_POWER = 0.01
-"""Wheels whose squared acceleration adds up to less than this tell no direction [m^2/s^3]."""
-
-RIVAL = 0.5
-"""A peak of a correlation that is not twice as high as the next one is not told from it (as in PIV)."""
 
 TELLING = 0.7
 """Correlation of the gyro with the yaw rate by the wheels from which on it tells sides: half in common."""

@@ -28,6 +28,7 @@ _DIFFER = 0.02  # share of the neighbours with one stamp that hold different val
 # Time since the last stamp over the time that the samples need. Below the first number a sample is a copy,
 # above the second one some are lost.
 _ROOM = 0.6, 2.0
+_PAIR = 0.55  # so much for two that differ: a tick that is shorter holds two in less than one case in ten
 _ON_GRID = 1e-3  # stamps that are multiples of their spacing to this share of it are those of a slow clock
 _ROUNDED = 1 + 1e-6  # stamps every 0.1 s are not later for their rounding
 _FEWEST = 3  # stamps of a clock that runs
@@ -161,10 +162,13 @@ def evened(t: Array) -> tuple[Array, float]:
     steps = np.diff(t)
     if len(steps) < 10 * _AHEAD:
         return t, 0.0
-    period, std = float(np.median(steps)), mad_std(steps)
-    gaps = np.flatnonzero(steps > max(GAP_PERIODS * period, period + _BEYOND * std)) + 1
-    ahead = mad_std(t[_AHEAD:] - t[:-_AHEAD])
-    if std < _UNEVEN * period or ahead > _BOUNDED * std * math.sqrt(_AHEAD):
+    period = float(np.median(steps))
+    late = steps > max(GAP_PERIODS * period, period + _BEYOND * mad_std(steps))
+    # stamps of a slow clock differ by whole ticks: of such steps the median deviation may be none
+    gaps, std = np.flatnonzero(late) + 1, float(np.std(steps[~late]))
+    passed = np.concatenate(([0], np.cumsum(late)))
+    ahead = float(np.std((t[_AHEAD:] - t[:-_AHEAD])[passed[_AHEAD:] == passed[:-_AHEAD]]))
+    if std < _UNEVEN * period or not ahead <= _BOUNDED * std * math.sqrt(_AHEAD):
         return t, 0.0
     even = t.copy()
     for begin, end in pairwise([0, *gaps, len(t)]):
@@ -185,7 +189,7 @@ def _apart(t: Array, values: Array, sensor: str, where: Where, doubts: list[Doub
     different = (np.isfinite(change) & (change != 0)).any(axis=1)
     keep, apart, std = new, t, 0.0
     if spread and different.mean() >= _DIFFER:
-        apart, kept, std = _share_out(t, new, f"{where(int(tied[0]))}: {sensor}")
+        apart, kept, std = _share_out(t, new, tied[different], f"{where(int(tied[0]))}: {sensor}")
         keep = new | kept
     if shared := int(np.count_nonzero(keep & ~new)):
         late = f"; all may be off by {1e3 * std:.3g} ms" if std else ""
@@ -198,8 +202,10 @@ def _apart(t: Array, values: Array, sensor: str, where: Where, doubts: list[Doub
     return Stamps(apart[keep], np.flatnonzero(keep), std)
 
 
-def _share_out(t: Array, new: Mask, place: str) -> tuple[Array, Mask, float]:
+def _share_out(t: Array, new: Mask, different: Rows, place: str) -> tuple[Array, Mask, float]:
     """Spread samples with equal stamps over the time of their batch; `new` (N,) is True where a batch begins.
+
+    Samples (K,) are `different` from the one before, though they have its stamp.
 
     A driver that empties the FIFO of a sensor gives all samples the stamp of the read, so they lie between it
     and the one before, evenly. Stamps of the first sample, or of the last tick of a slow clock, stand for the
@@ -224,9 +230,11 @@ def _share_out(t: Array, new: Mask, place: str) -> tuple[Array, Mask, float]:
     misfits = [float(np.abs(np.log(time / needed)[1:-1]).mean()) for time in (before, after)]
     follows = grid or (usual and misfits[1] < 0.5 * misfits[0])
     time = after if follows else before
+    # a tick that is a little longer than a period may hold two samples
+    pairs = np.isin(begin + 1, different) & (sizes == 2) & (time > _PAIR * needed)
     if usual:
         _refuse_batches(sizes, time / needed, length, place)
-    fits = np.repeat(usual | (sizes == 1) | (time >= _ROOM[0] * needed), sizes)
+    fits = np.repeat(usual | (sizes == 1) | pairs | (time >= _ROOM[0] * needed), sizes)
     step = np.repeat(np.where(time <= _ROOM[1] * needed, time, needed) / sizes, sizes)
     ahead = np.arange(len(t)) - np.repeat(begin, sizes)  # samples of the batch before this one
     behind = np.repeat(sizes - 1, sizes) - ahead

@@ -267,7 +267,10 @@ def _by_rates(wheels: WheelTravel, velocity: Array, certain: Mask) -> Still:
             # four wheels, over a rest of some seconds that must not fall apart
             limit = max(floor, _noise(power[pool], size, 0.25) ** 2 * _highest(size, 0.01 * FALSE_ALARM))
         still &= (power <= limit) | ~finite
-        unseen = np.maximum(unseen, np.sqrt(limit / size))
+        # what lies between none and the smallest rate that is ever logged reads as none, however long
+        least = float(np.abs(rate[finite & (rate != 0.0)]).min(initial=np.inf))
+        hidden = ROUNDED * least if np.isfinite(least) else 0.0
+        unseen = np.maximum(unseen, np.hypot(np.sqrt(limit / size), hidden))
     blind, turns = float(unseen.max(initial=0.0)), ~still
     for a, b in runs(still):
         if t[b - 1] - t[a] < LEAST_REST:

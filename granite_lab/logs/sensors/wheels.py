@@ -14,6 +14,8 @@ from granite_lab.logs.quantities import CURRENTS, ENCODERS, factors
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, WheelStream
 from granite_lab.parameters import WHEELS, Robot, Variant, load_variants
 
+_WHOLE = 1e-6  # numbers that were converted are whole within this
+_POINT = 0.01  # an error of the wheels' rate by this share is one point of slip ratio
 _TOO_FAST = 30.0  # no ground robot whose motors are not known drives faster [m/s]
 # A free wheel turns this many times as fast as the others, which agree to this share, for so long [s]; one
 # whose encoder slips on its shaft seems to turn so many times as slowly.
@@ -246,6 +248,26 @@ def refuse_counts_and_speed(wheels: WheelStream, log: Log) -> None:
             turns = f"the wheel turns with {fast:.3g} rad/s ({fast * radius:.2g} m/s)"
             hint = f"counts need {counts} in a column map; or name the robot (its wheel radius and motors)"
             raise log.refuse(channel, f": {turns}, expected at most {top:.3g} rad/s of {whose}", hint)
+
+
+def doubt_whole_rates(wheels: WheelStream, log: Log) -> None:
+    """Report rates in whole numbers of a unit that are too small for it not to matter how they were made.
+
+    They are rounded, or, as by a cast in C, cut off: each is as likely, and the latter reads half a unit less
+    on the average.
+    """
+    unit, radius = log.unit(*ENCODERS), log.robot.wheels.radius
+    units = factors("angular rate") | {name: x / radius for name, x in factors("speed").items()}
+    if wheels.rate is None or unit not in units:
+        return
+    numbers = np.abs(wheels.rate[np.isfinite(wheels.rate)]) / units[unit]
+    if not numbers.any() or np.abs(numbers - np.rint(numbers)).max() > _WHOLE:
+        return
+    usual = float(np.quantile(numbers, 0.9))
+    share = 0.5 * math.sqrt(0.5) / max(usual, 1.0)
+    if share > _POINT:
+        seen = f"rates are whole numbers of {unit}, some {usual:.0f} usually"
+        log.doubt(f"{seen}: rounded or cut off", remedy="log decimals", grade="fair", rolled_std=share)
 
 
 def without_free_wheels(wheels: WheelStream, log: Log) -> WheelStream:
