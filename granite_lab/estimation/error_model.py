@@ -32,7 +32,7 @@ import numpy as np
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.reference import Readings
 from granite_lab.estimation.wheels import Rolling
-from granite_lab.logs.counters import runs
+from granite_lab.logs.counters import repeated, runs
 from granite_lab.logs.sensors.faults import Faults
 from granite_lab.logs.sensors.mounting import BodyImu
 from granite_lab.logs.sensors.standstill import ZERO_VELOCITY
@@ -406,7 +406,7 @@ def wheel_updates(rolling: Rolling, nominal: Nominal, course: Course, offset: fl
         signed = np.sign(course.speed) * course.growth
         H = {V: 1.0, PD: -1.0, TAU: signed[k], S: w[k], G: w[k], C: np.gradient(course.thrust, t)[k]}
         z = speed + gained * ahead - nominal.v[course.index[k]] - course.loss[k]
-        return updates_of("wheel", k, z, H, rolling.sample_std[m] ** 2 * repeated(speed)), 0.0
+        return updates_of("wheel", k, z, H, rolling.sample_std[m] ** 2), 0.0
     # carried to the node by the wheels' own velocity: H must not hold the stamps' noise, which
     # is the noise of z as well, or every update would pull the velocity down a little
     z = rolling.mean[m] + ahead * speed + 0.5 * ahead**2 * gained
@@ -438,9 +438,3 @@ def reference_updates(readings: Readings, nominal: Nominal, course: Course) -> U
         z, H = value - np.interp(stamps, nominal.t, nominal.x), {X: 1.0, P: -1.0}
         z = z - z[:1]
     return updates_of(readings.kind, k, z, H, std**2)
-
-
-def repeated(reading: Array) -> Array:
-    """(U,) how often each of successive readings is repeated: they have one rounding error in common."""
-    group = np.cumsum(np.diff(reading, prepend=np.nan) != 0) - 1
-    return np.bincount(group)[group].astype(float) if group.size else np.ones(0)

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from granite_lab.logs.counters import Mask, integral, runs
+from granite_lab.logs.sensors.mounting import TURN
 from granite_lab.logs.sensors.standstill import MOVING, Interval, bridged, inside
 from granite_lab.logs.trial import Array
 from granite_lab.parameters import Robot
@@ -20,9 +21,6 @@ from granite_lab.parameters import Robot
 SHARE = 0.05
 """Share of the speed by which a side is faster or slower: a slip ratio known to so much is known
 (`motion.TELLING`)."""
-
-TURN = np.radians(15.0)
-"""Turns by less than this correct a straight course [rad]: its way is 1 % longer than the chord at most."""
 
 SMOOTH, JOINED = 0.5, 1.0
 """Time over which the yaw rate is averaged, and pause that does not part two bends [s]."""

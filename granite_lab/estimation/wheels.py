@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from granite_lab.estimation.wheel_speeds import speeds_of
-from granite_lab.logs.counters import integral, interpolated, mad_std, mean_known, runs
+from granite_lab.logs.counters import integral, interpolated, mad_std, mean_known, repeated, runs
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.standstill import MOVING, bridged
 from granite_lab.logs.trial import Array, WheelStream
@@ -128,25 +128,17 @@ def _roll_rates(t: Array, velocity: Array, resolution: tuple[float, ...]) -> Rol
     finite = np.isfinite(speed)
     bend = np.abs(np.diff(np.nan_to_num(speed), n=2, prepend=0.0, append=0.0))
     scatter = mad_std(bend[finite], 0.0) / np.sqrt(6.0) if finite.any() else 0.0
-    rounding = max(resolution) / np.sqrt(12.0)
-    floor = max(rounding, scatter, 1e-3)
+    floor = max(max(resolution) / np.sqrt(12.0), scatter, 1e-3)
     mean = integral(t, interpolated(t, t, speed) if finite.any() else np.zeros_like(speed))
     known = np.isfinite(velocity)
     distance = np.where(known, np.cumsum(dt[:, None] * np.nan_to_num(velocity), axis=0), np.nan)
     smooth, smooth_std = speeds_where(known, t, velocity, np.full(speed.size, floor), rates=True)
-    # samples that read the same share the error of rounding, so that all of them tell as much as one
-    alike = np.sqrt(mean_known(np.stack([run_lengths(rate) for rate in velocity.T], axis=1)))
+    # samples that read the same share their error, so that all of them tell as much as one
+    alike = np.nan_to_num(mean_known(np.stack([repeated(rate) for rate in velocity.T], axis=1)), nan=1.0)
     return Rolling(
         t=t, distance=distance, mean=mean, velocity=smooth, velocity_std=smooth_std, speed=speed,
-        sample_std=np.hypot(floor, rounding * np.nan_to_num(alike)), rates=velocity, resolution=resolution,
-        doubts=tuple(doubts),
+        sample_std=floor * np.sqrt(alike), rates=velocity, resolution=resolution, doubts=tuple(doubts),
     )  # fmt: skip
-
-
-def run_lengths(values: Array) -> Array:
-    """(M,) how many successive samples read the same as each one (M,), with it."""
-    edges = np.concatenate(([0], np.flatnonzero(np.diff(values) != 0.0) + 1, [values.size]))
-    return np.repeat(np.diff(edges), np.diff(edges)).astype(float)
 
 
 def speeds_where(

@@ -107,3 +107,9 @@ def mean_known(values: Array, axis: int = 1) -> Array:
 def mad_std(values: Array, centre: float | None = None) -> float:
     """Return the std of values (N,) by their median absolute deviation, from the median by default."""
     return 1.4826 * float(np.median(np.abs(values - (np.median(values) if centre is None else centre))))
+
+
+def repeated(reading: Array) -> Array:
+    """(N,) how often each of successive readings is repeated: they have one rounding error in common."""
+    group = np.cumsum(np.diff(reading, prepend=np.nan) != 0) - 1
+    return np.bincount(group)[group].astype(float) if group.size else np.ones(0)

@@ -26,6 +26,9 @@ LEAST_POWER = 0.01
 RIVAL = 0.5
 """A peak of a correlation that is not twice as high as the next one is not told from it (as in PIV)."""
 
+TURN = np.radians(15.0)
+"""Turns by less than this correct a straight course [rad]: its way is 1 % longer than the chord at most."""
+
 LOCAL = 0.0026
 """Half the range of gravity on Earth about 9.81 m/s^2, as a share (9.780 to 9.832 m/s^2, WGS 84)."""
 
@@ -154,9 +157,10 @@ def by_ramps(found: Levelled, wheel_t: Array, wheel_speed: Array) -> Levelled:
 
     Where the wheels gain speed (M,) [m/s], a robot that drives straight is pushed along its x axis. The
     forward axis of an IMU that is turned by an angle reads the cosine of it, and the left axis its sine. What
-    a yaw gyro shows of centripetal acceleration is taken out of the latter; without one a bend would look
-    like a turned sensor, and nothing is judged. As of a tilt (`by_gravity`), an angle that changes distances
-    by less than `LOCAL` stays, and the std of the scale covers that the angle is one of the left axis alone.
+    a yaw gyro shows of centripetal acceleration is taken out of the latter. A robot that turns may drift, and
+    without a yaw gyro a bend would look like a turned sensor: nothing is judged then. As of a tilt
+    (`by_gravity`), an angle that changes distances by less than `LOCAL` stays, and the std of the scale
+    covers that the angle is one of the left axis alone.
     """
     stream, imu, robot = found.stream, found.imu, found.robot
     seen = np.isfinite(np.stack([imu.forward, imu.left, imu.yaw_rate])).all(axis=0)
@@ -166,7 +170,10 @@ def by_ramps(found: Levelled, wheel_t: Array, wheel_speed: Array) -> Levelled:
     grid = np.arange(imu.t[0], imu.t[-1], STEP)
     pace = interpolated(grid, wheel_t, speed)
     forward, left, yaw = (interpolated(grid, imu.t, x) for x in (imu.forward, imu.left, imu.yaw_rate))
-    gain = gain_of([forward, left - pace * (yaw - np.median(yaw))], pace)
+    turning = yaw - np.median(yaw)
+    if np.ptp(np.cumsum(turning)) * STEP > TURN:
+        return found
+    gain = gain_of([forward, left - pace * turning], pace)
     heading = float(np.arctan2(gain.vector[1], gain.vector[0]))
     lost = 1.0 - float(np.cos(heading))
     clear = gain.power * STEP >= LEAST_POWER and gain.opposite <= RIVAL
