@@ -36,7 +36,9 @@ def ground_wave(problem: Problem, fit: Fit, motions: Sequence[Motion], tolerance
     """Return the wave of the ground that trials of two speeds or more show; None where they show none.
 
     It must be better than none, than any line in time, and than any whole order of the wheels, by what one
-    line among so many must be worth. The speed that speaks for a line most does not count.
+    line among so many must be worth. Orders are looked at as far as waves are: where fast wheels slip, the
+    trials resolve shorter waves than parts of a turn, and lugs that strike must not look like a wave. The
+    speed that speaks for a line most does not count.
 
     Args:
         problem: the trials.
@@ -58,7 +60,9 @@ def ground_wave(problem: Problem, fit: Fit, motions: Sequence[Motion], tolerance
         time.append(o.t)
     if min(np.ptp(x) for x in (*place, *turns)) <= 0:
         return None
-    numbers, orders = _numbers(place), _numbers(turns)
+    numbers = _numbers(place)
+    way = max(float(np.ptp(x) / np.ptp(n)) for x, n in zip(place, turns, strict=True))  # of a turn [m]
+    orders = _numbers(turns, most=numbers[-1] * way)
     table = table_of_gains(problem, left, place, numbers)
     whole = without_strongest_command(table)
     k, best = np.unravel_index(int(np.argmax(whole)), whole.shape)
@@ -86,10 +90,10 @@ def ground_wave(problem: Problem, fit: Fit, motions: Sequence[Motion], tolerance
     )
 
 
-def _numbers(axis: Sequence[Array]) -> Array:
-    """Return (n,) numbers of periods per unit of an axis that all trials resolve."""
+def _numbers(axis: Sequence[Array], most: float = 0.0) -> Array:
+    """Return (n,) numbers of periods per unit of an axis, up to `most`, or those that all trials resolve."""
     extents = [float(np.ptp(x)) for x in axis]
-    most = 1 / (2 * max(float(np.max(np.abs(np.diff(x)))) for x in axis))
+    most = most or 1 / (2 * max(float(np.max(np.abs(np.diff(x)))) for x in axis))
     return np.arange(PERIODS / min(extents), most, 1 / (STEPS * max(extents)))
 
 

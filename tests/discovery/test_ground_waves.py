@@ -11,7 +11,7 @@ from scipy.integrate import cumulative_trapezoid
 from granite_lab.discovery.ground_waves import ground_wave
 from granite_lab.estimate import Estimate
 from granite_lab.inference.fit import fit
-from tests.inference.stub import ROBOT, drawn, measure, moving, problem_of
+from tests.inference.stub import COMMANDS, ROBOT, WIDTH, drawn, measure, moving, problem_of
 
 SLIP = (0.03, 0.12, 0.25)
 """At the three speeds, as Table 3 of the paper has it."""
@@ -73,6 +73,18 @@ def test_noise_a_resonance_and_orders_of_the_wheels_are_no_waves(seed):
     assert found(lambda x, _turns, _t, _p: 0 * x, seed=seed) is None
     assert found(lambda _x, _turns, t, p: np.cos(2 * np.pi * 4 * t + p), seed=seed) is None
     assert found(lambda _x, turns, _t, p: np.cos(2 * np.pi * 5 * turns + p), seed=seed) is None
+
+
+def test_an_order_that_the_fastest_wheels_do_not_resolve_is_no_wave_of_the_slower_ones():
+    slips, turn = (0.0, 0.01, 0.25), 2 * np.pi * ROBOT.wheels.radius
+    fastest = max(variant.velocity for variant in COMMANDS)
+    order = round(0.85 * turn / (2 * fastest * WIDTH))  # resolved along the way, not along the turns
+    assert order > (1 - slips[-1]) * turn / (2 * fastest * WIDTH)
+    assert found(lambda _x, turns, _t, p: np.cos(2 * np.pi * order * turns + p), slips=slips) is None
+    length = turn / order
+    wave = found(by_place(length))
+    assert wave is not None
+    assert abs(wave.wavelength.value - length) < 3 * wave.wavelength.std < 0.05 * length
 
 
 def test_one_speed_shows_no_waves_and_small_ones_do_not_matter():
