@@ -36,9 +36,9 @@ def ground_wave(problem: Problem, fit: Fit, motions: Sequence[Motion], tolerance
     """Return the wave of the ground that trials of two speeds or more show; None where they show none.
 
     It must be better than none, than any line in time, and than any whole order of the wheels, by what one
-    line among so many must be worth. Orders are looked at as far as waves are: where fast wheels slip, the
-    trials resolve shorter waves than parts of a turn, and lugs that strike must not look like a wave. The
-    speed that speaks for a line most does not count.
+    line among so many must be worth, and no worse than any other order: a frame that rings where the lugs
+    strike is no sharp line. Orders are looked at as far as waves are, for where fast wheels slip the trials
+    resolve shorter waves than parts of a turn. The speed that speaks for a line most does not count.
 
     Args:
         problem: the trials.
@@ -69,7 +69,8 @@ def ground_wave(problem: Problem, fit: Fit, motions: Sequence[Motion], tolerance
     worth = LEAST_GAIN + math.log(whole.size)
     rivals = [(time, _numbers(time)), (turns, np.arange(1, math.floor(orders[-1]) + 1))]
     others = [without_strongest_command(table_of_gains(problem, left, x, n)).max() for x, n in rivals]
-    if whole[k, best] <= max(0.0, *others) + worth:
+    by_order = without_strongest_command(table_of_gains(problem, left, turns, orders)).max(axis=0)
+    if whole[k, best] <= max(0.0, *others) + worth or whole[k, best] < by_order.max():
         return None
     channel = SHOWN_BY[int(k) if k < len(SHOWN_BY) else int(np.argmax(table[:-1, :, best].sum(axis=1)))]
     wavelength = _wavelength(numbers, whole[k], int(best))
@@ -79,7 +80,6 @@ def ground_wave(problem: Problem, fit: Fit, motions: Sequence[Motion], tolerance
     found = _sizes(problem, left, place, wavelength.value, channel)
     if not found or max(share for _, share in found) <= tolerance:
         return None
-    by_order = without_strongest_command(table_of_gains(problem, left, turns, orders)).max(axis=0)
     return GroundWave(
         wavelength=wavelength,
         channel=channel,

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid
 
+from granite_lab.discovery import ground_waves
 from granite_lab.discovery.ground_waves import ground_wave
+from granite_lab.discovery.lines import table_of_gains
 from granite_lab.estimate import Estimate
 from granite_lab.inference.fit import fit
 from tests.inference.stub import COMMANDS, ROBOT, WIDTH, drawn, measure, moving, problem_of
@@ -85,6 +87,18 @@ def test_an_order_that_the_fastest_wheels_do_not_resolve_is_no_wave_of_the_slowe
     wave = found(by_place(length))
     assert wave is not None
     assert abs(wave.wavelength.value - length) < 3 * wave.wavelength.std < 0.05 * length
+
+
+@pytest.mark.parametrize(("by_order", "is_wave"), [(300.0, False), (200.0, True)])
+def test_a_wave_that_an_order_of_the_wheels_explains_better_is_none(by_order, is_wave, monkeypatch):
+    def altered(problem, left, axis, numbers):
+        table = table_of_gains(problem, left, axis, numbers)
+        is_turns = 1.0 < max(np.ptp(x) for x in axis) < 2.0  # ways are shorter, times longer
+        return table if not is_turns or numbers.dtype == int else np.full_like(table, by_order / 2)
+
+    wave = by_place(0.1)  # gains 261 at all speeds without the strongest
+    monkeypatch.setattr(ground_waves, "table_of_gains", altered)
+    assert (found(wave) is not None) is is_wave
 
 
 def test_one_speed_shows_no_waves_and_small_ones_do_not_matter():
