@@ -69,8 +69,10 @@ def ground_wave(problem: Problem, fit: Fit, motions: Sequence[Motion], tolerance
     worth = LEAST_GAIN + math.log(whole.size)
     rivals = [(time, _numbers(time)), (turns, np.arange(1, math.floor(orders[-1]) + 1))]
     others = [without_strongest_command(table_of_gains(problem, left, x, n)).max() for x, n in rivals]
+    if whole[k, best] <= max(0.0, *others) + worth:
+        return None
     by_order = without_strongest_command(table_of_gains(problem, left, turns, orders)).max(axis=0)
-    if whole[k, best] <= max(0.0, *others) + worth or whole[k, best] < by_order.max():
+    if whole[k, best] < by_order.max():
         return None
     channel = SHOWN_BY[int(k) if k < len(SHOWN_BY) else int(np.argmax(table[:-1, :, best].sum(axis=1)))]
     wavelength = _wavelength(numbers, whole[k], int(best))
