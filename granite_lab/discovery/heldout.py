@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -113,11 +113,34 @@ def _predict(problem: Problem, equations: Equations, tolerance: float) -> Predic
         left[[i]] = by_others(problem, equations, tolerance, [i])
     for out in problem.commands if len(problem.commands) > 1 else ():
         speed[list(out)] = by_others(problem, equations, tolerance, out)
-    whole = _density(equations, tolerance, range(n))
-    others = [[k for k, i in enumerate(order) if i not in out] for out in units(problem)]
-    losses = [whole - _density(equations, tolerance, rest) if rest else (np.nan, np.nan) for rest in others]
-    loss, squares = np.array(losses).T
+    loss, squares = _left_out(problem, equations, tolerance)
     return Predicted(in_fit, left, speed, expected, loss, squares)
+
+
+def squares_if_right(problem: Problem, fit: Fit, right: Fit, tolerance: float) -> Array:
+    """Return `Predicted.squares` of one fit for data that another fit explains without any error.
+
+    Args:
+        problem: the trials.
+        fit: of a model, to all of them.
+        right: of the model that is taken for right.
+        tolerance: as in `predict`.
+    """
+    between = tuple(own - other for own, other in zip(fit.residuals, right.residuals, strict=True))
+    try:
+        _, squares = _left_out(problem, Equations(problem, replace(fit, residuals=between)), tolerance)
+        return np.asarray(squares)
+    except np.linalg.LinAlgError:  # a trial that leaves its numbers open
+        return np.full(len(units(problem)), np.nan)
+
+
+def _left_out(problem: Problem, equations: Equations, tolerance: float) -> Array:
+    """Return (2, units) `Predicted.loss` and `Predicted.squares`."""
+    order = [i for repetitions in problem.commands for i in repetitions]
+    whole = _density(equations, tolerance, range(len(order)))
+    others = [[k for k, i in enumerate(order) if i not in out] for out in units(problem)]
+    parts = [whole - _density(equations, tolerance, rest) if rest else (np.nan, np.nan) for rest in others]
+    return np.array(parts, dtype=np.float64).T
 
 
 def _density(equations: Equations, share: float, only: Sequence[int]) -> Array:

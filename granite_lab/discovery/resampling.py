@@ -9,20 +9,23 @@ with two changes. The log density of what is left out is that of an error whose 
     S = -1/2 log det C - n/2 log(r^T C^-1 r),
 
 n the degrees of freedom, C the covariance of the errors r: a model that lacks something is believed to the
-size of its own errors only. And the sum over so few units is drawn from its posterior, Student's t, in place
-of the Bayesian bootstrap, which never leaves the range of the four speeds that were driven.
+size of its own errors only. And the sum over so few units is drawn from its posterior, Student's t about what
+the best set expects in each unit, in place of the Bayesian bootstrap, which never leaves the range of the four
+speeds that were driven, and takes for doubt that an effect shows more at high speed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from granite_lab.discovery.heldout import Predicted, units
+from granite_lab.discovery.heldout import Predicted, predict, squares_if_right, units
 from granite_lab.discovery.models import Model, Search
-from granite_lab.inference.constants import DRAWS, EFFECT_ODDS, FEWEST_SPEEDS, TINY, TRIED
+from granite_lab.inference.constants import DRAWS, EFFECT_ODDS, FEWEST_SPEEDS, TRIED
+from granite_lab.inference.fit import Fit
+from granite_lab.inference.normal import Scales
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 
@@ -54,27 +57,63 @@ def by_evidence(search: Search) -> Competition:
     return Competition(search.models, _never_certain(weights / weights.sum()))
 
 
-def compete(
-    problem: Problem, search: Search, predicted: Callable[[Sequence[Model]], Sequence[Predicted]]
-) -> Competition:
+class Predictions:
+    """Predictions of trials and speeds that are left out, each set's once.
+
+    Args:
+        problem: the trials.
+        scales: the trials differ from each other as these say, for all sets alike.
+        tolerance: as in `predict`.
+    """
+
+    def __init__(self, problem: Problem, scales: Scales, tolerance: float) -> None:
+        self.problem, self.scales, self.tolerance = problem, scales, tolerance
+        self.predicted: dict[tuple[str, ...], Predicted] = {}
+
+    def of(self, models: Sequence[Model]) -> list[Predicted]:
+        """Return the predictions of some sets."""
+        new = [m for m in models if m.effects not in self.predicted]
+        predicted = self.problem.pool.parallel(lambda k: self._predict(new[k]), len(new))
+        self.predicted |= {m.effects: p for m, p in zip(new, predicted, strict=True)}
+        return [self.predicted[m.effects] for m in models]
+
+    def squares_if_right(self, models: Sequence[Model], right: Model) -> Array:
+        """Return (k, units) the sums of squares of sets for data that another set explains without error."""
+        fits = [self._adopted(m) for m in models]
+        return np.array(
+            self.problem.pool.parallel(
+                lambda k: squares_if_right(self.problem, fits[k], right.fit, self.tolerance), len(fits)
+            )
+        )
+
+    def _predict(self, model: Model) -> Predicted:
+        return predict(self.problem, self._adopted(model), self.tolerance)
+
+    def _adopted(self, model: Model) -> Fit:
+        return replace(model.fit, scales=replace(model.fit.scales, priors=self.scales.priors))
+
+
+def compete(problem: Problem, search: Search, predictions: Predictions) -> Competition:
     """Let the best set compete with those that lack one of its effects.
 
     Args:
         problem: the trials.
         search: of them.
-        predicted: returns the predictions of trials and speeds that are left out.
+        predictions: of trials and speeds that are left out.
     """
     models = competitors(search)
-    places = units(problem)
-    predictions = predicted(models)
-    losses, squares = (np.array([getattr(p, kind) for p in predictions]) for kind in ("loss", "squares"))
-    free = np.array([predictions[0].expected[list(out)].sum() for out in places])
-    comparable = np.isfinite(losses).all(axis=0) & (squares > 0).all(axis=0) & (free > 0)
+    predicted = predictions.of(models)
+    losses, squares = (np.array([getattr(p, kind) for p in predicted]) for kind in ("loss", "squares"))
+    if_right = predictions.squares_if_right(models, search.best)
+    free = np.array([predicted[0].expected[list(out)].sum() for out in units(problem)])
+    comparable = np.isfinite(losses + if_right).all(axis=0) & (squares > 0).all(axis=0) & (free > 0)
     if comparable.sum() < FEWEST_SPEEDS:
         return by_evidence(search)
     odds = np.array([m.log_posterior - m.fit.evidence for m in models])
-    densities = -0.5 * (losses - squares + free * np.log(np.fmax(squares, TINY)))
-    return Competition(models, winners(densities[:, comparable], odds))
+    odds -= 0.5 * (losses - squares)[:, comparable].sum(axis=1)  # determinants: known, whatever is measured
+    free, squares, if_right = (x[..., comparable] for x in (free, squares, if_right))
+    more = np.fmax(if_right - if_right[0], 0.0) / squares[0]
+    return Competition(models, winners(-0.5 * free * np.log(squares), odds, 0.5 * free * np.log1p(more)))
 
 
 def competitors(search: Search) -> tuple[Model, ...]:
@@ -92,19 +131,29 @@ def competitors(search: Search) -> tuple[Model, ...]:
     return tuple({m.effects: m for m in models}.values())
 
 
-def winners(densities: Array, odds: Array) -> Array:
+def winners(densities: Array, odds: Array, leads: Array) -> Array:
     """Return the probabilities of sets.
+
+    The lead of the first set over another one differs between the units, since a signature grows with the
+    speed. The uncertainty of its sum is that of a ratio estimator (Cochran, Sampling Techniques, 3rd ed. 1977,
+    section 6.4): what departs from proportion to the expected leads. It is at least that of noise, which gives
+    a log likelihood ratio of mean m the variance 2 m.
 
     Args:
         densities: (k, n) log predictive densities of the units, by sets.
         odds: (k,) logarithms of the sets' prior odds.
+        leads: (k, n) expected log density ratios of the first set to each, if the first is right.
     """
-    n = densities.shape[1]
+    k, n = densities.shape
     rng = np.random.default_rng(0)
-    mean = densities.mean(axis=1, keepdims=True)
-    z = rng.normal(size=(DRAWS, n))
-    t = (z - z.mean(axis=1, keepdims=True)) / np.sqrt(rng.chisquare(n - 1, (DRAWS, 1)) / n)
-    sums = n * mean[:, 0] + odds + t @ (densities - mean).T
+    found, noise = densities[0] - densities, 2 * leads.sum(axis=1)
+    leads = np.where(noise[:, None] > 0, leads, 1.0)
+    away = found - leads * (found.sum(axis=1) / leads.sum(axis=1))[:, None]
+    spread = n / (n - 1) * np.sum(away**2, axis=1)
+    sums = np.sqrt(n / (n - 1)) * rng.normal(size=(DRAWS, n)) @ away.T
+    sums += np.sqrt(np.fmax(noise - spread, 0.0)) * rng.normal(size=(DRAWS, k))
+    sums /= np.sqrt(rng.chisquare(n - 1, (DRAWS, 1)) / (n - 1))
+    sums += odds - found.sum(axis=1)
     weights = np.exp(sums - sums.max(axis=1, keepdims=True))
     return _never_certain((weights / weights.sum(axis=1, keepdims=True)).mean(axis=0))
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from granite_lab.discovery.description import lacking
 from granite_lab.discovery.finding import GroundWave, Verdict
-from granite_lab.discovery.heldout import Predicted, closed, gaps, predict
+from granite_lab.discovery.heldout import Predicted, closed, gaps
 from granite_lab.discovery.models import Model, Search
 from granite_lab.discovery.relevance import (
     anything_matters,
@@ -18,7 +18,7 @@ from granite_lab.discovery.relevance import (
     left_without,
     share_made,
 )
-from granite_lab.discovery.resampling import Competition, by_evidence, compete, nothing_missing
+from granite_lab.discovery.resampling import Competition, Predictions, by_evidence, compete, nothing_missing
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import (
     CERTAIN,
@@ -252,14 +252,14 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     """
     best, scales = search.best, search.best.fit.scales
     baseline = replace(search.baseline, fit=with_priors(problem, search.baseline.fit, scales))
-    predictions = _Predictions(problem, scales, tolerance)
+    predictions = Predictions(problem, scales, tolerance)
     before, after = predictions.of((baseline, best))
     negligible = _by_probability(by_evidence(search), search.negligible)
     if not anything_matters(problem, baseline.fit, best.fit, tolerance):
         small = (*negligible, *_by_probability(by_evidence(search), best.effects))
         return Judgement("none", nothing_missing(search), baseline, (), (), small, before, before)
     whole = performance_of(before, after)
-    competition = compete(problem, search, predictions.of)
+    competition = compete(problem, search, predictions)
 
     def evidence_of(id_: str) -> EffectEvidence:
         if is_term(id_):
@@ -283,31 +283,6 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
         verdict, probability, best, tuple(named), described, small, before, after,
         whole.closed, whole.speeds, competition=competition,
     )  # fmt: skip
-
-
-class _Predictions:
-    """Predictions of trials and speeds that are left out, each set's once.
-
-    Args:
-        problem: the trials.
-        scales: the trials differ from each other as these say, for all sets alike.
-        tolerance: as in `predict`.
-    """
-
-    def __init__(self, problem: Problem, scales: Scales, tolerance: float) -> None:
-        self.problem, self.scales, self.tolerance = problem, scales, tolerance
-        self._predicted: dict[tuple[str, ...], Predicted] = {}
-
-    def of(self, models: Sequence[Model]) -> list[Predicted]:
-        """Return the predictions of some sets."""
-        new = [m for m in models if m.effects not in self._predicted]
-        predicted = self.problem.pool.parallel(lambda k: self._predict(new[k]), len(new))
-        self._predicted |= {m.effects: p for m, p in zip(new, predicted, strict=True)}
-        return [self._predicted[m.effects] for m in models]
-
-    def _predict(self, model: Model) -> Predicted:
-        scales = replace(model.fit.scales, priors=self.scales.priors)
-        return predict(self.problem, replace(model.fit, scales=scales), self.tolerance)
 
 
 def _by_probability(competition: Competition, effects: Sequence[str]) -> tuple[EffectEvidence, ...]:
@@ -372,7 +347,7 @@ def _evidence_of(
     id_: str,
     whole: SetPerformance,
     competition: Competition,
-    predictions: _Predictions,
+    predictions: Predictions,
 ) -> EffectEvidence:
     """Return what speaks for one effect of the best set: its rivals, and what it closes."""
     best, tolerance = search.best, predictions.tolerance
@@ -408,7 +383,7 @@ def _twins(
     closes: float,
     whole: SetPerformance,
     competition: Competition,
-    predictions: _Predictions,
+    predictions: Predictions,
 ) -> tuple[tuple[str, ...], float]:
     """Return the rivals that cannot be told from an effect, and the probability of all of them together.
 

@@ -6,9 +6,16 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from granite_lab.discovery.heldout import Predicted, predict, units
+from granite_lab.discovery.heldout import Predicted, units
 from granite_lab.discovery.models import Search
-from granite_lab.discovery.resampling import by_evidence, compete, competitors, nothing_missing, winners
+from granite_lab.discovery.resampling import (
+    Predictions,
+    by_evidence,
+    compete,
+    competitors,
+    nothing_missing,
+    winners,
+)
 from granite_lab.discovery.verdict import EffectEvidence, holding
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import TOLERANCE
@@ -16,6 +23,9 @@ from tests.discovery.test_verdict import SIX, ask
 from tests.inference.stub import problem_of
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
+
+ALIKE = np.array([[0.0] * 4, [1.0] * 4])
+"""Every unit is expected to show the same."""
 
 
 @pytest.mark.parametrize(
@@ -25,7 +35,7 @@ def test_a_set_wins_with_the_probability_of_students_t(gains: tuple[float, ...])
     """Where densities are large, the better of two sets wins a draw: the sign of the mean gain decides."""
     gain = 1e3 * np.array(gains)
     common = 1e6 * np.random.default_rng(1).normal(size=gain.size)  # commands that are hard for both
-    first, second = winners(np.stack([common + gain, common]), np.zeros(2))
+    first, second = winners(np.stack([common + gain, common]), np.zeros(2), ALIKE[:, : gain.size])
     ratio = gain.mean() / (gain.std(ddof=1) / np.sqrt(gain.size))
     assert first == pytest.approx(student.cdf(ratio, gain.size - 1), abs=0.015)
     assert first + second == pytest.approx(1.0)
@@ -34,13 +44,44 @@ def test_a_set_wins_with_the_probability_of_students_t(gains: tuple[float, ...])
 
 def test_equal_sets_share_by_their_prior_odds() -> None:
     same = np.tile(np.array([-500.0, -700.0, -400.0]), (2, 1))
-    assert winners(same, np.log([0.05, 0.15])) == pytest.approx([0.25, 0.75], abs=0.001)
+    assert winners(same, np.log([0.05, 0.15]), np.zeros((2, 3))) == pytest.approx([0.25, 0.75], abs=0.001)
 
 
 def test_a_set_that_always_wins_is_not_certain() -> None:
-    first, second = winners(np.array([[0.0, 0.0, 0.0], [-1e4, -1e4, -1e4]]), np.zeros(2))
+    first, second = winners(np.array([[0.0, 0.0, 0.0], [-1e4, -1e4, -1e4]]), np.zeros(2), ALIKE[:, :3])
     assert 0.999 < first < 1
     assert second > 0
+
+
+def test_a_signature_that_grows_with_the_speed_is_no_doubt_but_a_departure_from_it_is() -> None:
+    """Leads of 12 to 580 over four speeds are what the effect makes there; by their mean alone: 0.86."""
+    leads = np.array([[0.0] * 4, [15.0, 35.0, 95.0, 600.0]])
+    as_expected = np.array([[0.0] * 4, [-12.0, -36.0, -91.0, -580.0]])
+    elsewhere = np.array([[0.0] * 4, [-580.0, -36.0, -91.0, -12.0]])
+    assert winners(as_expected, np.zeros(2), leads)[0] > 0.99
+    assert winners(elsewhere, np.zeros(2), leads)[0] < 0.9
+    assert winners(as_expected, np.zeros(2), ALIKE)[0] == pytest.approx(0.86, abs=0.02)
+
+
+@pytest.mark.parametrize("mean", [1.0, 4.0])
+def test_a_lead_is_never_surer_than_the_noise_allows(mean: float) -> None:
+    """A lead that agrees with the expected one in every unit is still one draw of mean m and variance 2 m."""
+    leads = np.array([[0.0] * 4, [1e3 * mean] * 4])
+    sure = winners(-leads / 1e3, np.zeros(2), leads / 1e3)[0]
+    z = np.random.default_rng(3).standard_t(3, 200_000) * np.sqrt(8 * mean)
+    assert sure == pytest.approx(np.mean(1 / (1 + np.exp(-np.clip(4 * mean + z, -700, 700)))), abs=0.01)
+
+
+def test_data_that_the_best_set_explains_lead_as_much_as_it_predicts() -> None:
+    """The stub is linear: what is measured leads over the model alone as expected, within the noise."""
+    answer = ask(push=0.3)
+    best, alone = answer.search.best, answer.search.baseline
+    predictions = Predictions(answer.problem, best.fit.scales, TOLERANCE)
+    after, before = predictions.of((best, alone))
+    expected = np.diff(predictions.squares_if_right((best, alone), best), axis=0)[0]
+    found = before.squares - after.squares
+    assert np.all(expected > 0)
+    assert np.all(np.abs(found - expected) < 4 * np.sqrt(4 * expected))
 
 
 def test_commands_are_drawn_whole_where_there_are_three_speeds() -> None:
@@ -66,9 +107,9 @@ def test_a_right_name_is_sure_and_never_certain() -> None:
 
 def test_one_speed_more_against_a_name_makes_it_less_sure() -> None:
     with_it, without = np.array([-100.0, -100.0, -100.0, -100.0]), np.array([-180.0, -220.0, -200.0, -190.0])
-    sure = winners(np.stack([with_it, without]), np.zeros(2))[0]
+    sure = winners(np.stack([with_it, without]), np.zeros(2), ALIKE)[0]
     without[3] = -60.0
-    doubted = winners(np.stack([with_it, without]), np.zeros(2))[0]
+    doubted = winners(np.stack([with_it, without]), np.zeros(2), ALIKE)[0]
     assert sure > 0.99
     assert 0.6 < doubted < 0.95
 
@@ -98,8 +139,9 @@ def test_without_three_commands_or_trials_the_evidence_alone_counts() -> None:
 def test_a_set_that_cannot_be_predicted_leaves_the_evidence_to_decide() -> None:
     answer = ask(push=0.3)
     problem, models = answer.problem, competitors(answer.search)
-    known = [predict(problem, m.fit, TOLERANCE) for m in models[1:]]
-    found = compete(problem, answer.search, lambda _: [Predicted.unknown(problem), *known])
+    predictions = Predictions(problem, answer.search.best.fit.scales, TOLERANCE)
+    predictions.predicted[models[0].effects] = Predicted.unknown(problem)
+    found = compete(problem, answer.search, predictions)
     assert found.weights == pytest.approx(by_evidence(answer.search).weights)
 
 
