@@ -10,8 +10,8 @@ with two changes. The log density of what is left out is that of an error whose 
 
 n the degrees of freedom, C the covariance of the errors r: a model that lacks something is believed to the
 size of its own errors only. And the sum over so few units is drawn from its posterior, Student's t about what
-the best set expects in each unit, in place of the Bayesian bootstrap, which never leaves the range of the four
-speeds that were driven, and takes for doubt that an effect shows more at high speed.
+the best set expects in each unit, see `winners`. The Bayesian bootstrap never leaves the range of the speeds
+that were driven, and counts it as doubt that an effect shows more at a high speed.
 """
 
 from __future__ import annotations
@@ -135,9 +135,9 @@ def winners(densities: Array, odds: Array, leads: Array) -> Array:
     """Return the probabilities of sets.
 
     The lead of the first set over another one differs between the units, since a signature grows with the
-    speed. The uncertainty of its sum is that of a ratio estimator (Cochran, Sampling Techniques, 3rd ed. 1977,
-    section 6.4): what departs from proportion to the expected leads. It is at least that of noise, which gives
-    a log likelihood ratio of mean m the variance 2 m.
+    speed. The uncertainty of the sum is that of a ratio estimator (Cochran, Sampling Techniques, 3rd ed.
+    1977, section 6.4): the leads depart from proportion to the expected ones. It is at least that of noise,
+    which gives a log likelihood ratio of mean m the variance 2 m.
 
     Args:
         densities: (k, n) log predictive densities of the units, by sets.
