@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -57,7 +57,7 @@ class Search:
     """What a search has fitted and screened.
 
     Attributes:
-        models: fitted sets, the likeliest first.
+        models: fitted sets, the likeliest first; before them the one that predicts best, see `led_by`.
         screenings: sets beside which candidates were screened, to the screens.
         set_aside: sets whose last effect does not stay: it changes little, or does not predict what is left
             out; and likelier sets than the best whose simulations predict that worse than the files do.
@@ -82,6 +82,10 @@ class Search:
         """The effects that likelier sets than the best hold besides: likely, and too small to matter."""
         likelier = self.models[: self.models.index(self.best)]
         return tuple(dict.fromkeys(e for m in likelier for e in m.effects if e not in self.best.effects))
+
+    def led_by(self, model: Model) -> Search:
+        """Return the search with one of its sets as the best."""
+        return replace(self, models=(model, *(m for m in self.models if m is not model)))
 
     def screened_gains(self) -> dict[str, float]:
         """Return candidate to what it would gain at most as the only effect, by the scales as learnt."""

@@ -116,6 +116,19 @@ def compete(problem: Problem, search: Search, predictions: Predictions) -> Compe
     return Competition(models, winners(-0.5 * free * np.log(squares), odds, 0.5 * free * np.log1p(more)))
 
 
+def winner(competition: Competition, search: Search) -> Model:
+    """Return the most probable set.
+
+    A set that was set aside, since its last effect does not matter, counts for the likeliest part of it.
+    """
+    votes: dict[Model, float] = {}
+    for model, weight in zip(competition.models, competition.weights.tolist(), strict=True):
+        kept = (m for m in (model, *search.models) if m.effects not in search.set_aside)
+        part = next((m for m in kept if set(m.effects) <= set(model.effects)), search.baseline)
+        votes[part] = votes.get(part, 0.0) + weight
+    return max(votes, key=lambda m: votes[m])
+
+
 def competitors(search: Search) -> tuple[Model, ...]:
     """Return the best set, and for each of its effects the likeliest sets that lack it.
 

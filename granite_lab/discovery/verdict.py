@@ -18,7 +18,14 @@ from granite_lab.discovery.relevance import (
     left_without,
     share_made,
 )
-from granite_lab.discovery.resampling import Competition, Predictions, by_evidence, compete, nothing_missing
+from granite_lab.discovery.resampling import (
+    Competition,
+    Predictions,
+    by_evidence,
+    compete,
+    nothing_missing,
+    winner,
+)
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import (
     CERTAIN,
@@ -235,8 +242,10 @@ class _Left:
         return (self.little and effect.closes.value > least) or effect.is_sure_beside(self.share, scales)
 
 
-def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[str, float]) -> Judgement:
-    """Decide by what repetitions share.
+def _judged(
+    problem: Problem, search: Search, tolerance: float, differ: Mapping[str, float], *, may_lose: bool = True
+) -> Judgement:
+    """Decide by what repetitions share, about the likeliest set, or the one that predicts what is left out.
 
     * ``none`` where the model without effects leaves no discrepancy beyond the tolerance, and the likeliest
       model changes no channel by more than the tolerance. Trials differ as the likeliest model says.
@@ -249,6 +258,7 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     Args:
         problem, search, tolerance: as in `judge`.
         differ: channel to how far repetitions differ; empty where that is little.
+        may_lose: the likeliest set is replaced where another one predicts better.
     """
     best, scales = search.best, search.best.fit.scales
     baseline = replace(search.baseline, fit=with_priors(problem, search.baseline.fit, scales))
@@ -258,8 +268,10 @@ def _judged(problem: Problem, search: Search, tolerance: float, differ: Mapping[
     if not anything_matters(problem, baseline.fit, best.fit, tolerance):
         small = (*negligible, *_by_probability(by_evidence(search), best.effects))
         return Judgement("none", nothing_missing(search), baseline, (), (), small, before, before)
-    whole = performance_of(before, after)
     competition = compete(problem, search, predictions)
+    if may_lose and (first := winner(competition, search)).effects not in ((), best.effects):
+        return _judged(problem, search.led_by(first), tolerance, differ, may_lose=False)
+    whole = performance_of(before, after)
 
     def evidence_of(id_: str) -> EffectEvidence:
         if is_term(id_):
