@@ -7,18 +7,21 @@ import pytest
 from scipy.stats import t as student
 
 from granite_lab.discovery.heldout import Predicted, units
-from granite_lab.discovery.models import Search
+from granite_lab.discovery.models import Model, Search
 from granite_lab.discovery.resampling import (
+    Competition,
     Predictions,
     by_evidence,
     compete,
     competitors,
     nothing_missing,
+    winner,
     winners,
 )
-from granite_lab.discovery.verdict import EffectEvidence, holding
+from granite_lab.discovery.verdict import EffectEvidence, holding, judge
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import TOLERANCE
+from granite_lab.inference.fit import fit
 from tests.discovery.test_verdict import SIX, ask
 from tests.inference.stub import problem_of
 
@@ -143,6 +146,27 @@ def test_a_set_that_cannot_be_predicted_leaves_the_evidence_to_decide() -> None:
     predictions.predicted[models[0].effects] = Predicted.unknown(problem)
     found = compete(problem, answer.search, predictions)
     assert found.weights == pytest.approx(by_evidence(answer.search).weights)
+
+
+def test_a_set_that_was_set_aside_counts_for_the_likeliest_part_of_it() -> None:
+    found = ask(push=0.3, candidates=("pull", "push")).search
+    models = [replace(found.baseline, effects=e) for e in (("pull",), ("push",), ("pull", "push"), ())]
+    aside = replace(found, models=tuple(models), set_aside=frozenset({("pull", "push")}))
+    competition = Competition(aside.models, np.array([0.3, 0.2, 0.4, 0.1]))
+    assert winner(competition, aside).effects == ("pull",)
+    assert winner(competition, replace(aside, set_aside=frozenset())).effects == ("pull", "push")
+
+
+def test_a_set_that_predicts_worse_than_another_is_not_judged_though_it_is_likelier() -> None:
+    answer = ask(push=0.3, candidates=("pull", "push"))
+    problem, right = answer.problem, answer.search.best
+    assert right.effects == ("push",)
+    wrong = fit(problem, problem.with_effect(answer.search.baseline.fit.point, "pull", [0.0]))
+    likelier = Model(("pull",), wrong, right.log_posterior + 5)
+    others = tuple(m for m in answer.search.models if m is not right)
+    judgement = judge(answer.problem, replace(answer.search, models=(likelier, right, *others)), TOLERANCE)
+    assert [n.id for n in judgement.named] == ["push"]
+    assert judgement.model is right
 
 
 def test_what_is_unexplained_counts_against_an_effect_that_is_only_described() -> None:
