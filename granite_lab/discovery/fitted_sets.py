@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from granite_lab.discovery.candidates import Score, around
 from granite_lab.discovery.heldout import Predicted, predict
-from granite_lab.discovery.leaders import Prospect, Screening, leaders, origins, screened
+from granite_lab.discovery.leaders import NONE, Fitted, Prospect, Screening, leaders, origins, screened
 from granite_lab.discovery.models import EffectSet, Model, ranked
 from granite_lab.discovery.relevance import has_strained_trials, is_adequate
 from granite_lab.discovery.sets import best_fits, fit_sets, set_of
@@ -74,14 +74,14 @@ class FittedSets:
         adequate = is_adequate(self.problem, model.fit, self.tolerance)
         return adequate and not has_strained_trials(self.problem, model.fit)
 
-    def prospects(self, model: Model) -> list[Prospect]:
-        """Return the candidates to be fitted beside a model, those of the scales as learnt first."""
+    def prospects(self, model: Model, fitted: Fitted = NONE) -> list[Prospect]:
+        """Return the candidates to be fitted beside a model, see `leaders`."""
         if model.effects not in self.screenings:
             self.tell(f"screening candidates beside {_words(model.effects)}", self.stage)
             for key, screenings in self.screenings.items():  # their columns are large
                 self.screenings[key] = tuple(replace(s, screened=None) for s in screenings)
             self.screenings[model.effects] = self._screened(model)
-        return leaders(self.screenings[model.effects])
+        return leaders(self.screenings[model.effects], fitted)
 
     def _screened(self, model: Model) -> tuple[Screening, ...]:
         """Screen the candidates beside a model."""

@@ -92,23 +92,38 @@ def _prospects(screenings: Sequence[Screening]) -> dict[str, Prospect]:
     return prospects
 
 
-def _best_prospects(prospects: Mapping[str, Prospect], most: int) -> list[Prospect]:
+@dataclass(frozen=True)
+class Fitted:
+    """Candidates that were fitted beside a set, and the one that is the best of them; none at first."""
+
+    ids: tuple[str, ...] = ()
+    best: str = ""
+
+
+NONE = Fitted()
+
+
+def _best_prospects(prospects: Mapping[str, Prospect], most: int, fitted: Fitted) -> list[Prospect]:
     """Return the prospects of the candidates to be fitted.
 
     They are the `most` best. A rival must promise `RIVAL` of what the best one does: the screen is linear,
-    and full fits have changed the order of candidates by factors of up to two.
+    and full fits have changed the order of candidates by factors of up to two. Where fits have shown that the
+    last of those is the best, the next one may be better yet.
     """
     least = max(LEAST_GAIN, RIVAL * max((p.gain for p in prospects.values()), default=0.0))
     ranked = sorted((p for p in prospects.values() if p.gain > least), key=lambda p: -p.gain)
-    return ranked[:most]
+    ids = [p.score.candidate for p in ranked]
+    last = ids.index(fitted.best) + 1 if fitted.best in ids else 0
+    is_last = last >= most and set(ids[:last]) <= set(fitted.ids)
+    return ranked[: last + 1 if is_last else most]
 
 
-def _best_and_rivals(screenings: Sequence[Screening], most: int) -> list[Prospect]:
+def _best_and_rivals(screenings: Sequence[Screening], most: int, fitted: Fitted) -> list[Prospect]:
     """Return the prospects of the best candidate and of its rivals.
 
     What adds to the best candidate in place of being its rival has its turn beside it.
     """
-    ranked = _best_prospects(_prospects(screenings), most)
+    ranked = _best_prospects(_prospects(screenings), most, fitted)
     if not ranked or ranked[0].score.trial_values is not None:
         return ranked
     first = ranked[0].score.candidate
@@ -119,14 +134,18 @@ def _best_and_rivals(screenings: Sequence[Screening], most: int) -> list[Prospec
     return [p for p in ranked if p.score.candidate in close]
 
 
-def leaders(screenings: Sequence[Screening]) -> list[Prospect]:
+def leaders(screenings: Sequence[Screening], fitted: Fitted = NONE) -> list[Prospect]:
     """Return the candidates of some screens that are fitted in full.
 
     They are `TRIED` under the scales as learnt, which come first, and `FEW` under the tolerated ones.
+
+    Args:
+        screenings: beside one set.
+        fitted: the candidates that were fitted there already.
     """
-    prospects = _best_and_rivals([k for k in screenings if not k.tolerated], TRIED)
+    prospects = _best_and_rivals([k for k in screenings if not k.tolerated], TRIED, fitted)
     if tolerated := [k for k in screenings if k.tolerated]:
-        prospects += _best_and_rivals(tolerated, FEW)
+        prospects += _best_and_rivals(tolerated, FEW, fitted)
     first: dict[str, Prospect] = {}
     for prospect in prospects:
         first.setdefault(prospect.score.candidate, prospect)

@@ -10,7 +10,7 @@ import numpy as np
 from granite_lab.discovery.candidates import Score
 from granite_lab.discovery.fitted_sets import MOST, FittedSets, with_score
 from granite_lab.discovery.heldout import predict, predicts_better
-from granite_lab.discovery.leaders import Prospect
+from granite_lab.discovery.leaders import Fitted, Prospect
 from granite_lab.discovery.models import EffectSet, Model, Search, ranked
 from granite_lab.discovery.relevance import exceeds_formula_errors, left_without, share_made, unexplained
 from granite_lab.discovery.saved_model import loss_of_files, loss_of_model, predicts_worse
@@ -155,19 +155,19 @@ def _refit_from_files(sets: FittedSets, model: Model) -> Model:
 def extend(sets: FittedSets, model: Model) -> tuple[Model, list[Score]]:
     """Return the best set with one more effect, the set itself if none is better, and what was tried."""
     sets.stage = min(MOST, max(sets.stage, len(model.effects)))
-    prospects = sets.prospects(model)
-    tried: list[Prospect] = []
-    for group in _fitted_together(sets, model, prospects):
-        tried += group
-        sets.fit_prospects(model, group)
-        best = _best_of(sets, model, tried)
-        if best is not model and len(tried) < len(prospects):
-            tried = prospects  # its rivals
-            sets.fit_prospects(model, prospects)
-            best = _best_of(sets, model, prospects)
+    tried: dict[str, Prospect] = {}
+    for group in _fitted_together(sets, model, sets.prospects(model)):
+        best, new = model, group
+        while new:
+            tried |= {p.score.candidate: p for p in new}
+            sets.fit_prospects(model, new)
+            best = _best_of(sets, model, list(tried.values()))
+            found = "".join(set(best.effects) - set(model.effects))
+            rivals = sets.prospects(model, Fitted(tuple(tried), found)) if found else []
+            new = [p for p in rivals if p.score.candidate not in tried]
         if best is not model:
-            return best, [p.score for p in tried]
-    return model, [p.score for p in tried]
+            return best, [p.score for p in tried.values()]
+    return model, [p.score for p in tried.values()]
 
 
 def _fitted_together(sets: FittedSets, model: Model, prospects: list[Prospect]) -> list[list[Prospect]]:

@@ -30,6 +30,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import (
     CERTAIN,
     CREDIBLE,
+    FORMULA_ERROR,
     LEAST_SHARE,
     MAX_REMAINDER,
     NEAR_ZERO,
@@ -400,9 +401,10 @@ def _twins(
     """Return the rivals that cannot be told from an effect, and the probability of all of them together.
 
     The likeliest rivals come first, until effect and twins may be named together. One that holds less than a
-    tenth of the doubt that a name may carry is no twin. A rival is a twin, too, where it leaves less than
-    twice what the best set leaves of the gap, both as an rms, and closes nearly as much: a formula that is
-    off by that much cannot exclude another that is off by as much more.
+    tenth of the doubt that a name may carry is no twin. Two other kinds of rivals are: one that closes all of
+    what the effect closes but the largest error that the formula of an effect may have; and one that closes
+    nearly as much and leaves less than twice what the best set leaves of the gap, both as an rms, since a
+    formula that is off by that much cannot exclude another that is off by as much more.
 
     Args:
         search, whole, competition, predictions: as in `_evidence_of`.
@@ -419,10 +421,11 @@ def _twins(
     twins, probability = [], competition.probability(holding(id_))
     for share, rival, model in sorted(rivals, key=lambda r: r[:2], reverse=True):
         is_twin = probability < CREDIBLE and share >= LEAST_SHARE * doubt
-        if not is_twin and remainder > 0:
+        if not is_twin:
             (predicted,) = predictions.of((model,))
             left = 1 - closed(whole.base, predicted.unseen, whole.gap).value
-            is_twin = left < 2**2 * remainder and left - remainder < SUBSTITUTE * closes
+            more = (left - remainder) / closes if closes > 0 else np.inf
+            is_twin = more < FORMULA_ERROR[1] ** 2 or (left < 2**2 * remainder and more < SUBSTITUTE)
         if is_twin:
             twins.append(rival)
             probability += share
