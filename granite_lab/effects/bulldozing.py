@@ -25,6 +25,7 @@ class Bulldozing(Effect):
     .. math:: F_b = b (2 c \sqrt{K_p} z_0 + \gamma K_p z_0^2 / 2), \qquad K_p = \tan^2(45° + \phi/2)
 
     The soil that it fails on is a wedge of the length z_0 tan(45° + φ/2), 1 to 5 cm, which piles up first.
+    The sources have the full wedge from the start: the shortest length is less than `ROUND`.
     """
 
     id = "bulldozing"
@@ -45,7 +46,7 @@ class Bulldozing(Effect):
         EffectParameter("strength", "", "multiple of the passive pressure of a vertical wall",
                         0.0, 10.0, 0.0, 0.1, 1.0),
         EffectParameter("length", "m", "travel from the start over which the soil piles up",
-                        0.002, 0.1, 0.03, 0.005, 0.1, shape=True),
+                        0.0002, 0.1, 0.03, 0.0002, 0.1, shape=True),
     )  # fmt: skip
 
     def wheel_forces(
