@@ -58,14 +58,14 @@ def remainder(
         tell("describing what the library leaves")
         names = tuple(n.id for n in judgement.named)
         bases = [m for m in (search.model(names), judgement.model) if m is not None]
+        best = judgement.model.fit
         for base in {m.effects: m for m in bases}.values():
             impulses = impulse_responses(problem, base.fit)
             extended = described(problem, impulses, tolerance) if impulses else None
-            if extended is not None and _better(
-                problem, baseline.fit, judgement.model.fit, extended, tolerance
-            ):
-                judgement, impulses = _with_terms(problem, baseline.fit, judgement, extended, tolerance), None
-                break
+            if extended is not None and _better(problem, baseline.fit, best, extended, tolerance):
+                best = extended
+        if best is not judgement.model.fit:
+            judgement = _with_terms(problem, baseline.fit, judgement, best, tolerance)
     if is_adequate(problem, judgement.model.fit, tolerance):
         return judgement, None
     tell("computing what any force could close")

@@ -46,7 +46,7 @@ class TyreWindup(Effect):
         EffectParameter("retardation", "s", "damping over stiffness, c/k",
                         5e-4, 0.2, 0.01, 0.002, 0.05, shape=True),
         EffectParameter("tread_share", "-", "share of the wheel's inertia in the tread, J_t/J",
-                        0.02, 0.6, 0.15, 0.05, 0.3, shape=True),
+                        0.02, 0.95, 0.15, 0.05, 0.3, shape=True),
     )  # fmt: skip
     states = ("torque_f", "torque_rate_f", "torque_r", "torque_rate_r")
 

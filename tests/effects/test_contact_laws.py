@@ -8,6 +8,8 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from granite_lab.effects import get
+from granite_lab.inference.constants import BIN
+from granite_lab.model.command import V_FLOOR
 from granite_lab.model.effect import Symbols, activate
 from granite_lab.model.single_wheel import Ratio, SingleWheel, rolling
 from granite_lab.model.symbols import model_parameters
@@ -140,3 +142,22 @@ def test_the_soil_ahead_of_a_wheel_piles_up_over_a_length() -> None:
         moving = (r["v_mps"] > 0.05) & (x > 0.01)
         expected = -0.5 * pushed * (1 - np.exp(-x / length))
         assert np.allclose(extra[moving], expected[moving], atol=0.03 * np.max(pushed))
+
+
+@pytest.mark.parametrize("id_", ["slip_sinkage", "contact_angle_actual_speed"])
+def test_the_formula_of_the_literature_without_memory_is_in_reach(id_: str) -> None:
+    """At the shortest length a mean follows within a bin of the sensors, even at rest."""
+    shortest = next(p for p in get(id_).parameters if p.name == "length").low
+    assert shortest / V_FLOOR <= BIN / 2
+
+
+def test_the_wedge_of_the_literature_is_there_from_the_start() -> None:
+    shortest = next(p for p in get("bulldozing").parameters if p.name == "length").low
+    r = run("bulldozing", strength=0.5, length=shortest)
+    passive = math.tan(math.radians(45 + SOIL.friction_angle / 2)) ** 2
+    z = r["sinkage_f_m"]
+    pushed = 0.5 * B * (2 * SOIL.cohesion * math.sqrt(passive) * z + 15_000 * passive * z**2 / 2)
+    extra = r["force_x_f_N"] - r["thrust_f_N"] - r["resistance_f_N"]
+    moving = (r["v_mps"] > 4 * V_FLOOR) & (r["x_m"] < 0.01)
+    assert moving.any()
+    assert np.allclose(extra[moving], -pushed[moving], rtol=0.02)
