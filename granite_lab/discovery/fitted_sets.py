@@ -7,7 +7,15 @@ from dataclasses import dataclass, field, replace
 
 from granite_lab.discovery.candidates import Score, around
 from granite_lab.discovery.heldout import Predicted, predict
-from granite_lab.discovery.leaders import NONE, Fitted, Prospect, Screening, leaders, origins, screened
+from granite_lab.discovery.leaders import (
+    NOTHING_FITTED,
+    Fitted,
+    Prospect,
+    Screening,
+    leaders,
+    origins,
+    screened,
+)
 from granite_lab.discovery.models import EffectSet, Model, ranked
 from granite_lab.discovery.relevance import has_strained_trials, is_adequate
 from granite_lab.discovery.sets import best_fits, fit_sets, set_of
@@ -74,7 +82,7 @@ class FittedSets:
         adequate = is_adequate(self.problem, model.fit, self.tolerance)
         return adequate and not has_strained_trials(self.problem, model.fit)
 
-    def prospects(self, model: Model, fitted: Fitted = NONE) -> list[Prospect]:
+    def prospects(self, model: Model, fitted: Fitted = NOTHING_FITTED) -> list[Prospect]:
         """Return the candidates to be fitted beside a model, see `leaders`."""
         if model.effects not in self.screenings:
             self.tell(f"screening candidates beside {_words(model.effects)}", self.stage)

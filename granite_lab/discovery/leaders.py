@@ -100,7 +100,7 @@ class Fitted:
     best: str = ""
 
 
-NONE = Fitted()
+NOTHING_FITTED = Fitted()
 
 
 def _best_prospects(prospects: Mapping[str, Prospect], most: int, fitted: Fitted) -> list[Prospect]:
@@ -134,7 +134,7 @@ def _best_and_rivals(screenings: Sequence[Screening], most: int, fitted: Fitted)
     return [p for p in ranked if p.score.candidate in close]
 
 
-def leaders(screenings: Sequence[Screening], fitted: Fitted = NONE) -> list[Prospect]:
+def leaders(screenings: Sequence[Screening], fitted: Fitted = NOTHING_FITTED) -> list[Prospect]:
     """Return the candidates of some screens that are fitted in full.
 
     They are `TRIED` under the scales as learnt, which come first, and `FEW` under the tolerated ones.

@@ -244,7 +244,7 @@ class _Left:
 
 
 def _judged(
-    problem: Problem, search: Search, tolerance: float, differ: Mapping[str, float], *, may_lose: bool = True
+    problem: Problem, search: Search, tolerance: float, differ: Mapping[str, float], *, final: bool = False
 ) -> Judgement:
     """Decide by what repetitions share, about the likeliest set, or the one that predicts what is left out.
 
@@ -259,7 +259,7 @@ def _judged(
     Args:
         problem, search, tolerance: as in `judge`.
         differ: channel to how far repetitions differ; empty where that is little.
-        may_lose: the likeliest set is replaced where another one predicts better.
+        final: the best set of the search is judged even where another one predicts better.
     """
     best, scales = search.best, search.best.fit.scales
     baseline = replace(search.baseline, fit=with_priors(problem, search.baseline.fit, scales))
@@ -270,8 +270,8 @@ def _judged(
         small = (*negligible, *_by_probability(by_evidence(search), best.effects))
         return Judgement("none", nothing_missing(search), baseline, (), (), small, before, before)
     competition = compete(problem, search, predictions)
-    if may_lose and (first := winner(competition, search)).effects not in ((), best.effects):
-        return _judged(problem, search.led_by(first), tolerance, differ, may_lose=False)
+    if not final and (first := winner(competition, search)).effects not in ((), best.effects):
+        return _judged(problem, search.led_by(first), tolerance, differ, final=True)
     whole = performance_of(before, after)
 
     def evidence_of(id_: str) -> EffectEvidence:
