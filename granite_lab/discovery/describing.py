@@ -199,7 +199,8 @@ class EquationsWithTerms(Equations):
     """The normal equations with some terms in the model; see `Equations`."""
 
     def __init__(self, screened: ScreenedTerms, chosen: Sequence[int]) -> None:
-        self.fit, self.normal, self.screened = screened.fit, screened.normal, screened
+        self.problem, self.fit = screened.problem, screened.fit
+        self.normal, self.screened = screened.normal, screened
         self.chosen = np.array(chosen, dtype=int)
         std, mean = screened.problem.prior(self.fit.point, self.fit.scales)
         sizes = [screened.terms[k].parameters[0] for k in chosen]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from granite_lab.discovery.describing import ScreenedTerms
-from granite_lab.discovery.heldout import Equations, Predicted, predict, predicts_better
+from granite_lab.discovery.heldout import Equations, Predicted, losses, predict, predicts_better
 from granite_lab.discovery.impulses import ImpulseResponses
 from granite_lab.discovery.search import FINE
 from granite_lab.errors import EstimateError
@@ -50,8 +50,8 @@ def described(problem: Problem, impulses: ImpulseResponses, tolerance: float) ->
         stay = _staying(problem, fitted, tolerance)
         lost = [id_ for id_ in fitted.point.effects if is_term(id_) and id_ not in stay]
         if not lost:
-            after = predict(problem, fitted, tolerance)
-            return fitted if predicts_better(predict(problem, before, tolerance), after) else None
+            old, new = (losses(problem, Equations(problem, f), tolerance) for f in (before, fitted))
+            return fitted if predicts_better(old, new) else None
         point = fitted.point
         for id_ in lost:
             point = problem.without_effect(point, id_)
@@ -67,13 +67,14 @@ def _staying(problem: Problem, fitted: Fit, tolerance: float) -> list[str]:
     """Return the terms that predict what was left out beside the others; the least useful goes first."""
     stay = list(filter(is_term, fitted.point.effects))
     gone: list[str] = []
+    equations = Equations(problem, fitted)
     while stay:
-        now = lacking(problem, fitted, gone, tolerance)
-        without = {id_: lacking(problem, fitted, [*gone, id_], tolerance) for id_ in stay}
+        now = losses(problem, equations.without(gone), tolerance)
+        without = {id_: losses(problem, equations.without([*gone, id_]), tolerance) for id_ in stay}
         lost = [id_ for id_ in stay if not predicts_better(without[id_], now)]
         if not lost:
             break
-        least = min(lost, key=lambda id_: float(np.nansum(without[id_].loss)))
+        least = min(lost, key=lambda id_: float(np.nansum(without[id_])))
         stay.remove(least)
         gone.append(least)
     return stay
@@ -81,23 +82,21 @@ def _staying(problem: Problem, fitted: Fit, tolerance: float) -> list[str]:
 
 def lacking(problem: Problem, fitted: Fit, ids: Sequence[str], tolerance: float) -> Predicted:
     """Return the prediction without some effects, everything else refitted; linear about the fit."""
-    names = problem.parameters(fitted.point.effects, per_trial=False)
-    pinned = [k for k, (e, _) in enumerate(names) if e in ids]
-    return predict(problem, fitted, tolerance, Equations(problem, fitted, pinned))
+    return predict(problem, fitted, tolerance, Equations(problem, fitted).without(ids))
 
 
 def _chosen(problem: Problem, screened: ScreenedTerms, tolerance: float, most: int) -> list[int]:
     """Return the places of the terms that enter, in their order."""
     chosen: list[int] = []
-    now = predict(problem, screened.fit, tolerance, screened.beside(chosen))
+    now = losses(problem, screened.beside(chosen), tolerance)
     while len(chosen) < most:
         gains = screened.gains(chosen, tolerance)
         order = [int(k) for k in np.argsort(-gains)[:TRIED] if gains[k] > 0]
-        after = {k: predict(problem, screened.fit, tolerance, screened.beside([*chosen, k])) for k in order}
+        after = {k: losses(problem, screened.beside([*chosen, k]), tolerance) for k in order}
         better = [k for k in order if predicts_better(now, after[k])]
         if not better:
             break
-        best = min(better, key=lambda k: float(np.nansum(after[k].loss)))
+        best = min(better, key=lambda k: float(np.nansum(after[k])))
         chosen.append(best)
         now = after[best]
     return chosen

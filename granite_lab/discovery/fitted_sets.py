@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 from granite_lab.discovery.candidates import Score, around
-from granite_lab.discovery.heldout import Predicted, predict
+from granite_lab.discovery.heldout import Equations, losses
 from granite_lab.discovery.leaders import (
     NOTHING_FITTED,
     Fitted,
@@ -24,6 +24,7 @@ from granite_lab.inference.fit import ROUNDS, Fit
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
+from granite_lab.logs.trial import Array
 
 MOST = 6
 """Effects in a set at most."""
@@ -55,7 +56,7 @@ class FittedSets:
     from_files: set[EffectSet] = field(default_factory=set)
     from_larger: set[EffectSet] = field(default_factory=set)
     stage: int = 0
-    _predictions: dict[Fit, Predicted] = field(default_factory=dict)
+    _losses: dict[Fit, Array] = field(default_factory=dict)
 
     @property
     def baseline(self) -> Model:
@@ -71,11 +72,11 @@ class FittedSets:
         """Return the likeliest set all of whose effects matter."""
         return ranked(m for k, m in self.models.items() if k not in self.set_aside)[0]
 
-    def predicted(self, model: Model) -> Predicted:
-        """Return how a set predicts trials that are left out, computed once for each fit."""
-        if model.fit not in self._predictions:
-            self._predictions[model.fit] = predict(self.problem, model.fit, self.tolerance)
-        return self._predictions[model.fit]
+    def losses(self, model: Model) -> Array:
+        """Return the losses of a set on what is left out, computed once for each fit."""
+        if model.fit not in self._losses:
+            self._losses[model.fit] = losses(self.problem, Equations(self.problem, model.fit), self.tolerance)
+        return self._losses[model.fit]
 
     def is_adequate(self, model: Model) -> bool:
         """Tell whether a model leaves no discrepancy that matters, and no trial stands in for one."""

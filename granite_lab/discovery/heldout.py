@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,19 +57,25 @@ class Equations:
     Args:
         problem: the trials.
         fit: of all of them.
-        pinned: places among the shared numbers of effects that stay at their neutral values.
     """
 
-    def __init__(self, problem: Problem, fit: Fit, pinned: Sequence[int] = ()) -> None:
-        self.fit = fit
+    def __init__(self, problem: Problem, fit: Fit) -> None:
+        self.problem, self.fit = problem, fit
         self.normal = problem.normal(fit.point, fit.derivatives, fit.residuals, apart=True, keep=False)
         std, mean = problem.prior(fit.point, fit.scales)
-        first = std.size - fit.point.common.size
-        neutral = [p.neutral for _, p in problem.parameters(fit.point.effects, per_trial=False)]
-        for k in pinned:
-            std[first + k], mean[first + k] = UNOBSERVABLE * std[first + k], neutral[k]
         self.precision, self.pull = std**-2.0, mean - fit.point.vector
         self.low, self.high = (side - fit.point.vector for side in problem.bounds(fit.point))
+
+    def without(self, ids: Sequence[str]) -> Equations:
+        """Return the equations with the shared numbers of some effects held at their neutral values."""
+        point, other = self.fit.point, copy(self)
+        other.precision, other.pull = self.precision.copy(), self.pull.copy()
+        first = self.precision.size - point.common.size
+        for k, (id_, p) in enumerate(self.problem.parameters(point.effects, per_trial=False), first):
+            if id_ in ids:
+                other.precision[k] /= UNOBSERVABLE**2
+                other.pull[k] = p.neutral - point.vector[k]
+        return other
 
     def marginal(self, share: float, only: Sequence[int]) -> tuple[Array, float]:
         """Return the matrix of some trials under a discrepancy of some share, and its log determinant."""
@@ -113,8 +120,13 @@ def _predict(problem: Problem, equations: Equations, tolerance: float) -> Predic
         left[[i]] = by_others(problem, equations, tolerance, [i])
     for out in problem.commands if len(problem.commands) > 1 else ():
         speed[list(out)] = by_others(problem, equations, tolerance, out)
-    loss, squares = _left_out(problem, equations, tolerance)
+    loss, squares = _densities(problem, equations, tolerance)
     return Predicted(in_fit, left, speed, expected, loss, squares)
+
+
+def losses(problem: Problem, equations: Equations, tolerance: float) -> Array:
+    """Return `Predicted.loss` alone; NaN where trials cannot be predicted."""
+    return _left_out(problem, equations, tolerance)[0]
 
 
 def squares_if_right(problem: Problem, fit: Fit, right: Fit, tolerance: float) -> Array:
@@ -127,20 +139,30 @@ def squares_if_right(problem: Problem, fit: Fit, right: Fit, tolerance: float) -
         tolerance: as in `predict`.
     """
     between = tuple(own - other for own, other in zip(fit.residuals, right.residuals, strict=True))
+    return _left_out(problem, Equations(problem, replace(fit, residuals=between)), tolerance)[1]
+
+
+def _left_out(problem: Problem, equations: Equations, tolerance: float) -> tuple[Array, Array]:
+    """Return `Predicted.loss` and `Predicted.squares`; NaN where trials cannot be predicted."""
     try:
-        _, squares = _left_out(problem, Equations(problem, replace(fit, residuals=between)), tolerance)
-        return np.asarray(squares)
+        return _densities(problem, equations, tolerance)
     except np.linalg.LinAlgError:  # a trial that leaves its numbers open
-        return np.full(len(units(problem)), np.nan)
+        unknown = np.full(len(units(problem)), np.nan)
+        return unknown, unknown
 
 
-def _left_out(problem: Problem, equations: Equations, tolerance: float) -> Array:
-    """Return (2, units) `Predicted.loss` and `Predicted.squares`."""
+def _densities(problem: Problem, equations: Equations, tolerance: float) -> tuple[Array, Array]:
+    """Return `Predicted.loss` and `Predicted.squares`.
+
+    Raises:
+        np.linalg.LinAlgError: a trial leaves its numbers open.
+    """
     order = [i for repetitions in problem.commands for i in repetitions]
     whole = _density(equations, tolerance, range(len(order)))
     others = [[k for k, i in enumerate(order) if i not in out] for out in units(problem)]
     parts = [whole - _density(equations, tolerance, rest) if rest else (np.nan, np.nan) for rest in others]
-    return np.array(parts, dtype=np.float64).T
+    loss, squares = np.array(parts, dtype=np.float64).T
+    return loss, squares
 
 
 def _density(equations: Equations, share: float, only: Sequence[int]) -> Array:
@@ -192,9 +214,13 @@ def _misfit(equations: Equations, part: int, trial: int, share: float, step: Arr
     return float(squares + precision @ pull**2 - right @ solved)
 
 
-def predicts_better(before: Predicted, after: Predicted) -> bool:
-    """Tell whether a model predicts what was left out better by more than a standard error."""
-    drop = before.loss - after.loss
+def predicts_better(before: Array, after: Array) -> bool:
+    """Tell whether a model predicts what was left out better by more than a standard error.
+
+    Args:
+        before, after: (units,) losses of the other model and of this one.
+    """
+    drop = before - after
     drop = drop[np.isfinite(drop)]
     if drop.size < 2:
         return True

@@ -10,7 +10,7 @@ import numpy as np
 from granite_lab.discovery.ceiling import ceiling
 from granite_lab.discovery.description import described
 from granite_lab.discovery.finding import Ceiling
-from granite_lab.discovery.heldout import predict, predicts_better
+from granite_lab.discovery.heldout import Equations, losses, predict, predicts_better
 from granite_lab.discovery.impulses import ImpulseResponses, impulse_responses
 from granite_lab.discovery.models import Model, Search
 from granite_lab.discovery.relevance import is_adequate
@@ -111,8 +111,8 @@ def beside_terms(
 
 def _better(problem: Problem, baseline: Fit, before: Fit, after: Fit, tolerance: float) -> bool:
     """Tell whether a model predicts what was left out better, and its simulations no worse."""
-    same = with_priors(problem, before, after.scales)
-    if not predicts_better(predict(problem, same, tolerance), predict(problem, after, tolerance)):
+    fits = with_priors(problem, before, after.scales), after
+    if not predicts_better(*(losses(problem, Equations(problem, f), tolerance) for f in fits)):
         return False
     simulated = loss_of_model(problem, after, tolerance)
     others = loss_of_model(problem, before, tolerance), loss_of_files(problem, baseline)

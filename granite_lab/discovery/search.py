@@ -9,7 +9,7 @@ import numpy as np
 
 from granite_lab.discovery.candidates import Score
 from granite_lab.discovery.fitted_sets import MOST, FittedSets, with_score
-from granite_lab.discovery.heldout import predict, predicts_better
+from granite_lab.discovery.heldout import Equations, losses, predict, predicts_better
 from granite_lab.discovery.leaders import Fitted, Prospect
 from granite_lab.discovery.models import EffectSet, Model, Search, ranked
 from granite_lab.discovery.relevance import exceeds_formula_errors, left_without, share_made, unexplained
@@ -224,8 +224,8 @@ def stays(sets: FittedSets, model: Model, larger: Model) -> bool:
         is_needed = max(left.values(), default=0.0) > tolerance
         if not is_needed and (must_be_needed or not exceeds_formula_errors(share, scales)):
             return False
-    before = predict(problem, with_priors(problem, model.fit, scales), tolerance)
-    return predicts_better(before, sets.predicted(larger))
+    before = Equations(problem, with_priors(problem, model.fit, scales))
+    return predicts_better(losses(problem, before, tolerance), sets.losses(larger))
 
 
 def revise(sets: FittedSets, best: Model, steps: list[Extension]) -> tuple[Model, list[Extension]]:
@@ -269,7 +269,7 @@ def _may_hold_substitute(sets: FittedSets, model: Model) -> bool:
     """
     if sum(error >= FORMULAS[1] for error in model.fit.scales.formulas.values()) < 2:
         return False
-    predicted = sets.predicted(model)
+    predicted = predict(sets.problem, model.fit, sets.tolerance)
     worse = predicted.unseen.sum() > (1 + MAX_REMAINDER**2) * predicted.expected.sum()
     return bool(worse or len(model.effects) == 1)
 
