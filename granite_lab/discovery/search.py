@@ -162,9 +162,11 @@ def extend(sets: FittedSets, model: Model) -> tuple[Model, list[Score]]:
             tried |= {p.score.candidate: p for p in new}
             sets.fit_prospects(model, new)
             best = _best_of(sets, model, list(tried.values()))
-            found = "".join(set(best.effects) - set(model.effects))
-            rivals = sets.prospects(model, Fitted(tuple(tried), found)) if found else []
-            new = [p for p in rivals if p.score.candidate not in tried]
+            if best is model:
+                break
+            (id_,) = set(best.effects) - set(model.effects)
+            fitted = Fitted(tuple(tried), id_ if sets.is_adequate(best) else "")
+            new = [p for p in sets.prospects(model, fitted) if p.score.candidate not in tried]
         if best is not model:
             return best, [p.score for p in tried.values()]
     return model, [p.score for p in tried.values()]
