@@ -113,7 +113,9 @@ def compete(problem: Problem, search: Search, predictions: Predictions) -> Compe
     odds -= 0.5 * (losses - squares)[:, comparable].sum(axis=1)  # determinants: known, whatever is measured
     free, squares, if_right = (x[..., comparable] for x in (free, squares, if_right))
     more = np.fmax(if_right - if_right[0], 0.0) / squares[0]
-    return Competition(models, winners(-0.5 * free * np.log(squares), odds, 0.5 * free * np.log1p(more)))
+    shared = np.array([bool(set(m.effects) & set(search.best.effects)) for m in models])
+    leads = 0.5 * free * np.log1p(more)
+    return Competition(models, winners(-0.5 * free * np.log(squares), odds, leads, shared))
 
 
 def winner(competition: Competition, search: Search) -> Model:
@@ -144,29 +146,34 @@ def competitors(search: Search) -> tuple[Model, ...]:
     return tuple({m.effects: m for m in models}.values())
 
 
-def winners(densities: Array, odds: Array, leads: Array) -> Array:
+def winners(densities: Array, odds: Array, leads: Array, shared: Array) -> Array:
     """Return the probabilities of sets.
 
     The lead of the first set over another one differs between the units, since a signature grows with the
     speed. The uncertainty of the sum is that of a ratio estimator (Cochran, Sampling Techniques, 3rd ed.
     1977, section 6.4): the leads depart from proportion to the expected ones. It is at least that of noise,
-    which gives a log likelihood ratio of mean m the variance 2 m.
+    which gives a log likelihood ratio of mean m the variance 2 m. Errors of formulas that both sets share
+    follow no such proportion: the spread of the leads over the units then counts in full, where it is larger.
 
     Args:
         densities: (k, n) log predictive densities of the units, by sets.
         odds: (k,) logarithms of the sets' prior odds.
         leads: (k, n) expected log density ratios of the first set to each, if the first is right.
+        shared: (k,) the set has an effect in common with the first.
     """
     k, n = densities.shape
     rng = np.random.default_rng(0)
     found, noise = densities[0] - densities, 2 * leads.sum(axis=1)
     leads = np.where(noise[:, None] > 0, leads, 1.0)
-    away = found - leads * (found.sum(axis=1) / leads.sum(axis=1))[:, None]
+    total = found.sum(axis=1, keepdims=True)
+    away, alike = found - leads * total / leads.sum(axis=1, keepdims=True), found - total / n
+    larger = shared & (np.sum(alike**2, axis=1) > np.sum(away**2, axis=1))
+    away = np.where(larger[:, None], alike, away)
     spread = n / (n - 1) * np.sum(away**2, axis=1)
     sums = np.sqrt(n / (n - 1)) * rng.normal(size=(DRAWS, n)) @ away.T
     sums += np.sqrt(np.fmax(noise - spread, 0.0)) * rng.normal(size=(DRAWS, k))
     sums /= np.sqrt(rng.chisquare(n - 1, (DRAWS, 1)) / (n - 1))
-    sums += odds - found.sum(axis=1)
+    sums += odds - total[:, 0]
     weights = np.exp(sums - sums.max(axis=1, keepdims=True))
     return _never_certain((weights / weights.sum(axis=1, keepdims=True)).mean(axis=0))
 

@@ -30,6 +30,9 @@ pytestmark = pytest.mark.usefixtures("one_blas_thread")
 ALIKE = np.array([[0.0] * 4, [1.0] * 4])
 """Every unit is expected to show the same."""
 
+APART = np.array([True, False])
+"""The sets have no effect in common."""
+
 
 @pytest.mark.parametrize(
     "gains", [(300.0, 500.0, 100.0, 900.0), (50.0, -40.0, 90.0, 20.0), (9.0, 10.0, 11.0)]
@@ -38,7 +41,7 @@ def test_a_set_wins_with_the_probability_of_students_t(gains: tuple[float, ...])
     """Where densities are large, the better of two sets wins a draw: the sign of the mean gain decides."""
     gain = 1e3 * np.array(gains)
     common = 1e6 * np.random.default_rng(1).normal(size=gain.size)  # commands that are hard for both
-    first, second = winners(np.stack([common + gain, common]), np.zeros(2), ALIKE[:, : gain.size])
+    first, second = winners(np.stack([common + gain, common]), np.zeros(2), ALIKE[:, : gain.size], APART)
     ratio = gain.mean() / (gain.std(ddof=1) / np.sqrt(gain.size))
     assert first == pytest.approx(student.cdf(ratio, gain.size - 1), abs=0.015)
     assert first + second == pytest.approx(1.0)
@@ -47,11 +50,13 @@ def test_a_set_wins_with_the_probability_of_students_t(gains: tuple[float, ...])
 
 def test_equal_sets_share_by_their_prior_odds() -> None:
     same = np.tile(np.array([-500.0, -700.0, -400.0]), (2, 1))
-    assert winners(same, np.log([0.05, 0.15]), np.zeros((2, 3))) == pytest.approx([0.25, 0.75], abs=0.001)
+    assert winners(same, np.log([0.05, 0.15]), np.zeros((2, 3)), APART) == pytest.approx(
+        [0.25, 0.75], abs=0.001
+    )
 
 
 def test_a_set_that_always_wins_is_not_certain() -> None:
-    first, second = winners(np.array([[0.0, 0.0, 0.0], [-1e4, -1e4, -1e4]]), np.zeros(2), ALIKE[:, :3])
+    first, second = winners(np.array([[0.0, 0.0, 0.0], [-1e4, -1e4, -1e4]]), np.zeros(2), ALIKE[:, :3], APART)
     assert 0.999 < first < 1
     assert second > 0
 
@@ -61,16 +66,27 @@ def test_a_signature_that_grows_with_the_speed_is_no_doubt_but_a_departure_from_
     leads = np.array([[0.0] * 4, [15.0, 35.0, 95.0, 600.0]])
     as_expected = np.array([[0.0] * 4, [-12.0, -36.0, -91.0, -580.0]])
     elsewhere = np.array([[0.0] * 4, [-580.0, -36.0, -91.0, -12.0]])
-    assert winners(as_expected, np.zeros(2), leads)[0] > 0.99
-    assert winners(elsewhere, np.zeros(2), leads)[0] < 0.9
-    assert winners(as_expected, np.zeros(2), ALIKE)[0] == pytest.approx(0.86, abs=0.02)
+    assert winners(as_expected, np.zeros(2), leads, APART)[0] > 0.99
+    assert winners(elsewhere, np.zeros(2), leads, APART)[0] < 0.9
+    assert winners(as_expected, np.zeros(2), ALIKE, APART)[0] == pytest.approx(0.86, abs=0.02)
+
+
+def test_beside_an_effect_that_both_sets_share_the_spread_of_the_leads_is_doubt() -> None:
+    """Errors of that effect's formula are not in proportion to what the other effect is expected to show."""
+    leads = np.array([[0.0] * 4, [0.7, 3.6, 4.2, 15.7]])
+    found = np.array([[0.0] * 4, [-1.2, -5.7, 1.4, -23.3]])
+    shared = np.array([True, True])
+    assert winners(found, np.zeros(2), leads, APART)[0] > 0.95
+    doubted = winners(found, np.zeros(2), leads, shared)[0]
+    assert doubted == pytest.approx(winners(found, np.zeros(2), ALIKE, APART)[0], abs=0.02)
+    assert 0.8 < doubted < 0.9
 
 
 @pytest.mark.parametrize("mean", [1.0, 4.0])
 def test_a_lead_is_never_surer_than_the_noise_allows(mean: float) -> None:
     """A lead that agrees with the expected one in every unit is still one draw of mean m and variance 2 m."""
     leads = np.array([[0.0] * 4, [1e3 * mean] * 4])
-    sure = winners(-leads / 1e3, np.zeros(2), leads / 1e3)[0]
+    sure = winners(-leads / 1e3, np.zeros(2), leads / 1e3, APART)[0]
     z = np.random.default_rng(3).standard_t(3, 200_000) * np.sqrt(8 * mean)
     assert sure == pytest.approx(np.mean(1 / (1 + np.exp(-np.clip(4 * mean + z, -700, 700)))), abs=0.01)
 
@@ -110,9 +126,9 @@ def test_a_right_name_is_sure_and_never_certain() -> None:
 
 def test_one_speed_more_against_a_name_makes_it_less_sure() -> None:
     with_it, without = np.array([-100.0, -100.0, -100.0, -100.0]), np.array([-180.0, -220.0, -200.0, -190.0])
-    sure = winners(np.stack([with_it, without]), np.zeros(2), ALIKE)[0]
+    sure = winners(np.stack([with_it, without]), np.zeros(2), ALIKE, APART)[0]
     without[3] = -60.0
-    doubted = winners(np.stack([with_it, without]), np.zeros(2), ALIKE)[0]
+    doubted = winners(np.stack([with_it, without]), np.zeros(2), ALIKE, APART)[0]
     assert sure > 0.99
     assert 0.6 < doubted < 0.95
 
