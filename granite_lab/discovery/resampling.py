@@ -23,7 +23,7 @@ import numpy as np
 
 from granite_lab.discovery.heldout import Predicted, predict, squares_if_right, units
 from granite_lab.discovery.models import Model, Search
-from granite_lab.inference.constants import DRAWS, EFFECT_ODDS, FEWEST_SPEEDS, TRIED
+from granite_lab.inference.constants import DRAWS, EFFECT_ODDS, FEWEST_SPEEDS, FORMULA_ERROR, TRIED
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.problem import Problem
@@ -113,8 +113,10 @@ def compete(problem: Problem, search: Search, predictions: Predictions) -> Compe
     odds -= 0.5 * (losses - squares)[:, comparable].sum(axis=1)  # determinants: known, whatever is measured
     free, squares, if_right = (x[..., comparable] for x in (free, squares, if_right))
     more = np.fmax(if_right - if_right[0], 0.0) / squares[0]
-    shared = np.array([bool(set(m.effects) & set(search.best.effects)) for m in models])
     leads = 0.5 * free * np.log1p(more)
+    alone = next(k for k, m in enumerate(models) if not m.effects)
+    common = np.array([bool(set(m.effects) & set(search.best.effects)) for m in models])
+    shared = common * np.fmax(leads[alone].sum() - leads.sum(axis=1), 0.0)
     return Competition(models, winners(-0.5 * free * np.log(squares), odds, leads, shared))
 
 
@@ -153,13 +155,15 @@ def winners(densities: Array, odds: Array, leads: Array, shared: Array) -> Array
     speed. The uncertainty of the sum is that of a ratio estimator (Cochran, Sampling Techniques, 3rd ed.
     1977, section 6.4): the leads depart from proportion to the expected ones. It is at least that of noise,
     which gives a log likelihood ratio of mean m the variance 2 m. Errors of formulas that both sets share
-    follow no such proportion: the spread of the leads over the units then counts in full, where it is larger.
+    follow no such proportion: the whole spread of the leads over the units then counts, but no more than such
+    errors can make. Effects that lead by E and are off by a share f make 2 m (1 + 2 f^2 E) at most, where all
+    of their error lies along the difference of the two sets.
 
     Args:
         densities: (k, n) log predictive densities of the units, by sets.
         odds: (k,) logarithms of the sets' prior odds.
         leads: (k, n) expected log density ratios of the first set to each, if the first is right.
-        shared: (k,) the set has an effect in common with the first.
+        shared: (k,) expected lead of what the set has in common with the first, over the model alone.
     """
     k, n = densities.shape
     rng = np.random.default_rng(0)
@@ -167,11 +171,10 @@ def winners(densities: Array, odds: Array, leads: Array, shared: Array) -> Array
     leads = np.where(noise[:, None] > 0, leads, 1.0)
     total = found.sum(axis=1, keepdims=True)
     away, alike = found - leads * total / leads.sum(axis=1, keepdims=True), found - total / n
-    larger = shared & (np.sum(alike**2, axis=1) > np.sum(away**2, axis=1))
-    away = np.where(larger[:, None], alike, away)
-    spread = n / (n - 1) * np.sum(away**2, axis=1)
+    spread, whole = (n / (n - 1) * np.sum(x**2, axis=1) for x in (away, alike))
+    least = np.where(shared > 0, np.fmin(whole, noise * (1 + 2 * FORMULA_ERROR[0] ** 2 * shared)), noise)
     sums = np.sqrt(n / (n - 1)) * rng.normal(size=(DRAWS, n)) @ away.T
-    sums += np.sqrt(np.fmax(noise - spread, 0.0)) * rng.normal(size=(DRAWS, k))
+    sums += np.sqrt(np.fmax(np.fmax(least, noise) - spread, 0.0)) * rng.normal(size=(DRAWS, k))
     sums /= np.sqrt(rng.chisquare(n - 1, (DRAWS, 1)) / (n - 1))
     sums += odds - total[:, 0]
     weights = np.exp(sums - sums.max(axis=1, keepdims=True))

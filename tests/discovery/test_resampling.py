@@ -30,7 +30,7 @@ pytestmark = pytest.mark.usefixtures("one_blas_thread")
 ALIKE = np.array([[0.0] * 4, [1.0] * 4])
 """Every unit is expected to show the same."""
 
-APART = np.array([True, False])
+APART = np.zeros(2)
 """The sets have no effect in common."""
 
 
@@ -75,11 +75,18 @@ def test_beside_an_effect_that_both_sets_share_the_spread_of_the_leads_is_doubt(
     """Errors of that effect's formula are not in proportion to what the other effect is expected to show."""
     leads = np.array([[0.0] * 4, [0.7, 3.6, 4.2, 15.7]])
     found = np.array([[0.0] * 4, [-1.2, -5.7, 1.4, -23.3]])
-    shared = np.array([True, True])
+    shared = np.array([0.0, 500.0])
     assert winners(found, np.zeros(2), leads, APART)[0] > 0.95
     doubted = winners(found, np.zeros(2), leads, shared)[0]
     assert doubted == pytest.approx(winners(found, np.zeros(2), ALIKE, APART)[0], abs=0.02)
     assert 0.8 < doubted < 0.9
+
+
+def test_an_effect_that_errors_of_the_shared_formulas_cannot_make_is_sure() -> None:
+    leads = np.array([[0.0] * 4, [54.0, 65.0, 197.0, 895.0]])
+    found = np.array([[0.0] * 4, [-70.0, -52.0, -171.0, -784.0]])
+    assert winners(found, np.zeros(2), leads, np.array([0.0, 1000.0]))[0] > 0.97
+    assert winners(found, np.zeros(2), leads, np.array([0.0, 1e5]))[0] < 0.9
 
 
 @pytest.mark.parametrize("mean", [1.0, 4.0])
