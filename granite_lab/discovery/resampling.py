@@ -172,9 +172,9 @@ def winners(densities: Array, odds: Array, leads: Array, shared: Array) -> Array
     total = found.sum(axis=1, keepdims=True)
     away, alike = found - leads * total / leads.sum(axis=1, keepdims=True), found - total / n
     spread, whole = (n / (n - 1) * np.sum(x**2, axis=1) for x in (away, alike))
-    least = np.where(shared > 0, np.fmin(whole, noise * (1 + 2 * FORMULA_ERROR[0] ** 2 * shared)), noise)
+    least = np.fmax(noise, np.fmin(whole, noise * (1 + 2 * FORMULA_ERROR[0] ** 2 * shared)))
     sums = np.sqrt(n / (n - 1)) * rng.normal(size=(DRAWS, n)) @ away.T
-    sums += np.sqrt(np.fmax(np.fmax(least, noise) - spread, 0.0)) * rng.normal(size=(DRAWS, k))
+    sums += np.sqrt(np.fmax(least - spread, 0.0)) * rng.normal(size=(DRAWS, k))
     sums /= np.sqrt(rng.chisquare(n - 1, (DRAWS, 1)) / (n - 1))
     sums += odds - total[:, 0]
     weights = np.exp(sums - sums.max(axis=1, keepdims=True))
