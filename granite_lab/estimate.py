@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import Literal, NamedTuple
 
 
@@ -42,6 +44,7 @@ class Part:
         unit: of `std`.
         std: standard uncertainty of the source.
         contribution: standard uncertainty of the result that it causes [the result's unit].
+        common: whether it is the same error in all trials of a robot, such as that of the wheel radius.
     """
 
     name: str
@@ -50,6 +53,7 @@ class Part:
     unit: str
     std: float
     contribution: float
+    common: bool = False
 
     @property
     def sensitivity(self) -> float:
@@ -90,24 +94,41 @@ def weights_of(estimates: Sequence[Estimate], vague: float = math.inf) -> list[f
     return [a / sum(w) for a in w]
 
 
-def mean_over(estimates: Iterable[Estimate], vague: float = math.inf) -> Mean:
+def in_common(weights: Sequence[float], parts: Sequence[Sequence[Part]]) -> float:
+    """Return the variance of a weighted mean beyond that of independent errors, by the components of each.
+
+    Errors that are common to all add up in the mean (JCGM 100, 5.2.2, correlation 1).
+    """
+    sums: dict[str, list[float]] = defaultdict(list)
+    for weight, of_trial in zip(weights, parts, strict=True):
+        for part in of_trial:
+            if part.common:
+                sums[part.name].append(weight * part.contribution)
+    return math.fsum(sum(c) ** 2 - sum(x**2 for x in c) for c in sums.values())
+
+
+def mean_over(
+    estimates: Iterable[Estimate], vague: float = math.inf, parts: Sequence[Sequence[Part]] = ()
+) -> Mean:
     """Average repetitions, with the wider of two 95 % intervals; weights are those of `weights_of`.
 
     One comes from the scatter between the repetitions (Student's t), the other from their stated
     standard deviations. The first includes the scatter of the sand, the second that of the
-    sensors; with few repetitions either can be too small by chance.
+    sensors; with few repetitions either can be too small by chance. A mean does not reduce errors that all
+    repetitions have in common, by the `parts` of each.
     """
     import numpy as np  # noqa: PLC0415, heavy
     from scipy.special import stdtrit  # noqa: PLC0415, heavy
 
-    finite = [e for e in estimates if math.isfinite(e.value)]
+    known = [(e, of_trial) for e, of_trial in zip_longest(estimates, parts) if math.isfinite(e.value)]
+    finite = [e for e, _ in known]
     n = len(finite)
     if n == 0:
         return Mean(math.nan, math.nan, math.nan, math.nan, 0)
     values, w = np.array([e.value for e in finite]), np.array(weights_of(finite, vague))
     mean = float(w @ values)
     stds = np.where(w > 0, [e.std for e in finite], 0.0)
-    stated = float(np.linalg.norm(w * stds))
+    stated = math.sqrt(float(np.sum((w * stds) ** 2)) + in_common(w.tolist(), [p or () for _, p in known]))
     scatter = float(np.sqrt(w @ (values - mean) ** 2 / (n - 1))) if n > 1 else math.nan
     half = float(np.fmax(1.959964 * stated, float(stdtrit(max(n - 1, 1), 0.975)) * scatter))
     return Mean(mean, float(np.fmax(stated, scatter)), mean - half, mean + half, n)

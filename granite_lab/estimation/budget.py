@@ -31,6 +31,9 @@ VARYING, SHAKING = "slip that varies along the way", "vibration of the frame"
 SOFT, SCALE = "compliance between wheels and body", "scale error of the accelerometer"
 LATE = "time offset of encoders and IMU"
 
+COMMON = {STEADY_SLIP, GYRO_SCALE, SCALE}
+"""Sources whose error is the same in all trials of one robot on one ground."""
+
 MEASURED = {
     "specific_force": WHITE, "zero_rate": RATE, "wheel": COUNTS, "zero_velocity": "standstill not perfect",
     "distance": "measured distance", "reference_v": "external reference", "reference_x": "external reference",
@@ -74,7 +77,7 @@ def slip_parts(
         if variance > 1e-6 * sum(variances.values()):
             kind, unit, std = sources[name]
             shape = "rectangular" if name in (COUNTS, STEADY_SLIP) else "normal"
-            parts.append(Part(name, kind, shape, unit, std, math.sqrt(variance)))
+            parts.append(Part(name, kind, shape, unit, std, math.sqrt(variance), name in COMMON))
     return tuple(parts)
 
 

@@ -326,7 +326,7 @@ def with_radius(motion: Motion, robot: Robot) -> Motion:
     if share == 0.0 or not math.isfinite(motion.slip_ratio.value):
         return motion
     made = share * abs(1.0 - motion.slip_ratio.value)
-    part = Part(BY_RADIUS, "B", "normal", "m", robot.wheels.radius_std, made)
+    part = Part(BY_RADIUS, "B", "normal", "m", robot.wheels.radius_std, made, common=True)
     parts = sorted([*motion.slip_parts, part], key=lambda one: -one.contribution)
     return replace(_with_rolled_std(motion, share), slip_parts=tuple(parts))
 

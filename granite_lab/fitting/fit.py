@@ -395,12 +395,20 @@ def of_a_theta(fit: AThetaFit, fits: Sequence[K92Fit]) -> Budget | None:
     weighed = [(c, k92_fit.parts) for c, k92_fit in zip(fit.sensitivity, fits, strict=False) if c]
     if len(fit.sensitivity) != len(fits) or not all(parts for _, parts in weighed):
         return None
-    trials = _pooled(part.times(c) for c, parts in weighed for part in parts)
+    # As in the std of a_θ, errors of k_92 count as independent; those of the files are `AThetaFit.shared`.
+    trials = _pooled(replace(part.times(c), common=False) for c, parts in weighed for part in parts)
     return Budget(math.nan, fit.a_theta, _ranked([*trials, *fit.parts]))
 
 
+def _rss(contributions: Sequence[float]) -> float:
+    return math.hypot(*contributions)
+
+
 def _pooled(parts: Iterable[Part]) -> list[Part]:
-    """Return the components of a sum over trials: each source once, its std as rms over trials."""
+    """Return the components of a sum over trials: each source once, its std as rms over trials.
+
+    Contributions of a source that is common to all trials add up, those of another one as squares.
+    """
     by_name: dict[str, list[Part]] = {}
     for part in parts:
         by_name.setdefault(part.name, []).append(part)
@@ -408,7 +416,7 @@ def _pooled(parts: Iterable[Part]) -> list[Part]:
         replace(
             same[0],
             std=math.sqrt(sum(part.std**2 for part in same) / len(same)),
-            contribution=math.hypot(*(part.contribution for part in same)),
+            contribution=(sum if same[0].common else _rss)([part.contribution for part in same]),
         )
         for same in by_name.values()
     ]

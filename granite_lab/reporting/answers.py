@@ -179,7 +179,8 @@ def _slip(speeds: Sequence[Speed]) -> Answer:
         [f"{s.velocity:g}" for s in with_slip if s.agrees is agrees] for agrees in (True, False)
     )
     verdict = " to ".join(
-        f"{s.slip.quantity} at {s.velocity:g} m/s" for s in dict.fromkeys(with_slip[:1] + with_slip[-1:])
+        f"{with_unit(s.slip.with_std, s.slip.unit)} at {s.velocity:g} m/s"
+        for s in dict.fromkeys(with_slip[:1] + with_slip[-1:])
     )
     tone = "fair" if outside else "good"
     if not with_slip:

@@ -117,7 +117,8 @@ def speeds_of(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
         trials = [result.trials[i] for i in positions]
         fits = [t.fit for t in trials]
         inner = [f for f in fits if f.k92_known]
-        *slip, count = mean_over((t.motion.slip_ratio for t in trials), TELLING)
+        slips, parts = [t.motion.slip_ratio for t in trials], [t.motion.slip_parts for t in trials]
+        *slip, count = mean_over(slips, TELLING, parts)
         k92 = mean_over(f.k92 for f in inner)
         # The interval is by the likelihood where the covariance is not enough.
         ends = k92_interval(inner, (k92.low, k92.high))

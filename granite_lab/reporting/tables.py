@@ -125,7 +125,7 @@ def budget_tables(result: StudyResult, speeds: Sequence[Speed]) -> list[FilledTa
         slips, k92 = [m.slip_ratio for m in with_slip], [f.k92 for f in inner]
         parts = {"slip": [m.slip_parts for m in with_slip], "k92": [f.parts for f in inner]}
         for quantity, estimates, vague in (("slip", slips, TELLING), ("k92", k92, math.inf)):
-            mean, weights = mean_over(estimates, vague), weights_of(estimates, vague)
+            mean, weights = mean_over(estimates, vague, parts[quantity]), weights_of(estimates, vague)
             stated = Estimate(mean.value, mean.std)
             budgets[quantity].append(records.of_mean(speed.velocity, stated, parts[quantity], weights))
     if result.a_theta is not None:

@@ -19,7 +19,9 @@ from rich.console import Console
 
 from granite_lab.effects.library import get
 from granite_lab.estimate import Estimate, Part, mean_over
-from granite_lab.fitting.fit import View
+from granite_lab.estimation.plausibility import BY_RADIUS
+from granite_lab.estimation.smoother import STEADY_SLIP
+from granite_lab.fitting.fit import View, of_mean
 from granite_lab.model.effect import EFFECTS
 from granite_lab.parameters import load_paper, load_variants
 from granite_lab.parameters.catalogue import in_force
@@ -184,6 +186,35 @@ def test_the_mean_takes_the_wider_of_two_intervals() -> None:
     assert alike.high - alike.value == pytest.approx(1.959964 * 0.03 / math.sqrt(3), rel=1e-6)
     assert mean_over([Estimate(0.1, 0.02)]).low == pytest.approx(0.1 - 1.959964 * 0.02)
     assert mean_over([Estimate(NAN)]).n == 0
+
+
+def test_a_mean_does_not_reduce_an_error_that_all_trials_have_in_common() -> None:
+    """Against draws: two sources in each of four trials, one of them the same in all."""
+    noise, radius = (0.01, 0.02, 0.01, 0.02), (0.012, 0.012, 0.006, 0.006)
+    rng = np.random.default_rng(5)
+    drawn = rng.normal(size=(200_000, 4)) * noise + rng.normal(size=(200_000, 1)) * radius
+    parts = [
+        (Part("noise", "A", "normal", "", 1, n), Part(BY_RADIUS, "B", "normal", "m", 1, r, common=True))
+        for n, r in zip(noise, radius, strict=True)
+    ]
+    slips = [Estimate(0.1, math.hypot(n, r)) for n, r in zip(noise, radius, strict=True)]
+    mean = mean_over(slips, parts=parts)
+    assert mean.std == pytest.approx(float(np.std(drawn.mean(axis=1))), rel=0.01)
+    assert mean.std > 1.1 * mean_over(slips).std
+    budget = of_mean(0.5, Estimate(mean.value, mean.std), parts, [0.25] * 4)
+    assert budget is not None
+    assert budget.combined == pytest.approx(mean.std)
+    assert {part.name for part in budget.parts} == {"noise", BY_RADIUS}
+
+
+def test_many_trials_without_an_anchor_do_not_make_a_slip_that_is_known() -> None:
+    study = made_up_study()
+    prior = (Part(STEADY_SLIP, "B", "rectangular", "1", 0.58, 0.58, common=True),)
+    motions = [replace(r.motion, slip_ratio=Estimate(0.02, 0.58), slip_parts=prior) for r in study.trials]
+    trials = tuple(replace(r, motion=motion) for r, motion in zip(study.trials, motions, strict=True))
+    speeds = speeds_of(replace(study, trials=trials), load_paper())
+    assert max(s.trials for s in speeds) > 1
+    assert not any(s.slip_is_known for s in speeds)
 
 
 def test_repetitions_are_grouped_and_the_middle_one_is_drawn(study: StudyResult) -> None:
