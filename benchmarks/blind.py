@@ -43,7 +43,7 @@ from granite_lab.hidden.spec import Spec, chosen
 
 RESULTS = ROOT / "benchmarks" / "results" / "blind.jsonl"
 
-FIRST_SEED, LABS, OLD = 465_000, 100, 5
+FIRST_SEED, LABS, OLD = 465_000, 104, 5
 """The frozen range: seeds of the wild laboratories, and of the old one."""
 
 LIMIT = 600
@@ -96,12 +96,12 @@ def schedule() -> list[Task]:
     """
     inside, outside, tasks = sorted(LIBRARY), sorted(OUTSIDE), []
     for k in range(LABS):
-        seed, i = FIRST_SEED + k, 7 * k  # 7 has no factor in common with 25 or 9: no order of the alphabet
+        seed, i = FIRST_SEED + k, 7 * k  # 7 has no factor in common with 26 or 9: no order of the alphabet
         tasks.append(Task("null", "none", 0.0, seed))
-        tasks.append(Task("single", inside[i % 25], 2.0, seed))
-        tasks.append(Task("single", inside[(i + 12 + k // 25) % 25], 5.0, seed))
+        tasks.append(Task("single", inside[i % len(inside)], 2.0, seed))
+        tasks.append(Task("single", inside[(i + 12 + k // len(inside)) % len(inside)], 5.0, seed))
         if k % 3 == 0:
-            beside = f"+{inside[(i + 5) % 25]}" if k % 4 == 0 else ""
+            beside = f"+{inside[(i + 5) % len(inside)]}" if k % 4 == 0 else ""
             tasks.append(Task("outside", outside[7 * (k // 3) % 9] + beside, 2.0, seed))
         elif k % 3 == 1:
             tasks.append(Task("pair", "+".join(chosen(Spec("pair", seed))), 5.0, seed))

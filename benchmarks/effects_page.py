@@ -17,7 +17,7 @@ AREAS = {
     "Drive": ("drivetrain_friction", "gear_backlash", "supply_sag", "torque_constant_error"),
     "Vehicle": (
         "drive_reaction", "com_offset", "payload_mass", "ground_slope", "rolling_drag",
-        "wheel_eccentricity",
+        "wheel_eccentricity", "unequal_wheels",
     ),
     "Sensors": (
         "imu_tilt", "clock_offset", "wheel_radius_error", "encoder_eccentricity", "accel_scale_error",

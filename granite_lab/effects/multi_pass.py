@@ -16,13 +16,17 @@ ENTRY = 0.06
 
 
 class MultiPass(Effect):
-    """From one wheelbase of travel on, the rear wheels run where the front wheels have been."""
+    """From about one wheelbase of travel on, the rear wheels run where the front wheels have been.
+
+    A wheel touches the soil ahead of its centre and behind it. The rear wheels therefore meet soil that the
+    front wheels loaded while the robot stood up to one contact length before their centre comes there.
+    """
 
     id = "multi_pass"
     name = "multi-pass compaction"
     title = "rear wheels in the compacted rut"
     equation = (
-        "rear wheels, x > L: k_c, k_φ times 1 + pressure · g, K divided by 1 + shear · g, "
+        "rear wheels, x > L − lead: k_c, k_φ times 1 + pressure · g, K divided by 1 + shear · g, "
         "g = 1 + slip_growth · |λ|"
     )
     source = (
@@ -40,13 +44,15 @@ class MultiPass(Effect):
                         -0.5, 5.0, 0.0, 0.05, 1.0),
         EffectParameter("slip_growth", "", "relative growth of both per unit of slip",
                         0.0, 20.0, 1.0, 0.0, 6.0, shape=True),
+        EffectParameter("lead", "m", "how far before one wheelbase the rear wheels enter the rut",
+                        -0.05, 0.15, 0.0, 0.0, 0.08, shape=True, kinds=(0.0, 0.05)),
     )  # fmt: skip
 
     def soil(self, soil: Soil, state: WheelState, sym: Symbols) -> Soil:
         """Stiffen the soil under the rear wheels behind the place where the front wheels stood."""
         if state.front:
             return soil
-        inside = smoothstep((state.travel - sym.model.chassis.wheel_base) / ENTRY + 0.5)
+        inside = smoothstep((state.travel + sym.p["lead"] - sym.model.chassis.wheel_base) / ENTRY + 0.5)
         # the front wheels passed here with about the present slip of the rear wheels
         inside *= 1 + sym.p["slip_growth"] * ca.fabs(state.slip)
         sheared = replace(soil, shear_modulus=soil.shear_modulus / (1 + sym.p["shear"] * inside))

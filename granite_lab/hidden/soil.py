@@ -80,21 +80,22 @@ class MultiPass(Influence):
     title = "rear wheels in the compacted rut"
     account = (
         "Senatore and Sandu (2011): a share of the compaction grows with the slip of the pass, "
-        "saturating; the rut begins where the front wheels stood, over the length of a contact patch"
+        "saturating; the rut begins where the front wheels stood, or up to one contact length earlier for "
+        "their patch and that of the rear wheels reach towards each other"
     )
     declared = (
         Size("pressure", "-", "rise of the moduli of deformation", 0.3, 0.8, -0.5, 5, kind="equivalent"),
         Size("shear", "-", "rise of the shear stiffness", 0.3, 0.8, -0.5, 5, kind="equivalent"),
+        Size("lead", "m", "how much earlier the rut begins", 0.0, 0.06, -0.05, 0.15, kind="shape"),
     )
 
     def soil(self, t: float, y: Array, at: Stance) -> Ground:
         """Stiffen the soil under the rear wheels once they have reached the rut."""
-        g, patch = super().soil(t, y, at), 0.06
-        begins = 0.5 * self.chassis.wheel_base - 0.5 * patch
+        g, patch, sizes = super().soil(t, y, at), 0.06, self.sizes[MultiPass.id]
+        begins = 0.5 * self.chassis.wheel_base - 0.5 * patch - sizes["lead"]
         inside = smoothstep((self.places(y)[1] - begins) / patch)
         passed = np.abs(slip_ratio(at.v_o, at.v, self.near_rest))[0]
         inside = inside * (0.6 + 0.4 * (1 - np.exp(-passed / 0.1)) / (1 - np.exp(-1)))
-        sizes = self.sizes[MultiPass.id]
         stiffer, shorter = (
             1 + np.array([0.0 * inside, sizes[name] * inside]) for name in ("pressure", "shear")
         )

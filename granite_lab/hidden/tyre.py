@@ -90,7 +90,7 @@ class RadialTyreCompliance(Influence):
         """Take the deflection off the sinkage, enlarge the circle and shorten the rolling radius."""
         at, given = super().stance(t, y), np.maximum(y[self.pressed], 0.0)
         z0 = at.z0 - given
-        radius = self.r * (1 + given / np.maximum(z0, 1e-3))
+        radius = (self.r if at.radius is None else at.radius) * (1 + given / np.maximum(z0, 1e-3))
         chord = np.arccos(1 - np.minimum(given / self.r, 1.0))
         return replace(at, z0=z0, v_o=at.v_o * np.sinc(chord / np.pi), radius=radius)
 
@@ -100,6 +100,31 @@ class RadialTyreCompliance(Influence):
         wanted = self.sizes[RadialTyreCompliance.id]["compliance"] * wheel.W
         dy[self.pressed] = (wanted - y[self.pressed]) / 0.005
         return dy
+
+
+class UnequalWheels(Influence):
+    """Tyres that are worn, or pumped up, otherwise in front than behind; the mean is that of the file."""
+
+    id = "unequal_wheels"
+    title = "front and rear wheels of different radius"
+    account = "radius, height of the axle and lever of the tangential force of each axle by its own radius"
+    declared = (Size("difference", "-", "front less rear radius, over r", 0.01, 0.04, -0.2, 0.2, True),)
+
+    def larger(self, y: Array) -> Array:
+        """Return how much larger the radius of front and rear wheels is, over r, as y[OMEGA]."""
+        half = 0.5 * self.sizes[UnequalWheels.id]["difference"]
+        return np.stack([np.full(y.shape[1:], half), np.full(y.shape[1:], -half)])
+
+    def stance(self, t: float, y: Array) -> Stance:
+        """Change radius and sinkage."""
+        at, more = super().stance(t, y), self.r * self.larger(y)
+        radius = (self.r if at.radius is None else at.radius) + more
+        return replace(at, z0=at.z0 + more, v_o=at.v_o + more * y[OMEGA], radius=radius)
+
+    def contact(self, t: float, y: Array) -> Contact:
+        """Lengthen the lever of the tangential force, which the formula takes to be r."""
+        wheel = super().contact(t, y)
+        return replace(wheel, M=wheel.M * (1 + self.larger(y)))
 
 
 class WheelEccentricity(Influence):

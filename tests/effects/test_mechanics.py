@@ -170,14 +170,27 @@ def test_soil_that_stiffens_with_speed_carries_the_faster_robot_higher(by: Any) 
     assert (fast < slow).all()
 
 
-def test_the_rear_wheels_rise_once_they_reach_the_rut_of_the_front_wheels(by: Any) -> None:
-    plain, r = seen(by), seen(by, "multi_pass", pressure=0.5, shear=0.2)
-    before = plain.x < CHASSIS.wheel_base - 0.05
+@pytest.mark.parametrize("lead", [0.0, 0.05])
+def test_the_rear_wheels_rise_once_they_reach_the_rut_of_the_front_wheels(by: Any, lead: float) -> None:
+    plain, r = seen(by), seen(by, "multi_pass", pressure=0.5, shear=0.2, lead=lead)
+    before = plain.x < CHASSIS.wheel_base - 0.05 - lead
     depth = np.stack([np.interp(plain.t, r.t, column) for column in r.sinkage.T], axis=1)
     np.testing.assert_allclose(depth[before], plain.sinkage[before], atol=1e-6)
+    risen = plain.x[(plain.sinkage - depth)[:, 1] > 1e-4].min()
+    assert risen == pytest.approx(CHASSIS.wheel_base - lead, abs=0.03)
     assert (steady(r, "sinkage") - steady(plain, "sinkage"))[1] < -1e-3
     assert steady(r, "pitch") > steady(plain, "pitch")  # nose down
     assert steady(r, "slip")[0] < steady(plain, "slip")[0]
+
+
+@pytest.mark.parametrize("difference", [0.03, -0.03])
+def test_larger_wheels_push_and_smaller_ones_brake(by: Any, difference: float) -> None:
+    plain, r = seen(by), seen(by, "unequal_wheels", difference=difference)
+    front, rear = np.sign(difference) * (steady(r, "current") - steady(plain, "current"))
+    assert front > 0.01
+    assert rear < -0.01
+    tilt = np.arctan2(difference * ROBOT.wheels.radius, CHASSIS.wheel_base)
+    assert resting(plain, "pitch") - resting(r, "pitch") == pytest.approx(tilt, rel=0.1)
 
 
 def test_the_lugs_ripple_stands_in_the_spectrum_at_lugs_times_wheel_rate(by: Any) -> None:
