@@ -62,6 +62,7 @@ that receive a quantity as a CasADi expression and return it changed.
 | `body_load` | forces and moment on the body, and gravity |
 | `sensors` | sensor readings |
 | `delays` | delays of the sensors' time stamps |
+| `as_logged` | number as reported, where estimation has already scaled the accelerations |
 | `rates` | time derivatives of the effect's own states, named in `states` |
 
 `sym.p` holds the parameters of the effect, `sym.x` its states, `sym.t` the time, `sym.model` the parameters

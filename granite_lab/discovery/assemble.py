@@ -297,7 +297,9 @@ def _strained(problem: Problem, judgement: Judgement) -> tuple[str, ...]:
 
 
 def _numbers(problem: Problem, fit: Fit, id_: str) -> tuple[FittedParameter, ...]:
-    """Return the fitted numbers of an effect."""
+    """Return the fitted numbers of an effect, relative to the logs."""
+    effect = problem.pool.scenario.effects[id_]
+    scaled = float(np.mean([t.observation.scaled for t in problem.trials]))
     common = problem.parameters(fit.point.effects, per_trial=False)
     private = problem.parameters(fit.point.effects, per_trial=True)
     variance, common_std = np.diag(fit.posterior.covariance), fit.common_std
@@ -309,7 +311,7 @@ def _numbers(problem: Problem, fit: Fit, id_: str) -> tuple[FittedParameter, ...
             if not p.shape:  # a constant error of the formula cannot be told from the strength
                 rough = float(np.median(list(fit.scales.formulas.values()) or [FORMULA_ERROR[0]]))
                 std = float(np.hypot(std, max(FORMULA_ERROR[0], rough) * (value - p.neutral)))
-            numbers.append(FittedParameter(p.name, p.unit, Estimate(value, std)))
+            numbers.append(FittedParameter(p.name, p.unit, Estimate(effect.as_logged(value, scaled), std)))
     for k, (e, p) in enumerate(private):
         if e == id_:
             places = [int(first[i]) + t.size + k for i, t in enumerate(problem.trials)]

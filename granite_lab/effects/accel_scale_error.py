@@ -31,6 +31,10 @@ class AccelScaleError(Effect):
                         -0.3, 0.3, 0.0, -0.03, 0.03, relative=True, linear=True),
     )  # fmt: skip
 
+    def as_logged(self, value: float, scaled: float) -> float:
+        """Return an axis's whole error: what estimation took out of all axes, and what was found beyond."""
+        return (1 + value) * scaled - 1
+
     def sensors(self, signals: dict[str, Any], p: ModelParameters, sym: Symbols) -> dict[str, Any]:
         """Scale both axes."""
         return signals | {

@@ -78,6 +78,7 @@ def _imu(problem: Problem, solution: Solution, motion: Motion) -> ImuStream:
         specific_force=np.insert(force, places, NAN, axis=0),
         angular_rate=np.insert(rate, places, NAN, axis=0),
         robot_axes=True,
+        scaled=problem.stream.scaled,
     )
 
 

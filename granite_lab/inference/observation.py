@@ -65,6 +65,7 @@ class Observation:
         values: channel to (n,) binned measurement, NaN where a bin cannot be filled.
         step: smallest step of the wheels' angle [rad].
         gravity_removed: the logger has taken gravity out, and it was put back along z.
+        scaled: as of `ImuStream`.
     """
 
     name: str
@@ -75,6 +76,7 @@ class Observation:
     values: Mapping[str, Array]
     step: float
     gravity_removed: bool
+    scaled: float = 1.0
 
     def rounding(self, channel: str) -> float:
         """Return the std of the rounding of a channel of the wheels' angles [rad], 0 for others.
@@ -151,8 +153,9 @@ def observe(
             "check the start of the command",
         )
     step = trial.wheels.step if trial.wheels is not None and trial.wheels.rate is None else 0.0
-    removed = trial.imu is not None and trial.imu.gravity_removed
-    return Observation(trial.name, variant, t_start, edges, streams, values, step, removed)
+    imu = trial.imu
+    removed, scaled = (imu.gravity_removed, imu.scaled) if imu is not None else (False, 1.0)
+    return Observation(trial.name, variant, t_start, edges, streams, values, step, removed, scaled)
 
 
 def bin_width(trial: Trial, robot: Robot) -> float:

@@ -47,6 +47,7 @@ class ImuStream:
         gravity_removed: by the logger.
         robot_axes: the mounting rotation has been applied, as in a corrected trial.
         stamp_std: std of a delay that all stamps have in common, where samples shared them [s].
+        scaled: factor by which the logged specific force was divided, by gravity at standstill.
     """
 
     t: Array
@@ -55,6 +56,7 @@ class ImuStream:
     gravity_removed: bool = False
     robot_axes: bool = False
     stamp_std: float = 0.0
+    scaled: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -182,7 +182,8 @@ class Effect:
     @property
     def moves(self) -> bool:
         """Whether it can change the motion; one that only rewrites what sensors show cannot."""
-        hooks = {name for name, hook in vars(Effect).items() if callable(hook)} - {"sensors", "delays"}
+        of_sensors = {"sensors", "delays", "as_logged"}
+        hooks = {name for name, hook in vars(Effect).items() if callable(hook)} - of_sensors
         return bool(self.states) or any(getattr(type(self), h) is not getattr(Effect, h) for h in hooks)
 
     def system(self, p: ModelParameters, sym: Symbols) -> ModelParameters:
@@ -262,6 +263,10 @@ class Effect:
     def sensors(self, signals: dict[str, Any], p: ModelParameters, sym: Symbols) -> dict[str, Any]:
         """Rewrite what the sensors read: the signals named ``imu_…``, ``enc_…`` and ``cur_…``."""
         return signals
+
+    def as_logged(self, value: float, scaled: float) -> float:
+        """Return a number of it relative to the log, whose specific force was divided by `scaled`."""
+        return value
 
     def delays(self, sym: Symbols) -> dict[str, Any]:
         """Return by how much the stamps of sensors lag [s], by the first part of their signals' names.

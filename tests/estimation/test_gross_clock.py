@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from granite_lab.effects import get
 from granite_lab.estimation import correct
 from granite_lab.logs import read_trial
 from granite_lab.logs.sensors.mounting import to_body
@@ -120,6 +121,20 @@ def test_an_accelerometer_off_scale_is_scaled_by_gravity_and_never_good(name: st
     still = np.nanmean(clean.imu.specific_force[:100], axis=0)
     assert np.linalg.norm(still) == pytest.approx(9.81, abs=0.06)
     assert any("taken for a scale error" in warning for warning in motion.warnings)
+    assert clean.imu.scaled == pytest.approx(scale, abs=0.01)
+    np.testing.assert_allclose(
+        np.nanmean(np.abs(clean.imu.specific_force[:, 2] * clean.imu.scaled)),
+        np.mean(np.abs(imu.specific_force[:, 2])), rtol=1e-3,
+    )  # fmt: skip
+
+
+def test_a_scale_error_beside_what_estimation_scaled_is_stated_for_the_log() -> None:
+    """The vertical axis reads 9 % too little; estimation divided all axes by 0.91."""
+    effect, scaled = get("accel_scale_error"), 0.91
+    forward, vertical = 1.0 / scaled - 1.0, 0.0  # what is left in the corrected trial
+    assert effect.as_logged(forward, scaled) == pytest.approx(0.0, abs=1e-12)
+    assert effect.as_logged(vertical, scaled) == pytest.approx(-0.09)
+    assert get("com_offset").as_logged(0.01, scaled) == 0.01
 
 
 def test_samples_within_their_grade_are_left_as_they_are() -> None:

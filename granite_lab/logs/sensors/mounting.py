@@ -135,7 +135,8 @@ def by_gravity(stream: ImuStream, imu: BodyImu, still: np.ndarray, robot: Robot)
         left = abs(excess) * float(np.sqrt(1.0 - share))
         alone = np.sqrt(0.5) * share * excess
         scale = Estimate(share * excess, float(np.linalg.norm([left, alone, grade.accel_scale])))
-        stream = replace(stream, specific_force=stream.specific_force / (1.0 + scale.value))
+        factor = 1.0 + scale.value
+        stream = replace(stream, specific_force=stream.specific_force / factor, scaled=factor)
         seen = f"the specific force at standstill is {size:.2f} m/s^2, not {GRAVITY:g}"
         taken = f"taken for a scale error of {100.0 * scale.value:.1f} ± {100.0 * scale.std:.1f} %"
         doubts.append(Doubt(seen, remedy=taken, grade="fair"))
