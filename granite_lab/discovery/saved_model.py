@@ -31,8 +31,8 @@ there, and hardly in the acceleration itself."""
 def loss_of_model(problem: Problem, fit: Fit, tolerance: float) -> Array | None:
     """Return what simulations leave of the speeds that were left out, of the trials with few speeds.
 
-    The numbers that all trials share are those that the others ask for; see `_squared_errors`. None where a
-    simulation has no solution, or a trial leaves the numbers open.
+    The numbers that all trials share are those that the others ask for; see `_squared_errors`. NaN for a unit
+    whose simulation has no solution. None where none has one, or a trial leaves the numbers open.
     """
     equations = Equations(problem, fit)
     order = [i for out in problem.commands for i in out]
@@ -72,7 +72,8 @@ def predicts_worse(after: Array | None, before: Array | None, tolerance: float) 
     if after is None or before is None:
         return after is None and before is not None
     comparable = np.isfinite(after).any(axis=0) & np.isfinite(before).any(axis=0)
-    after, before = (np.maximum(x[:, comparable], tolerance**2) for x in (after, before))
+    solved = np.isfinite(after).any(axis=1) & np.isfinite(before).any(axis=1)
+    after, before = (np.maximum(x[solved][:, comparable], tolerance**2) for x in (after, before))
     more = np.nansum(np.log(after / before), axis=1)
     scatter = np.std(more, ddof=1) if more.size > 1 else 0.0
     return bool(more.sum() > np.sqrt(more.size) * scatter)
@@ -121,8 +122,9 @@ def _of_velocity(trial: TrialModel, error: Array, moving: NDArray[np.bool_]) -> 
 
 
 def _stacked(rows: Sequence[Array | None]) -> Array | None:
-    complete = [row for row in rows if row is not None]
-    return np.stack(complete) if len(complete) == len(rows) else None
+    """Return the rows of all units, NaN for those without a solution; None where no unit has one."""
+    empty = next((np.full_like(row, np.nan) for row in rows if row is not None), None)
+    return None if empty is None else np.stack([empty if row is None else row for row in rows])
 
 
 def _as_filed(trial: TrialModel, x: Array) -> Array:

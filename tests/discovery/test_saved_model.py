@@ -63,6 +63,15 @@ def test_worse_is_more_than_a_standard_error_and_no_solution_is_the_worst() -> N
     assert not predicts_worse(known, None, TOLERANCE)
 
 
+def test_a_speed_that_a_model_cannot_reach_is_left_out_of_the_comparison() -> None:
+    better, worse = np.full((4, 3), 0.01), np.full((4, 3), 1.0)
+    worse[:, 0] *= 1 + 0.1 * np.arange(4)
+    unsolved = better.copy()
+    unsolved[3] = np.nan
+    assert not predicts_worse(unsolved, worse, TOLERANCE)
+    assert predicts_worse(worse, unsolved, TOLERANCE)
+
+
 def test_a_gain_counts_as_much_as_a_loss_by_the_same_factor() -> None:
     known = np.full((4, 8), 0.2)
     factor = np.array([7.0, *[1 / 20] * 3, 1, 1, 1, 1]) * (1 + 0.1 * np.arange(4)[:, None])
