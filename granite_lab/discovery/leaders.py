@@ -121,7 +121,8 @@ def _best_prospects(prospects: Mapping[str, Prospect], most: int, fitted: Fitted
 def _best_and_rivals(screenings: Sequence[Screening], most: int, fitted: Fitted) -> list[Prospect]:
     """Return the prospects of the best candidate and of its rivals.
 
-    What adds to the best candidate in place of being its rival has its turn beside it.
+    What adds to the best candidate in place of being its rival has its turn beside it; or now, if none of
+    these was found to be better than the set without it.
     """
     ranked = _best_prospects(_prospects(screenings), most, fitted)
     if not ranked or ranked[0].score.trial_values is not None:
@@ -131,7 +132,9 @@ def _best_and_rivals(screenings: Sequence[Screening], most: int, fitted: Fitted)
         first,
         *(c for screening in screenings if screening.screened for c in rivals(screening.screened, first)),
     }
-    return [p for p in ranked if p.score.candidate in close]
+    group = [p for p in ranked if p.score.candidate in close]
+    have_failed = not fitted.best and {p.score.candidate for p in group} <= set(fitted.ids)
+    return ranked if have_failed else group
 
 
 def leaders(screenings: Sequence[Screening], fitted: Fitted = NOTHING_FITTED) -> list[Prospect]:

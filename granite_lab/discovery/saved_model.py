@@ -27,12 +27,17 @@ VELOCITY = "velocity"
 """The signal beside the channels: the error of the acceleration, integrated from rest to rest. Slip shows
 there, and hardly in the acceleration itself."""
 
+SHORTER = (1.0, 0.5, 0.0)
+"""Parts of the step to the numbers that other speeds ask for, the first that has a solution; convention."""
+
 
 def loss_of_model(problem: Problem, fit: Fit, tolerance: float) -> Array | None:
     """Return what simulations leave of the speeds that were left out, of the trials with few speeds.
 
-    The numbers that all trials share are those that the others ask for; see `_squared_errors`. NaN for a unit
-    whose simulation has no solution. None where none has one, or a trial leaves the numbers open.
+    The numbers that all trials share are those that the others ask for; see `_squared_errors`. Linear as the
+    step to them is, it may end where the robot digs itself in: then it is halved, and last those of the fit
+    are taken. NaN for a unit without a solution for these, too. None where no unit has one, or a trial leaves
+    the numbers open.
     """
     equations = Equations(problem, fit)
     order = [i for out in problem.commands for i in out]
@@ -43,7 +48,8 @@ def loss_of_model(problem: Problem, fit: Fit, tolerance: float) -> Array | None:
         except np.linalg.LinAlgError:
             return None
         whole = np.append(np.zeros(fit.point.vector.size - step.size), step)
-        rows.append(_squared_errors(problem, problem.stepped(fit.point, whole), out))
+        errors = (_squared_errors(problem, problem.stepped(fit.point, f * whole), out) for f in SHORTER)
+        rows.append(next((row for row in errors if row is not None), None))
     return _stacked(rows)
 
 

@@ -127,7 +127,7 @@ def _refit_from_larger(sets: FittedSets, model: Model, larger: Model) -> Model:
     """
     if not model.effects or model.effects in sets.from_larger:
         return model
-    (id_,) = set(larger.effects) - set(model.effects)
+    id_ = _added(larger, model)
     scores = (s for screening in sets.screenings[model.effects] for s in screening.scores)
     if larger.fit.evidence - model.fit.evidence <= 2 * max(s.gain for s in scores if s.candidate == id_):
         return model
@@ -156,20 +156,28 @@ def extend(sets: FittedSets, model: Model) -> tuple[Model, list[Score]]:
     """Return the best set with one more effect, the set itself if none is better, and what was tried."""
     sets.stage = min(MOST, max(sets.stage, len(model.effects)))
     tried: dict[str, Prospect] = {}
-    for group in _fitted_together(sets, model, sets.prospects(model)):
-        best, new = model, group
+
+    def further(best: str = "") -> list[Prospect]:
+        fitted = Fitted(tuple(tried), best)
+        return [p for p in sets.prospects(model, fitted) if p.score.candidate not in tried]
+
+    best, groups = model, _fitted_together(sets, model, further())
+    while groups and best is model:
+        new = groups.pop(0)
         while new:
             tried |= {p.score.candidate: p for p in new}
             sets.fit_prospects(model, new)
             best = _best_of(sets, model, list(tried.values()))
-            if best is model:
-                break
-            (id_,) = set(best.effects) - set(model.effects)
-            fitted = Fitted(tuple(tried), id_ if sets.is_adequate(best) else "")
-            new = [p for p in sets.prospects(model, fitted) if p.score.candidate not in tried]
-        if best is not model:
-            return best, [p.score for p in tried.values()]
-    return model, [p.score for p in tried.values()]
+            new = further(_added(best, model)) if best is not model and sets.is_adequate(best) else []
+        if not groups and best is model and not _may_be_explained(sets, model):
+            groups = _fitted_together(sets, model, further())
+    return best, [p.score for p in tried.values()]
+
+
+def _added(larger: Model, model: Model) -> str:
+    """Return the effect that a set holds more than another one."""
+    (id_,) = set(larger.effects) - set(model.effects)
+    return id_
 
 
 def _fitted_together(sets: FittedSets, model: Model, prospects: list[Prospect]) -> list[list[Prospect]]:
@@ -180,11 +188,16 @@ def _fitted_together(sets: FittedSets, model: Model, prospects: list[Prospect]) 
     """
     if sets.is_adequate(model):
         return [[p] for p in prospects]
-    if model.effects:
-        left = unexplained(sets.problem, model.fit, model.fit.scales, sets.tolerance)
-        if max(left.values(), default=0.0) <= sets.tolerance:
-            return [prospects[:1]]
-    return [prospects]
+    few = prospects[:1] if _may_be_explained(sets, model) else prospects
+    return [few] if few else []
+
+
+def _may_be_explained(sets: FittedSets, model: Model) -> bool:
+    """Tell whether errors of the formulas of a set may explain all that it leaves."""
+    if not model.effects:
+        return False
+    left = unexplained(sets.problem, model.fit, model.fit.scales, sets.tolerance)
+    return max(left.values(), default=0.0) <= sets.tolerance
 
 
 def _best_of(sets: FittedSets, model: Model, tried: Sequence[Prospect]) -> Model:
@@ -218,7 +231,7 @@ def stays(sets: FittedSets, model: Model, larger: Model) -> bool:
     if max(changes.values(), default=0.0) <= tolerance:
         return False
     if model.effects:
-        (id_,) = set(larger.effects) - set(model.effects)
+        id_ = _added(larger, model)
         left = left_without(problem, model.fit, scales, id_, changes, tolerance)
         share = share_made(changes, prediction_change(problem, sets.baseline.fit, larger.fit), tolerance)
         laws = [e for e in larger.effects if problem.pool.scenario.effects[e].law]
@@ -289,7 +302,7 @@ def exchange(sets: FittedSets, best: Model, steps: Sequence[Extension]) -> None:
     sets.stage = MOST
     points: list[Point] = []
     for step in steps[:-1]:  # not for the last effect: what was tried stood beside the same set
-        (id_,) = set(step.after.effects) - set(step.before.effects)
+        id_ = _added(step.after, step.before)
         without = sets.problem.without_effect(best.fit.point, id_)
         points.append(from_best_part(sets.problem, without, sets.fits))
         gained = step.after.log_posterior - step.before.log_posterior

@@ -46,7 +46,7 @@ class Bulldozing(Effect):
         EffectParameter("strength", "", "multiple of the passive pressure of a vertical wall",
                         0.0, 10.0, 0.0, 0.1, 1.0),
         EffectParameter("length", "m", "travel from the start over which the soil piles up",
-                        0.0002, 0.1, 0.03, 0.0002, 0.1, shape=True),
+                        0.0002, 0.1, 0.03, 0.0002, 0.1, shape=True, kinds=(0.0002, 0.03)),
     )  # fmt: skip
 
     def wheel_forces(

@@ -31,7 +31,7 @@ class ContactAngleActualSpeed(Effect):
         EffectParameter("weight", "", "0: desired velocity, 1: actual velocity",
                         -0.5, 1.5, 0.0, 0.3, 1.0),
         EffectParameter("length", "m", "travel over which the actual velocity is averaged",
-                        0.0002, 0.2, 0.03, 0.0002, 0.1, shape=True),
+                        0.0002, 0.2, 0.03, 0.0002, 0.1, shape=True, kinds=(0.0002, 0.03)),
     )  # fmt: skip
     states = ("speed",)
 

@@ -37,7 +37,7 @@ class SlipSinkage(Effect):
         EffectParameter("growth", "", "n1, increase of the exponent n per unit of slip",
                         -0.5, 3.0, 0.0, 0.05, 0.8),
         EffectParameter("length", "m", "travel of the tread over which the sinkage follows the slip",
-                        0.0002, 0.2, 0.03, 0.0002, 0.1, shape=True),
+                        0.0002, 0.2, 0.03, 0.0002, 0.1, shape=True, kinds=(0.0002, 0.03)),
     )  # fmt: skip
     states = ("front", "rear")
 

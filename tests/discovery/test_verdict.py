@@ -3,17 +3,17 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from granite_lab.discovery import verdict
-from granite_lab.discovery.candidates import Score, rescreened, rivals, scores, screen
+from granite_lab.discovery.candidates import Score, Screen, rescreened, rivals, scores, screen
 from granite_lab.discovery.finding import EffectFinding
 from granite_lab.discovery.fitted_sets import MOST, FittedSets
 from granite_lab.discovery.heldout import Equations, closed, predict
-from granite_lab.discovery.leaders import Screening, leaders
+from granite_lab.discovery.leaders import NOTHING_FITTED, Fitted, Screening, leaders
 from granite_lab.discovery.models import Model, Search
 from granite_lab.discovery.power import _by_noise_per_trial, _visible
 from granite_lab.discovery.relevance import has_strained_trials, left_without
@@ -483,6 +483,26 @@ def test_the_candidate_that_promises_most_is_fitted_first_though_both_screens_ha
     )
     screenings = [Screening(origin, None, learnt), Screening(origin, None, tolerated, tolerated=True)]
     assert [p.score.candidate for p in leaders(screenings)] == ["push", "pull", "shake"]
+
+
+@pytest.mark.parametrize(
+    ("fitted", "next_ones"),
+    [
+        (NOTHING_FITTED, ["push", "pull"]),
+        (Fitted(("push", "pull"), "push"), ["push", "pull"]),
+        (Fitted(("push", "pull")), ["push", "shake", "pull"]),
+    ],
+)
+def test_a_candidate_that_adds_to_the_best_one_has_its_turn_where_neither_that_nor_its_rivals_stay(
+    monkeypatch: pytest.MonkeyPatch, fitted: Fitted, next_ones: list[str]
+) -> None:
+    origin = ask(push=0.3).search.best.fit
+    gains = {"push": 160.0, "shake": 150.0, "pull": 83.0}
+    columns = cast(Screen, object())
+    promised = tuple(Score(id_, gain, (0.1,)) for id_, gain in gains.items())
+    monkeypatch.setattr("granite_lab.discovery.leaders.rivals", lambda *_: {"pull"})
+    found = leaders([Screening(origin, columns, promised)], fitted)
+    assert [p.score.candidate for p in found] == next_ones
 
 
 @pytest.mark.parametrize(("predicted_drop", "more"), [(0.0, True), (18.0, True), (22.0, False)])
