@@ -119,7 +119,7 @@ def speeds_of(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
         inner = [f for f in fits if f.k92_known]
         slips, parts = [t.motion.slip_ratio for t in trials], [t.motion.slip_parts for t in trials]
         *slip, count = mean_over(slips, TELLING, parts)
-        k92 = mean_over(f.k92 for f in inner)
+        k92 = mean_over((f.k92 for f in inner), parts=[f.parts for f in inner])
         # The interval is by the likelihood where the covariance is not enough.
         ends = k92_interval(inner, (k92.low, k92.high))
         published = published_at(velocity, paper)
