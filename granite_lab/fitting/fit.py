@@ -400,10 +400,6 @@ def of_a_theta(fit: AThetaFit, fits: Sequence[K92Fit]) -> Budget | None:
     return Budget(math.nan, fit.a_theta, _ranked([*trials, *fit.parts]))
 
 
-def _rss(contributions: Sequence[float]) -> float:
-    return math.hypot(*contributions)
-
-
 def _pooled(parts: Iterable[Part]) -> list[Part]:
     """Return the components of a sum over trials: each source once, its std as rms over trials.
 
@@ -412,14 +408,13 @@ def _pooled(parts: Iterable[Part]) -> list[Part]:
     by_name: dict[str, list[Part]] = {}
     for part in parts:
         by_name.setdefault(part.name, []).append(part)
-    return [
-        replace(
-            same[0],
-            std=math.sqrt(sum(part.std**2 for part in same) / len(same)),
-            contribution=(sum if same[0].common else _rss)([part.contribution for part in same]),
-        )
-        for same in by_name.values()
-    ]
+    return [_as_one(same) for same in by_name.values()]
+
+
+def _as_one(same: Sequence[Part]) -> Part:
+    made = [part.contribution for part in same]
+    std = math.sqrt(sum(part.std**2 for part in same) / len(same))
+    return replace(same[0], std=std, contribution=sum(made) if same[0].common else math.hypot(*made))
 
 
 def _ranked(parts: Sequence[Part]) -> tuple[Part, ...]:
