@@ -11,7 +11,7 @@ from granite_lab.inference.derivatives import differentiate
 from granite_lab.inference.descent import (
     AS_GOOD,
     LEAST,
-    NEAR,
+    SHORTENED,
     Descent,
     Goal,
     State,
@@ -145,7 +145,8 @@ def _without_strength(problem: Problem, end: Descent, goal: Goal, rounds: int) -
     """Return the optimum at which the strength of the sand limits nothing, None where none is likelier.
 
     Where the friction on the tyre rules in (10), cohesion and angle of friction say nothing. A fit that comes
-    from where they rule ends at the edge of that region, in a second optimum.
+    from where they rule ends at the edge of that region, in a second optimum. The region is entered where
+    the objective rises by less than three std: the other numbers have not followed yet.
     """
     state, scales = end.state, end.scales
     shared = np.where([name in STRENGTH for name in SHARED], 0.0, state.point.shared)
@@ -160,7 +161,7 @@ def _without_strength(problem: Problem, end: Descent, goal: Goal, rounds: int) -
     aim = replace(state.point, shared=shared, trials=trials)
     drop, there = simulate_at(problem, state, scales, objective, aim)
     derivatives = (
-        differentiate(problem, there.point, central=True) if there is not None and drop > -NEAR else None
+        differentiate(problem, there.point, central=True) if there is not None and drop > -SHORTENED else None
     )
     if there is None or derivatives is None:
         return None
