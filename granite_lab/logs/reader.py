@@ -38,6 +38,7 @@ from granite_lab.logs.source import Source, read_source, recognise
 from granite_lab.logs.streams import Streams, read_streams, window_in_words
 from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, name_of, part, parts_of, sidecar
 from granite_lab.parameters import Robot, load_robot
+from granite_lab.parameters.catalogue import own_file
 
 # What a trial takes as a file holds it.
 _BESIDE = ("currents", "command", "tow", "reference_x", "reference_v")
@@ -149,7 +150,9 @@ def assemble(
     log = Log(
         the_robot, str(path), columns, doubts, {k: u for s in reversed(sources) for k, u in s.units.items()}
     )
-    metadata = [s.metadata | {"soil": _beside(s, s.metadata.get("soil", ""))} for s in sources]
+    metadata = [
+        s.metadata | {"soil": own_file("soils", s.metadata.get("soil", ""), s.path.parent)} for s in sources
+    ]
     imu, wheels, clean = _imu(streams, path, doubts), streams.wheels, None
     if imu is not None:
         imu, clean = check_units(with_forward_axis(imu, log) if whole else imu, log)
@@ -203,7 +206,7 @@ def _robot(
     sources: Sequence[Source], given: str | Path | None, info: TrialInfo | None, doubts: list[Doubt]
 ) -> tuple[str | None, Robot]:
     """Return the robot of the log: as given, else as the log says, else granite."""
-    named = [_beside(source, source.metadata.get("robot", "")) for source in sources]
+    named = [own_file("robots", s.metadata.get("robot", ""), s.path.parent) for s in sources]
     named += [source.match.layout.robot for source in sources]
     changes = info.changes if info else ()
     chosen = given or (info.robot if info else None) or next(filter(None, named), None)
@@ -211,12 +214,6 @@ def _robot(
         return str(chosen), load_robot(str(chosen), changes=changes)
     doubts.append(Doubt("the log does not name its robot", remedy="taken as 'granite'"))
     return None, load_robot("granite", changes=changes)
-
-
-def _beside(source: Source, name: str) -> str:
-    """Return the path of a TOML file that lies in the log's folder, any other name as it is."""
-    path = source.path.parent / name
-    return str(path) if name.endswith(".toml") and path.is_file() else name
 
 
 def _merge(files: Files, parts: Sequence[Streams]) -> tuple[Streams, dict[str, Binding]]:

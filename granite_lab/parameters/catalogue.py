@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
@@ -43,6 +44,24 @@ def find(kind: str, name: str | Path) -> Path:
     raise UsageError(
         f"unknown {kind[:-1]} '{text}'", f"{known_names(text, there)}; or give the path of a .toml file"
     )
+
+
+def own_file(kind: str, name: str, folder: Path) -> str:
+    """Return the path of the user's file that a log's name stands for, any other name as it is.
+
+    Such a file lies in the log's folder. It is the one of that name, or a robot or soil that says
+    ``name = "…"``; a name of the catalogue stands for the catalogue's.
+    """
+    if not name or name in names(kind):
+        return name
+    if name.endswith(".toml"):
+        return str(folder / name) if (folder / name).is_file() else name
+    for path in sorted(folder.glob("*.toml")):
+        with suppress(InputError):
+            table = read_toml(path)
+            if table.get("name") == name and ("wheels" in table) == (kind == "robots"):
+                return str(path)
+    return name
 
 
 @lru_cache

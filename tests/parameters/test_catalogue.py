@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from granite_lab.errors import InputError
+from granite_lab.errors import InputError, UsageError
+from granite_lab.logs import read_trial
 from granite_lab.parameters import (
     CATALOGUE,
     by_speed,
@@ -92,3 +93,24 @@ def test_every_parameter_in_force_has_unit_range_and_origin() -> None:
     assert origins["robot.wheels", "radius_m"] == "catalogue/robots/granite.toml"
     assert origins["robot.imu_grade", "rate_hz"] == "catalogue/imu_grades.toml"
     assert origins["soil", "exponent"] == "catalogue/soils/dry_sand.toml"
+
+
+def test_robot_and_soil_are_found_by_the_names_that_files_beside_the_log_state(tmp_path: Path) -> None:
+    sample = Path(__file__).parents[2] / "data" / "samples" / "virtual_v0.3_r1.csv"
+    text = sample.read_text("utf-8").replace('robot = "granite"', 'robot = "rover"')
+    log = tmp_path / "log.csv"
+    log.write_text(text.replace('soil = "dry_sand"', 'soil = "bed"'), "utf-8")
+    (tmp_path / "broken.toml").write_text("name = ", "utf-8")
+    with pytest.raises(UsageError, match="unknown robot 'rover'"):
+        read_trial(log)
+    for kind, name, own, file in (
+        ("robots", "granite", "rover", "robot.toml"), ("soils", "dry_sand", "bed", "soil.toml"),
+    ):  # fmt: skip
+        entry = (CATALOGUE / kind / f"{name}.toml").read_text("utf-8")
+        assert f'name = "{name}"' in entry
+        (tmp_path / file).write_text(entry.replace(f'name = "{name}"', f'name = "{own}"', 1), "utf-8")
+    trial = read_trial(log)
+    assert (trial.info.robot, trial.info.soil) == (
+        str(tmp_path / "robot.toml"), str(tmp_path / "soil.toml"),
+    )  # fmt: skip
+    assert load_robot(trial.info.robot or "").wheels == load_robot().wheels
