@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby
@@ -50,6 +51,11 @@ to end twice at the same numbers."""
 
 REMEMBERED = MEMORY / 8
 """Bytes of signals of a call at most that are remembered: those of all differences of long runs take more."""
+
+SECONDS = 180.0
+"""Processor time for the simulations of each command [s], beyond which a search tries nothing further. Those
+of four commands usually take 10 to 500 s in all. Stiff ones (play in gears) with numbers that each trial has
+of its own took more than an hour. Convention."""
 
 Values = tuple[float, ...]
 Setting = tuple[tuple[str, Values], ...]
@@ -136,9 +142,15 @@ def _enter(scenario: Scenario) -> None:
     _scenario = scenario
 
 
-def _work(tasks: Sequence[Task]) -> list[Array | None]:
+def _work(tasks: Sequence[Task]) -> tuple[list[Array | None], float]:
     assert _scenario is not None
-    return [_scenario.respond(task) for task in tasks]
+    return _timed(_scenario, tasks)
+
+
+def _timed(scenario: Scenario, tasks: Sequence[Task]) -> tuple[list[Array | None], float]:
+    """Return the signals of tasks, and the processor time that they took [s]."""
+    begin = time.process_time()
+    return [scenario.respond(task) for task in tasks], time.process_time() - begin
 
 
 def _batches(tasks: Sequence[Task]) -> list[list[Task]]:
@@ -155,12 +167,12 @@ def _batches(tasks: Sequence[Task]) -> list[list[Task]]:
     return sorted(batches, key=len, reverse=True)
 
 
-def _forked_call(task: tuple[SimulationPool, Callable[[int], Y]], k: int) -> tuple[Y, int]:
-    """Return ``call(k)`` and the number of its simulations, in a process that was forked off."""
+def _forked_call(task: tuple[SimulationPool, Callable[[int], Y]], k: int) -> tuple[Y, int, float]:
+    """Return ``call(k)``, the number of its simulations and their time, in a process that was forked off."""
     pool, call = task
     pool.use_this_process()
-    before = pool.runs
-    return call(k), pool.runs - before
+    runs, seconds = pool.runs, pool.seconds
+    return call(k), pool.runs - runs, pool.seconds - seconds
 
 
 class SimulationPool:
@@ -168,6 +180,11 @@ class SimulationPool:
 
     Processes are forked, so that effects of a user's file need not be loaded again; where the
     system cannot fork safely, everything runs in this process. `respond` takes the place of both.
+
+    Attributes:
+        scenario: what all simulations share.
+        runs: number of simulations.
+        seconds: processor time that they took [s]; those of `respond` are not counted.
     """
 
     def __init__(
@@ -177,7 +194,7 @@ class SimulationPool:
         tick: Callable[[int], None] = lambda _: None,
         respond: Respond | None = None,
     ) -> None:
-        self.scenario, self.runs, self._jobs = scenario, 0, jobs
+        self.scenario, self.runs, self.seconds, self._jobs = scenario, 0, 0.0, jobs
         self._respond = respond
         self._tick = tick
         self._pool = forked_pool(jobs, _enter, scenario) if respond is None else None
@@ -197,6 +214,11 @@ class SimulationPool:
         """Simulate in this process from now on, without reports of progress."""
         self._pool, self._tick = None, lambda _: None
 
+    @property
+    def is_exhausted(self) -> bool:
+        """Whether the simulations have taken the time that a search has for them."""
+        return self.seconds > SECONDS * len(self.scenario.variants)
+
     def parallel(self, call: Callable[[int], Y], count: int) -> list[Y]:
         """Return ``call(k)`` for k from 0 to `count` - 1, each in a process that simulates what it needs.
 
@@ -208,9 +230,11 @@ class SimulationPool:
         if count < 2 or self._pool is None:
             return [call(k) for k in range(count)]
         answers = []
-        for answer, runs in forked_map(_forked_call, (self, call), count, "searched", jobs=self._jobs):
+        for answer, runs, seconds in forked_map(
+            _forked_call, (self, call), count, "searched", jobs=self._jobs
+        ):
             answers.append(answer)
-            self.runs += runs
+            self.runs, self.seconds = self.runs + runs, self.seconds + seconds
             self._tick(runs)
         return answers
 
@@ -229,11 +253,14 @@ class SimulationPool:
         if self._respond is not None:
             responses = self._respond(self.scenario, new)
         elif self._pool is None:
-            responses = [self.scenario.respond(task) for task in new]
+            responses, seconds = _timed(self.scenario, new)
+            self.seconds += seconds
         else:
             batches = _batches(new)
             new = list(chain.from_iterable(batches))
-            responses = list(chain.from_iterable(mapped(self._pool, _work, batches, "simulated")))
+            done = list(mapped(self._pool, _work, batches, "simulated"))
+            responses = [run for runs, _ in done for run in runs]
+            self.seconds += sum(seconds for _, seconds in done)
         self.runs += len(new)
         self._tick(len(new))
         known = self._responses | dict(zip(new, responses, strict=True))

@@ -17,11 +17,12 @@ from granite_lab.discovery.leaders import NOTHING_FITTED, Fitted, Screening, lea
 from granite_lab.discovery.models import Model, Search
 from granite_lab.discovery.power import _by_noise_per_trial, _visible
 from granite_lab.discovery.relevance import has_strained_trials, left_without
+from granite_lab.discovery.remainder import remainder
 from granite_lab.discovery.resampling import by_evidence
 from granite_lab.discovery.search import reduce, search
 from granite_lab.discovery.sets import fit_sets
 from granite_lab.discovery.verdict import OPEN, EffectEvidence, Judgement, by_posterior, judge
-from granite_lab.discovery.words import provisional, sentence
+from granite_lab.discovery.words import notes, provisional, sentence
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import LEAST_GAIN, REST_SHARE
 from granite_lab.inference.derivatives import differentiate
@@ -31,6 +32,7 @@ from granite_lab.inference.fit import Fit, fit, with_scales
 from granite_lab.inference.noise import white
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
+from granite_lab.inference.pool import SECONDS
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FIRST
 from granite_lab.logs.trial import Array
@@ -93,6 +95,23 @@ def test_nothing_is_named_where_no_more_than_the_tolerance_is_missing(seed: int,
     assert answer.named == set()
     assert answer.judgement.model.effects == ()
     assert np.isnan(answer.judgement.remainder)
+
+
+def test_a_search_whose_time_is_over_answers_with_what_it_has_found_and_says_so() -> None:
+    problem = trials_with(push=0.3, shake=0.4)
+
+    def tell(text: str, _: int) -> None:
+        if text.startswith("fitting"):
+            problem.pool.seconds = np.inf
+
+    found = search(problem, fit(problem, problem.neutral()), CANDIDATES, TOLERANCE, tell)
+    assert len(found.best.effects) == 1
+    judgement = judge(problem, found, TOLERANCE)
+    assert remainder(problem, found, judgement, TOLERANCE) == (judgement, None)
+    minutes = SECONDS * len(COMMANDS) / 60
+    (note,) = [n for n in notes(problem, judgement, ()) if "minutes" in n]
+    assert f"{minutes:.0f} minutes of processor time" in note
+    assert len(ask(push=0.3, shake=0.4).search.best.effects) == 2
 
 
 @pytest.mark.parametrize(("id_", "size"), [("push", 0.3), ("shake", 0.4)])

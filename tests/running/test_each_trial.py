@@ -194,5 +194,6 @@ def test_what_runs_side_by_side_gives_what_one_process_gives_and_counts_its_simu
         assert last[0] == last[1]
         assert len(set(last[0])) == 3
         assert alone.runs == pool.runs == 3
+        assert min(alone.seconds, pool.seconds) > 0.0
         assert pool.run([Task(0, (0.05,) * 7)])[0] is not None  # it still simulates for itself
     assert multiprocessing.active_children() == []
