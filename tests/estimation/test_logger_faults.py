@@ -16,9 +16,11 @@ from granite_lab.logs.sensors.stamps import evened, tidy
 from granite_lab.logs.trial import Trial
 from granite_lab.parameters import load_robot
 from tests.logs import make
+from tests.soak import sampled
 from tests.truth import field
 
 SAMPLE = field.SAMPLES[3]
+EVERY_OTHER = field.SAMPLES[:6:2]
 FORCE, ANGLES = field.FORCE, make.WHEELS
 Change = Callable[[pd.DataFrame], pd.DataFrame | None]
 
@@ -42,7 +44,7 @@ def errors(motion: Motion, sample: Path = SAMPLE) -> tuple[float, float]:
     return (slip.value - truth.slip) / slip.std, (distance.value - truth.distance) / distance.std
 
 
-@pytest.mark.parametrize("degrees", [-20.0, 10.0])
+@pytest.mark.parametrize("degrees", sampled([-20.0, 10.0]))
 def test_an_imu_that_is_turned_about_the_vertical_is_turned_back(degrees: float, tmp_path: Path) -> None:
     x, y = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
 
@@ -88,7 +90,7 @@ def filled(rate: float) -> Change:
     return change
 
 
-@pytest.mark.parametrize("rate", [20.0, 84.0, 170.0])
+@pytest.mark.parametrize("rate", sampled([20.0, 84.0, 170.0]))
 def test_readings_that_a_table_repeats_until_the_next_are_no_lost_counts(rate: float, tmp_path: Path) -> None:
     trial = read(tmp_path, filled(rate))
     assert trial.wheels is not None
@@ -125,13 +127,13 @@ def as_rates(make_rate: Callable[[np.ndarray], np.ndarray], unit: str) -> Change
     return change
 
 
-@pytest.mark.parametrize("sample", field.SAMPLES[:6:2], ids=lambda path: path.stem)
+@pytest.mark.parametrize("sample", sampled(EVERY_OTHER), ids=lambda path: path.stem)
 def test_rates_below_a_dead_band_are_no_sure_standstill(sample: Path, tmp_path: Path) -> None:
     dead = as_rates(lambda rate: np.where(np.abs(rate) < 0.8, 0.0, rate), "radps")
     assert max(map(abs, errors(motion_of(read(tmp_path, dead, sample)), sample))) < 3.0
 
 
-@pytest.mark.parametrize("sample", field.SAMPLES[:6:2], ids=lambda path: path.stem)
+@pytest.mark.parametrize("sample", sampled(EVERY_OTHER), ids=lambda path: path.stem)
 def test_rates_that_are_rounded_alike_share_the_error(sample: Path, tmp_path: Path) -> None:
     coarse = as_rates(lambda rate: np.round(rate * make.RADIUS, 1), "mps")
     motion = motion_of(read(tmp_path, coarse, sample))
@@ -140,7 +142,7 @@ def test_rates_that_are_rounded_alike_share_the_error(sample: Path, tmp_path: Pa
     assert motion.health.grade == "fair"
 
 
-@pytest.mark.parametrize("sample", field.SAMPLES[:6:2], ids=lambda path: path.stem)
+@pytest.mark.parametrize("sample", sampled(EVERY_OTHER), ids=lambda path: path.stem)
 def test_rates_that_were_cut_off_to_whole_numbers_are_never_good(sample: Path, tmp_path: Path) -> None:
     motion = motion_of(read(tmp_path, as_rates(lambda rate: np.trunc(rate * 30.0 / np.pi), "rpm"), sample))
     assert max(map(abs, errors(motion, sample))) < 3.0

@@ -125,13 +125,14 @@ def test_a_gyro_that_loses_the_pitch_in_motion_widens_the_std_and_is_named() -> 
     Such a walk of the pitch, 30 s long, shows in its end alone: in about one trial of four too little.
     """
     found = []
-    for seed in (1, 2, 3, 4, 5, 6):
+    seeds = (1, 2, 3, 4, 5, 6) if SOAK else (1, 2, 3)
+    for seed in seeds:
         truth = generate(seed, velocity=0.3, duration=30.0, grade="industrial")
         motion = louder(truth, "industrial", seed, pitch=1e-3)
         named = "pitch gyro" in motion.health.verdict
         assert named == (motion.health.grade == "fair")
         found.append((named, nees(motion, truth)))
-    assert sum(named for named, _ in found) >= 3
+    assert sum(named for named, _ in found) >= len(seeds) / 2
     assert np.mean([size for named, size in found if named]) < 3.0
 
 

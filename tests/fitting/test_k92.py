@@ -21,6 +21,7 @@ from granite_lab.model.command import peak_velocity, steady_interval, steady_par
 from granite_lab.model.effect import activate
 from granite_lab.parameters import Robot, load_paper, load_robot, load_soil, load_variants, variant_of
 from tests.fitting.made_up import draw_soil, made_up_trial
+from tests.remembered import made_once
 from tests.soak import SOAK, sampled
 from tests.truth import faults
 from tests.truth.simulator import simulate as simulate_truth
@@ -131,7 +132,7 @@ def test_a_k92_far_from_the_papers_is_found():
     assert own.std < 0.3
 
 
-@cache
+@made_once
 def whole():
     """The fit of `trial_by_5(0.5, 0.0855)`."""
     motion, trial, _, _ = trial_by_5(0.5, 0.0855)
@@ -197,7 +198,7 @@ LARGEST = 0.1
 """Std of a_θ [s/m] that the sensors of an industrial IMU leave at most."""
 
 
-@pytest.mark.parametrize(("number", "velocity"), sampled(enumerate((0.2, 0.3, 0.5, 0.7))))
+@pytest.mark.parametrize(("number", "velocity"), sampled(enumerate((0.2, 0.3, 0.5, 0.7)), 4))
 def test_a_theta_of_a_trial_by_the_independent_simulator(number, velocity):
     robot = load_robot("granite", "industrial")
     rng = np.random.default_rng([8, number])
@@ -216,13 +217,16 @@ def test_a_theta_of_a_trial_by_the_independent_simulator(number, velocity):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("trajectory", "trials", "least", "most"),
-    [(False, 64, 58, 63), (True, 16, 13, 16) if SOAK else (True, 4, 3, 4)],
+    [(False, 64, 58, 63), (True, 16, 13, 16)] if SOAK else [(False, 32, 28, 31), (True, 4, 3, 4)],
     ids=["by slip", "by trajectory"],
 )
 def test_the_95_percent_interval_holds_the_true_k92(
     trajectory: bool, trials: int, least: int, most: int
 ) -> None:
-    """Each trial on its own sand; so many inside have a chance of 0.92 and 0.99 if 95 % are meant."""
+    """Each trial on its own sand; if 95 % are meant, so many inside have a chance of 0.92 and 0.99.
+
+    Of 32 trials by slip, 28 to 31 have one of 0.79; the draws are the same in each run.
+    """
     inside = 0
     for seed, variant in enumerate(islice(cycle(load_variants()), trials)):
         rng = np.random.default_rng([11, seed])
@@ -249,7 +253,7 @@ def fitted(trial: Trial, robot: Robot) -> K92Fit:
     return fit_k92(motion, clean, robot, load_soil())
 
 
-@cache
+@made_once
 def plain() -> K92Fit:
     return fitted(good().trial, robot())
 
@@ -267,12 +271,11 @@ def test_good_trial_has_the_k92_of_the_simulator() -> None:
 
 @pytest.mark.parametrize(
     ("fault", "mounting"),
-    [
-        (lambda t: faults.turned(t, faults.SIDEWAYS), {"forward": "find"}),
-        (lambda t: faults.imu_restart(t, 0.8, gap=0.1), {}),
-    ],
-    ids=["IMU axes found", "restart at rest"],
-)
+    sampled([
+        pytest.param(lambda t: faults.turned(t, faults.SIDEWAYS), {"forward": "find"}, id="IMU axes found"),
+        pytest.param(lambda t: faults.imu_restart(t, 0.8, gap=0.1), {}, id="restart at rest"),
+    ]),
+)  # fmt: skip
 def test_a_corrected_trial_has_the_k92_of_the_good_one(
     fault: Callable[[Trial], Trial], mounting: dict[str, object]
 ) -> None:
