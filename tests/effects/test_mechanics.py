@@ -15,6 +15,7 @@ from granite_lab.model import Accuracy, simulate
 from granite_lab.model.effect import activate
 from granite_lab.parameters import GRAVITY, Variant
 from tests.effects.runs import CHASSIS, DRIVE, ROBOT, SOIL
+from tests.soak import sampled
 from tests.truth.simulator import Result, integrate
 
 WEIGHT = CHASSIS.total_mass * GRAVITY
@@ -76,7 +77,7 @@ def test_what_resists_costs_speed_and_current(by: Any, effect: str, values: dict
     assert (steady(r, "current") > steady(plain, "current") + 0.01).all()
 
 
-@pytest.mark.parametrize("exponent", [0.0, 1.0, 1.5, 2.0])
+@pytest.mark.parametrize("exponent", sampled([0.0, 1.0, 1.5, 2.0]))
 def test_drag_is_as_large_as_stated_and_grows_with_the_chosen_power(by: Any, exponent: float) -> None:
     """What the wheels pull with, less what the robot gains."""
     by = by if exponent else by_library  # the hidden one has no constant part
@@ -170,7 +171,7 @@ def test_soil_that_stiffens_with_speed_carries_the_faster_robot_higher(by: Any) 
     assert (fast < slow).all()
 
 
-@pytest.mark.parametrize("lead", [0.0, 0.05])
+@pytest.mark.parametrize("lead", sampled([0.05, 0.0]))
 def test_the_rear_wheels_rise_once_they_reach_the_rut_of_the_front_wheels(by: Any, lead: float) -> None:
     plain, r = seen(by), seen(by, "multi_pass", pressure=0.5, shear=0.2, lead=lead)
     before = plain.x < CHASSIS.wheel_base - 0.05 - lead
@@ -183,7 +184,7 @@ def test_the_rear_wheels_rise_once_they_reach_the_rut_of_the_front_wheels(by: An
     assert steady(r, "slip")[0] < steady(plain, "slip")[0]
 
 
-@pytest.mark.parametrize("difference", [0.03, -0.03])
+@pytest.mark.parametrize("difference", sampled([0.03, -0.03]))
 def test_larger_wheels_push_and_smaller_ones_brake(by: Any, difference: float) -> None:
     plain, r = seen(by), seen(by, "unequal_wheels", difference=difference)
     front, rear = np.sign(difference) * (steady(r, "current") - steady(plain, "current"))
@@ -213,7 +214,7 @@ def test_a_lagging_contact_angle_follows_late_helps_the_start_and_ends_where_it_
 
 def test_a_softer_tyre_makes_the_body_later_at_the_start_and_leaves_the_steady_speed(by: Any) -> None:
     plain, late = seen(by), [0.0]
-    for compliance in (1e-3, 2e-3, 4e-3):
+    for compliance in sampled((1e-3, 2e-3, 4e-3)):
         r = seen(by, "tyre_windup", compliance=compliance, retardation=0.02)
         behind = np.interp(r.t, plain.t, plain.v) - r.v
         late.append(behind[(r.t > 0.02) & (r.t < 0.15)].mean())

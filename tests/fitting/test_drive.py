@@ -24,6 +24,7 @@ from granite_lab.logs.trial import Trial, TrialInfo
 from granite_lab.model import Accuracy, simulate
 from granite_lab.model.virtual import virtual_trial
 from granite_lab.parameters import Course, course_of, is_driven, load_robot, load_soil, variant_of
+from tests.soak import sampled
 
 ROBOT, SOIL = load_robot(), load_soil()
 A_THETA = 4.5
@@ -48,8 +49,15 @@ def logged(course: Course, *, gains: float = 1.0, command: bool = True, seed: in
 
 
 @cache
-def seen(course: Course, *, gains: float = 1.0, command: bool = True) -> tuple[Trial, Motion]:
-    return correct(logged(course, gains=gains, command=command)[0], ROBOT)
+def seen(course: Course, *, gains: float = 1.0, command: bool = True, seed: int = 1) -> tuple[Trial, Motion]:
+    return correct(logged(course, gains=gains, command=command, seed=seed)[0], ROBOT)
+
+
+@cache
+def plain() -> tuple[Trial, Motion]:
+    """Return a trial of the trapezoid of 0.5 m/s."""
+    run = simulate(variant_of(0.5), ROBOT, SOIL, a_theta=A_THETA)
+    return correct(virtual_trial(run, 1, "plain")[0], ROBOT)
 
 
 def exponent(motion: Motion, trial: Trial) -> tuple[float, float]:
@@ -75,7 +83,7 @@ def test_a_logged_command_is_taken_as_it_is() -> None:
     assert abs(a - A_THETA) < 2 * std < 0.6
 
 
-@pytest.mark.parametrize("gains", [1.0, 0.3])
+@pytest.mark.parametrize("gains", sampled([0.3, 1.0]))
 def test_wheels_drive_where_no_command_is_known(gains: float) -> None:
     trial, motion = seen(JOYSTICK, gains=gains, command=False)
     turned = with_drive_input(motion, ROBOT, "auto")
@@ -217,7 +225,7 @@ def test_what_turns_the_wheels_is_no_measurement_to_compare_with() -> None:
 
 
 def test_repeated_commands_are_one_command() -> None:
-    pairs = [correct(logged(JOYSTICK, seed=seed)[0], ROBOT) for seed in (1, 2)]
+    pairs = [seen(JOYSTICK), seen(JOYSTICK, seed=2)]
     trials, motions = [t for t, _ in pairs], [m for _, m in pairs]
     assert motions[0].variant != motions[1].variant  # sampled at other instants
     models, variants = trial_models(trials, ROBOT, motions)
@@ -226,7 +234,7 @@ def test_repeated_commands_are_one_command() -> None:
 
 
 def test_wheels_of_repetitions_drive_simulations_of_their_own_under_one_command() -> None:
-    pairs = [correct(logged(JOYSTICK, seed=seed)[0], ROBOT) for seed in (1, 2)]
+    pairs = [seen(JOYSTICK), seen(JOYSTICK, seed=2)]
     trials, motions = [t for t, _ in pairs], [m for _, m in pairs]
     models, variants = trial_models(trials, ROBOT, [with_drive_input(m, ROBOT, "wheels") for m in motions])
     assert len(variants) == 2
@@ -324,11 +332,8 @@ def test_a_log_without_wheels_cannot_be_driven_by_them() -> None:
 
 
 def test_a_stated_trapezoid_stays_unless_the_log_contradicts_it() -> None:
-    variant = variant_of(0.5)
-    run = simulate(variant, ROBOT, SOIL, a_theta=A_THETA)
-    trial = virtual_trial(run, 1, "plain")[0]
-    motion = correct(trial, ROBOT)[1]
-    assert (motion.variant, motion.variant_source) == (variant, "given")
+    _, motion = plain()
+    assert (motion.variant, motion.variant_source) == (variant_of(0.5), "given")
     assert with_drive_input(motion, ROBOT, "auto") is motion
     other = logged(JOYSTICK)[0]
     told = TrialInfo(robot="granite", v_desired=0.5, a_max=1.2, distance=2.5)
@@ -339,8 +344,7 @@ def test_a_stated_trapezoid_stays_unless_the_log_contradicts_it() -> None:
 
 def test_a_trapezoid_gives_one_exponent_by_both_ways() -> None:
     """The same trial, driven by its command and by its wheels: a_θ differs by little of its std."""
-    run = simulate(variant_of(0.5), ROBOT, SOIL, a_theta=A_THETA)
-    trial, motion = correct(virtual_trial(run, 1, "plain")[0], ROBOT)
+    trial, motion = plain()
     turned = with_drive_input(motion, ROBOT, "wheels")
     (a, std), (other, _) = exponent(motion, trial), exponent(turned, trial)
     assert abs(a - other) < 0.3 * std

@@ -93,7 +93,7 @@ def test_without_size_the_rates_are_those_of_the_plain_model(name: str) -> None:
     assert (wrong.late, truth.rise, truth.bank) == (0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("name", sampled(RESTRUCTURED[:3]))
+@pytest.mark.parametrize("name", sampled(RESTRUCTURED[:3], 3))
 def test_a_hundredth_of_the_size_moves_the_robot_by_less_than_a_fifth_of_the_whole(name: str) -> None:
     """A fifth, not a hundredth: a motor takes up its play in a time that goes with the root of it."""
     little, whole = (
@@ -167,8 +167,8 @@ def test_backlash_lets_the_motor_lead_by_half_the_play_and_the_wheel_start_late(
 
 
 def test_the_motor_overcomes_friction_behind_play_as_well() -> None:
-    _, play = typical("gear_backlash", play=0.3)
-    truth = model("gear_backlash", "drivetrain_friction", play=0.3, coulomb=0.8, viscous=0.0)
+    _, play = typical("gear_backlash", play=2.0)
+    truth = model("gear_backlash", "drivetrain_friction", play=2.0, coulomb=0.8, viscous=0.0)
     more = mean(run_of(truth), "current") - mean(play, "current")
     d = truth.drive
     torque = d.gear_efficiency * d.gear_ratio * d.torque_constant * more

@@ -17,7 +17,8 @@ from granite_lab.inference.setup import baseline
 from granite_lab.inference.spill import SPILL_CACHE, Spillable, SpillCache
 from granite_lab.logs.trial import Array
 from granite_lab.processes import forked_map
-from tests.inference.stub import measure, measured, problem_of
+from tests.inference.stub import PLACE, measure, measured, problem_of
+from tests.soak import SOAK
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 
@@ -107,7 +108,7 @@ def test_what_waited_longest_is_put_away_first(monkeypatch: pytest.MonkeyPatch) 
 
 
 def searched() -> Search:
-    problem = problem_of((0, 0, 1, 1))
+    problem = problem_of((0, 0, 1, 1), tuple(PLACE) if SOAK else ("pitch_rate", "wheel", "current_f"))
     rng = np.random.default_rng(3)
     point = problem.with_effect(problem.neutral(), "push", [0.3])
     measure(problem, problem.with_effect(point, "pull", [0.2]), rng)

@@ -15,7 +15,7 @@ from granite_lab.errors import InputError
 from granite_lab.logs import inspect_logs, read_trial
 from granite_lab.logs.trial import Trial
 from tests.logs import make
-from tests.soak import in_turn
+from tests.soak import SOAK, in_turn
 
 SAMPLES = Path(__file__).parents[2] / "data" / "samples"
 HEADER, *ROWS = make.lines()
@@ -222,7 +222,7 @@ def logged(header: list[str] | None, change: Change, sign: str, decimal: str, ex
     header=st.sampled_from(sorted(HEADERS)), unit=st.sampled_from(sorted(UNITS)), way=st.sampled_from(sorted(SIGNS)),
     extra=st.sampled_from(["", "note", '"[0.0, 0.0]"']),
 )  # fmt: skip
-@settings(max_examples=40, suppress_health_check=list(HealthCheck))
+@settings(max_examples=200 if SOAK else 20, suppress_health_check=list(HealthCheck))
 def test_the_map_that_inspection_writes_gives_the_trial_that_inspection_saw(
     header: str, unit: str, way: str, extra: str, tmp_path: Path
 ) -> None:

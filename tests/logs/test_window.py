@@ -12,6 +12,7 @@ from granite_lab.errors import InputError
 from granite_lab.logs import Excerpt, read_trial
 from tests.corpus import cli
 from tests.logs import make
+from tests.soak import sampled
 
 SAMPLE = cli.SAMPLES / "virtual_v0.3_r1.csv"
 
@@ -103,7 +104,9 @@ def with_gap(folder: Path, prefix: str, begin: float, end: float) -> Path:
     return make.changed(folder, SAMPLE, change)
 
 
-@pytest.mark.parametrize("prefix", ["imu_", "imu_gy", "enc_", "cur_", ""], ids=lambda p: p or "whole rows")
+@pytest.mark.parametrize(
+    "prefix", sampled(["imu_", "imu_gy", "enc_", "cur_", ""]), ids=lambda p: p or "whole rows"
+)
 def test_a_short_gap_is_bridged_and_widens_the_distance(prefix: str, tmp_path: Path) -> None:
     whole = gl.ingest(SAMPLE, jobs=1)[0].motion.distance
     path = with_gap(tmp_path, prefix, 4.0, 4.4)

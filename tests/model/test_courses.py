@@ -167,13 +167,13 @@ def test_a_robot_without_drive_is_simulated_by_its_wheels() -> None:
     assert alone["v_mps"] == pytest.approx(back["v_mps"], abs=1e-12)
 
 
-def test_every_effect_that_does_not_act_on_the_drive_runs_and_vanishes_at_its_neutral_value() -> None:
+def test_effects_that_do_not_act_on_the_drive_run_and_vanish_at_their_neutral_value() -> None:
     plain = fed_back(simulate(JOYSTICK, ROBOT, SOIL), JOYSTICK)
     left = [e for e in library(None).values() if not drives(e)]
     assert {e.id for e in library(None).values()} - {e.id for e in left} == {
         "encoder_eccentricity", "gear_backlash", "supply_sag", "wheel_radius_error",
     }  # fmt: skip
-    for effect in left:
+    for effect in sampled(left, 3):
         run = simulate(plain.variant, ROBOT, SOIL, effects=(activate(effect, {}),))
         assert np.abs(run["v_mps"] - plain["v_mps"]).max() < 2e-4, effect.id
 
