@@ -83,6 +83,18 @@ def pushes_of(**hidden: float) -> ImpulseResponses:
     return found
 
 
+PATCH = {"soft_patch": 0.5, "drivetrain_friction": 0.15}
+"""The larger cause has another formula than the terms; the effect beside it is one of the library."""
+
+
+@cache
+def patch_described() -> Fit:
+    """The fit with the terms that describe the trials with both."""
+    found = described(measured(**PATCH)[0], pushes_of(**PATCH), TOLERANCE)
+    assert found is not None
+    return found
+
+
 def test_a_term_reproduces_an_effect_whose_law_is_of_its_form() -> None:
     """The reaction of the drives is a moment in proportion to the torques; a term fades out at standstill."""
     robot, soil, variant = load_robot(), load_soil(), variant_of(0.7)
@@ -177,9 +189,7 @@ def test_a_hidden_force_is_described_by_its_formula_and_the_ceiling_shows_its_si
 
 
 def test_a_soft_patch_is_described_by_its_place_and_closes_the_gap_at_speeds_left_out() -> None:
-    (problem, base), impulses = (f(soft_patch=0.5) for f in (measured, pushes_of))
-    found = described(problem, impulses, TOLERANCE)
-    assert found is not None
+    (problem, base), found = measured(**PATCH), patch_described()
     largest = term(found.point.effects[int(np.argmax(np.abs(found.point.common)))])
     assert isinstance(largest, Term)
     chassis = load_robot().chassis
@@ -192,11 +202,7 @@ def test_a_soft_patch_is_described_by_its_place_and_closes_the_gap_at_speeds_lef
 
 
 def test_an_effect_is_found_beside_the_terms_that_describe_a_larger_cause() -> None:
-    """Another formula than that of the terms: the effect is one of the library, the cause is not."""
-    hidden = {"soft_patch": 0.5, "drivetrain_friction": 0.15}
-    (problem, base), impulses = measured(**hidden), pushes_of(**hidden)
-    described_by = described(problem, impulses, TOLERANCE)
-    assert described_by is not None
+    (problem, base), described_by = measured(**PATCH), patch_described()
     terms = set(filter(is_term, described_by.point.effects))
     assert terms
     start = Model.of(tuple(sorted(described_by.point.effects)), described_by)
