@@ -14,6 +14,7 @@ from granite_lab.estimation.health import correlation, ljung_box
 from granite_lab.estimation.smoother import slow_excess, usual
 from granite_lab.logs.trial import Series, Trial
 from granite_lab.parameters import load_robot
+from tests.soak import sampled
 from tests.truth.motion import estimate
 from tests.truth.trials import TruthTrial, generate
 
@@ -49,7 +50,7 @@ def test_measured_distance_makes_the_estimate_surer_and_better() -> None:
 def test_measured_distance_pulls_by_its_weight() -> None:
     """The pull is that of two estimates of one quantity, weighted by their variances."""
     own, std = plain().distance.value, plain().distance.std
-    for measured in (own + std, own - std):
+    for measured in sampled((own + std, own - std)):
         pulled = run(truth().trial, distance_measured=Estimate(measured, std)).distance
         assert pulled.value == pytest.approx(0.5 * (own + measured), abs=0.1 * std)
         assert pulled.std == pytest.approx(std / np.sqrt(2), rel=0.05)

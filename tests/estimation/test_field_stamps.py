@@ -13,6 +13,7 @@ from granite_lab.logs import read_trial
 from granite_lab.logs.sensors.stamps import evened
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.parameters import load_robot
+from tests.soak import sampled
 from tests.truth import field
 
 ROBOT = load_robot("granite")
@@ -69,7 +70,7 @@ def clocked(trial: Trial, rate: float) -> Trial:
     return replace(trial, wheels=wheels, currents=replace(trial.currents, t=trial.currents.t * (1.0 + rate)))
 
 
-@pytest.mark.parametrize("rate", [0.02, -0.02])
+@pytest.mark.parametrize("rate", sampled([0.02, -0.02]))
 def test_clocks_at_different_rates_are_never_good(rate: float) -> None:
     trial, slip = sample("virtual_v0.3_r2")
     motion = correct(clocked(trial, rate), ROBOT)[1]

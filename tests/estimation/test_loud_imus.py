@@ -83,7 +83,7 @@ def agree(errors: list[float]) -> None:
     assert np.sum(np.square(errors)) < chi2.ppf(0.999, len(errors))
 
 
-@pytest.mark.parametrize("rate", [20.0, 100.0])
+@pytest.mark.parametrize("rate", sampled([20.0, 100.0]))
 def test_white_noise_in_motion_widens_the_std_as_far_as_it_drifts(tmp_path: Path, rate: float) -> None:
     """It is 0.1 m/s^2 sqrt(s); taken for vibration, the distance was up to 23 std off."""
     distances, slips = [], []
@@ -96,7 +96,7 @@ def test_white_noise_in_motion_widens_the_std_as_far_as_it_drifts(tmp_path: Path
         agree(errors)
 
 
-@pytest.mark.parametrize("seed", [2, 4])
+@pytest.mark.parametrize("seed", sampled([2, 4]))
 def test_a_loud_imu_feigns_no_offset_of_the_clocks(tmp_path: Path, seed: int) -> None:
     """Its onsets show -174 ± 114 and -203 ± 85 ms, which was applied as ± 6 ms: up to 21 points of slip."""
     motion = found(firm_ground(seed, 100.0), tmp_path, 0.165, 0.0)

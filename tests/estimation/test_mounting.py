@@ -17,6 +17,7 @@ from granite_lab.logs.sensors.imu import mounted as orientation
 from granite_lab.logs.sensors.mounting import BodyImu, level, to_body
 from granite_lab.logs.sensors.signs import check_signs
 from granite_lab.logs.trial import ImuStream, WheelStream
+from tests.soak import SOAK
 from tests.truth import faults
 from tests.truth.motion import estimate
 from tests.truth.trials import TruthTrial, generate, robot
@@ -35,7 +36,7 @@ def plain() -> Motion:
 
 
 @given(roll=DEG, pitch=DEG, yaw=DEG)
-@settings(max_examples=6, derandomize=True)
+@settings(max_examples=20 if SOAK else 3, derandomize=True)
 def test_forward_axis_is_found_whatever_the_orientation(roll: float, pitch: float, yaw: float) -> None:
     turn = Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True).as_matrix()
     turned = faults.turned(truth().trial, turn.T)

@@ -14,6 +14,7 @@ from granite_lab.estimation import Motion, correct
 from granite_lab.estimation.plausibility import Doubt, with_plausibility
 from granite_lab.logs import read_trial
 from granite_lab.parameters import load_robot, load_soil
+from tests.soak import sampled
 from tests.truth import field
 
 SAND = load_soil()
@@ -208,7 +209,7 @@ def logged_as_rates(folder: Path, *, missing: bool) -> tuple[Motion, float]:
     return motion, source.distance
 
 
-@pytest.mark.parametrize("missing", [True, False])
+@pytest.mark.parametrize("missing", sampled([True, False]))
 def test_a_hole_in_all_sensors_that_may_be_a_step_of_the_clock_is_in_the_distance(
     tmp_path: Path, missing: bool
 ) -> None:

@@ -12,6 +12,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimation import Motion
 from granite_lab.logs.trial import Series, Trial, part
 from granite_lab.parameters import load_robot
+from tests.soak import in_turn
 from tests.truth.motion import estimate
 from tests.truth.trials import TruthTrial, generate
 
@@ -119,8 +120,7 @@ def test_an_imu_that_goes_farther_than_the_wheels_roll_is_blamed_and_not_the_ref
     assert "check scale" not in verdict
 
 
-@pytest.mark.parametrize("late", [-0.5, 0.5])
-@pytest.mark.parametrize("what", ["velocity", "place"])
+@pytest.mark.parametrize(("what", "late"), in_turn(["velocity", "place"], [-0.5, 0.5]))
 def test_a_reference_by_another_clock_is_named(what: str, late: float) -> None:
     v, x = (replace(s, t=s.t + late) for s in (noisy().reference_v, noisy().reference_x))
     motion = run(replace(noisy(), reference_v=v, reference_x=x), use_reference=True, **KNOWN[what])

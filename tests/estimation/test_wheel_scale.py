@@ -17,6 +17,7 @@ from granite_lab.logs.sensors.counts import other_counts
 from granite_lab.logs.trial import Trial, WheelStream
 from granite_lab.parameters import load_robot, load_soil
 from tests.logs import make
+from tests.soak import sampled
 from tests.truth import field
 
 SAMPLE, SLIP = field.SAMPLES[3], 0.0970
@@ -29,7 +30,7 @@ def motion() -> tuple[Trial, Motion]:
     return correct(read_trial(SAMPLE), ROBOT)
 
 
-@pytest.mark.parametrize("scale", [0.85, 1.06])
+@pytest.mark.parametrize("scale", sampled([0.85, 1.06]))
 def test_angles_that_were_divided_by_another_number_of_counts_are_fair_and_within_their_std(
     scale: float, tmp_path: Path
 ) -> None:
@@ -45,7 +46,7 @@ def test_angles_that_were_divided_by_another_number_of_counts_are_fair_and_withi
     assert abs(seen.slip_ratio.value - SLIP) < 2.0 * seen.slip_ratio.std
 
 
-@pytest.mark.parametrize("scale", [2.0, 3.0, 0.25])
+@pytest.mark.parametrize("scale", sampled([2.0, 3.0, 0.25]))
 def test_a_gear_ratio_that_is_wrong_by_a_whole_number_is_poor_and_within_its_std(
     scale: float, tmp_path: Path
 ) -> None:
