@@ -93,15 +93,6 @@ def fits_by_slip(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.M
 
     For tests that show what is done with fits: a fit to the trajectory takes ten times as long.
     """
-    from granite_lab.errors import EstimateError
-    from tests.remembered import FITTED_ANEW
-    from tests.running.processes import own_cache
+    from tests.running.processes import fit_by_slip
 
-    def left_out(*_: object) -> None:
-        raise EstimateError("left out by a test")
-
-    cache = own_cache(tmp_path_factory.mktemp("fits") / "cache")
-    monkeypatch.setattr("granite_lab.fitting.fit_k92", FITTED_ANEW)
-    monkeypatch.setattr("granite_lab.fitting.k92._with_trajectory", left_out)
-    monkeypatch.setenv("GRANITE_LAB_CACHE", str(cache))
-    return cache
+    return fit_by_slip(tmp_path_factory.mktemp("fits") / "cache", monkeypatch)

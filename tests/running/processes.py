@@ -10,8 +10,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
+import pytest
+
 import granite_lab as gl
+from granite_lab.errors import EstimateError
 from tests.corpus.cli import SAMPLES
+from tests.remembered import FITTED_ANEW
 from tests.soak import SOAK
 
 # A shell that starts the tests in the background has them, and all that they start, ignore Ctrl-C.
@@ -44,6 +48,18 @@ def own_cache(folder: Path) -> Path:
         common.mkdir(parents=True, exist_ok=True)
         compiled.symlink_to(common)
     return folder
+
+
+def fit_by_slip(cache: Path, patch: pytest.MonkeyPatch) -> Path:
+    """Let fits go by the slip alone until `patch` is undone; return the cache that remembers them."""
+
+    def left_out(*_: object) -> None:
+        raise EstimateError("left out by a test")
+
+    patch.setattr("granite_lab.fitting.fit_k92", FITTED_ANEW)
+    patch.setattr("granite_lab.fitting.k92._with_trajectory", left_out)
+    patch.setenv("GRANITE_LAB_CACHE", str(own_cache(cache)))
+    return cache
 
 
 def begin(folder: Path, *args: object, cache: Path | None = None, first: str = "") -> subprocess.Popen[str]:
