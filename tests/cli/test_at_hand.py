@@ -93,6 +93,7 @@ def test_discover_takes_them_too(folder: Path, monkeypatch: pytest.MonkeyPatch) 
     refused(done, 4, "trial", "enough")
 
 
+@pytest.mark.usefixtures("fits_by_slip")
 def test_logs_are_taken_with_what_they_were_ingested_with(folder: Path) -> None:
     (folder / "mine.toml").write_text(GRANITE, encoding="utf-8")
     text = (folder / "trial.csv").read_text(encoding="utf-8").replace("imu_gy_radps", "tilt")

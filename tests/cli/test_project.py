@@ -72,6 +72,7 @@ def test_ingest_follows_the_file_and_lists_what_it_excludes(tmp_path: Path) -> N
     assert lab("check", folder / f"{B}.csv").code == 0
 
 
+@pytest.mark.usefixtures("fits_by_slip")
 @pytest.mark.parametrize("by", [FILE, "--exclude"])
 def test_a_study_lists_excluded_trials_and_set_numbers_and_is_verified_with_both(
     tmp_path: Path, by: str

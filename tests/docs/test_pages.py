@@ -28,7 +28,7 @@ from tests.corpus.cli import Done, lab
 from tests.docs.pages import PAGES, ROOT, blocks, command_of, lines_to_run, save_files, text_of
 from tests.effects.example import EXAMPLE
 from tests.logs.bags import Bag
-from tests.running.processes import FEW
+from tests.running.processes import FEW, fit_by_slip
 
 SAMPLES = ROOT / "data" / "samples"
 LOG = SAMPLES / "virtual_v0.3_r1.csv"
@@ -143,14 +143,20 @@ def foreign(log: Path, out: str) -> None:
 
 
 def run(line: str) -> Done:
-    """Run a line as it is printed, with one process; what it prints may go to a file."""
+    """Run a line as it is printed, with one process; what it prints may go to a file.
+
+    A study or a search fits by the slip alone, and remembers what it does elsewhere.
+    """
     text, _, target = line.partition(" > ")
     words = shlex.split(text)
     if words[0] == "python":
         done = subprocess.run([sys.executable, *words[1:]], capture_output=True, text=True, check=False)
         return Done(done.returncode, done.stdout, done.stderr)
     command, _ = command_of(words[1:])
-    done = lab(*words[1:], *(["-j", "1"] if any("--jobs" in p.opts for p in command.params) else []))
+    with pytest.MonkeyPatch.context() as patch:
+        if is_long(line):
+            fit_by_slip(Path.cwd().with_name(f"{Path.cwd().name}-by-slip"), patch)
+        done = lab(*words[1:], *(["-j", "1"] if any("--jobs" in p.opts for p in command.params) else []))
     if target:
         Path(target).write_text(done.out, encoding="utf-8")
     return done
@@ -276,7 +282,7 @@ def test_an_effect_by_the_page_is_listed_and_slows_the_robot(folder: Path) -> No
 
 
 def test_the_tutorial_and_what_builds_on_a_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its search is among few effects; tests/discovery searches among all of them."""
+    """Its search is among few effects; tests/discovery searches among more."""
     few = {id_: get(id_) for id_ in FEW}
     monkeypatch.setattr("granite_lab.chain.library", lambda *_: few)
     clone(tmp_path, *(path.stem.removeprefix("virtual_") for path in SAMPLES.glob("*.csv")))
