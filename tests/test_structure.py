@@ -55,19 +55,31 @@ NAMES = {
 }
 """Module to file."""
 
+WITHIN = NAMES.keys() - {"granite_lab"}
+
+
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
+def nodes_of(path: Path) -> list[ast.AST]:
+    return list(ast.walk(tree_of(path)))
+
 
 @cache
 def imports_of(path: Path) -> set[str]:
     """Return the modules a file imports, wherever in the file it does so, or names in a text."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes_of(path):
         if isinstance(node, ast.ImportFrom):
             module = node.module or ""
             within = {f"{module}.{alias.name}" for alias in node.names}
             found |= {name if name in NAMES or module == "granite_lab" else module for name in within}
         elif isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.Constant) and node.value in NAMES.keys() - {"granite_lab"}:
+        elif isinstance(node, ast.Constant) and node.value in WITHIN:
             found.add(node.value)
     return found
 
@@ -123,7 +135,7 @@ def test_functions_stay_short_and_take_few_arguments() -> None:
         (path.relative_to(PACKAGE).as_posix(), node.name): node
         for path in MODULES
         if own(path) not in VERBS
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in nodes_of(path)
         if isinstance(node, ast.FunctionDef)
     }
     assert len(functions) > 1000
@@ -136,7 +148,7 @@ def test_functions_stay_short_and_take_few_arguments() -> None:
 def test_no_local_hides_what_its_module_defines(package: str) -> None:
     """As a covariance P hides the state P."""
     for path in (PACKAGE / package).rglob("*.py"):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        tree = tree_of(path)
         assigned = [target for node in tree.body if isinstance(node, ast.Assign) for target in node.targets]
         defined = {n.id for target in assigned for n in ast.walk(target) if isinstance(n, ast.Name)}
         defined |= {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}

@@ -65,7 +65,7 @@ def test_the_rival_has_the_27_percent_that_it_is_known_for() -> None:
     assert error_of_pull(lambda s, row: bekker_wong(s, row)[0]) == pytest.approx(0.27, abs=0.005)
 
 
-@pytest.mark.parametrize("k92", [0.15, 0.6])
+@pytest.mark.parametrize("k92", sampled([0.15, 0.6]))
 def test_the_k_92_of_a_point_is_found_by_each_quantity_and_by_all(k92: float) -> None:
     series = made_up(Setup(constant(k92)))
     found = needed(series, series.rows[1])
@@ -85,7 +85,7 @@ def test_no_k_92_is_found_where_the_wheel_is_deeper_than_the_model_can_be() -> N
 
 def test_a_law_in_slip_with_an_effect_is_recovered() -> None:
     truth = Setup(linear(0.8, -0.9), {"slip_sinkage": {"growth": 0.4}})
-    series = made_up(truth)
+    series = made_up(truth, (0.1, 0.3, 0.6))
     found = fit(series, law_forms((GROWTH,))[1], leave_out=False)
     assert list(found.values.values()) == pytest.approx([0.8, -0.9, 0.4], abs=1e-3)
     assert total(found.off) < 1e-3

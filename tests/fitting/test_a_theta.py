@@ -14,6 +14,7 @@ from granite_lab.fitting.atheta import a_theta_interval, k92_interval
 from granite_lab.fitting.fit import SCATTER, K92Fit, Shift, of_a_theta, of_mean, views_of
 from granite_lab.parameters import load_paper
 from tests.fitting.made_up import made_up_fit
+from tests.soak import SOAK
 
 SPEEDS = (0.2, 0.3, 0.5, 0.7)
 TABLE3 = load_paper().table3
@@ -198,8 +199,11 @@ def test_aicc_of_the_exponential_law_is_the_textbooks():
 
 
 def test_the_95_percent_interval_holds_the_true_a_theta():
-    """80 virtual studies of 12 trials; where k_92 is small, their stated std is as large as it."""
-    studies = [fit_a_theta(drawn(np.random.default_rng([23, seed]), std=0.012)).ci95 for seed in range(80)]
+    """Virtual studies of 12 trials; where k_92 is small, their stated std is as large as it."""
+    studies = [
+        fit_a_theta(drawn(np.random.default_rng([23, seed]), std=0.012)).ci95
+        for seed in range(80 if SOAK else 40)
+    ]
     assert 0.90 <= np.mean([low <= 4.919 <= high for low, high in studies]) <= 0.99
 
 
@@ -278,7 +282,7 @@ def test_on_a_bent_curve_the_ends_have_the_slip_ratios_of_its_ends():
 def test_the_interval_of_a_theta_holds_the_truth_as_often_as_it_says():
     rng, v, a = np.random.default_rng(1), np.array([0.4, 0.5, 0.6, 0.7]), 4.919
     true = np.exp(-a * v)
-    inside, draws = 0, 300
+    inside, draws = 0, 300 if SOAK else 150
     for _ in range(draws):
         trials = []
         for k in true:
