@@ -17,8 +17,10 @@ import pytest
 
 from granite_lab.errors import LabError
 from granite_lab.running.output import locked
+from granite_lab.stored import root
 from tests.corpus.cli import lab, refused, succeeded
 from tests.effects.example import EXAMPLE
+from tests.remembered import made_once
 from tests.running.processes import (
     AMONG_FEW,
     STUDY,
@@ -39,10 +41,15 @@ pytestmark = pytest.mark.slow
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
 
 
+@made_once
+def study_of_two() -> Undisturbed:
+    return undisturbed(root() / "undisturbed" / "study", *STUDY, logs=TWO)
+
+
 @pytest.fixture(scope="module")
-def studied(tmp_path_factory: pytest.TempPathFactory) -> Undisturbed:
-    """A study of two trials, made once."""
-    return undisturbed(tmp_path_factory.mktemp("undisturbed") / "study", *STUDY, logs=TWO)
+def studied() -> Undisturbed:
+    """A study of two trials."""
+    return study_of_two()
 
 
 class Job(NamedTuple):
