@@ -172,7 +172,7 @@ def test_a_set_that_cannot_be_predicted_leaves_the_evidence_to_decide() -> None:
 
 
 def test_a_set_that_was_set_aside_counts_for_the_likeliest_part_of_it() -> None:
-    found = ask(push=0.3, candidates=("pull", "push")).search
+    found = ask(push=0.3).search
     models = [replace(found.baseline, effects=e) for e in (("pull",), ("push",), ("pull", "push"), ())]
     aside = replace(found, models=tuple(models), set_aside=frozenset({("pull", "push")}))
     competition = Competition(aside.models, np.array([0.3, 0.2, 0.4, 0.1]))
@@ -181,7 +181,7 @@ def test_a_set_that_was_set_aside_counts_for_the_likeliest_part_of_it() -> None:
 
 
 def test_a_set_that_predicts_worse_than_another_is_not_judged_though_it_is_likelier() -> None:
-    answer = ask(push=0.3, candidates=("pull", "push"))
+    answer = ask(push=0.3)
     problem, right = answer.problem, answer.search.best
     assert right.effects == ("push",)
     wrong = fit(problem, problem.with_effect(answer.search.baseline.fit.point, "pull", [0.0]))

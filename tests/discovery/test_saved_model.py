@@ -1,6 +1,7 @@
 """Simulations of what was left out, with the numbers that all trials share alone."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ SIX = (0, 0, 1, 1, 2, 2)
 TOLERANCE = 0.02
 
 
+@cache
 def pushed(commands: tuple[int, ...] = SIX) -> tuple[Problem, Fit, Fit]:
     """Return trials with a push, the fit without it and that with it."""
     rng, problem = np.random.default_rng(0), problem_of(commands)

@@ -21,6 +21,7 @@ from granite_lab.inference.scales import DISCREPANCIES, FORMULAS, log_prior
 from granite_lab.inference.setup import initial_point, nominal
 from granite_lab.parameters import load_robot, load_variants
 from tests.inference.stub import Respond, drawn, measure, measured, problem_of
+from tests.soak import SOAK
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 FOUR = (0, 0, 1, 1)
@@ -37,7 +38,7 @@ def std_of(found: Fit) -> np.ndarray:
 
 def test_numbers_are_found_within_their_std() -> None:
     scores = []
-    for seed in range(6):
+    for seed in range(6 if SOAK else 4):
         problem, truth, _ = measured(seed)
         found = fit(problem, problem.neutral())
         assert found.converged
@@ -73,7 +74,7 @@ def test_a_fit_begins_near_the_latency_of_the_stamps(late: float, commands: tupl
 def test_a_known_share_is_found(share: float) -> None:
     """Of some 60 amplitudes of a channel half are determined; the scatter of a std is then 1/sqrt(2 · 30)."""
     ratios = []
-    for seed in range(6):
+    for seed in range(6 if SOAK else 4):
         problem, *_ = measured(10 + seed, share)
         scales = fit(problem, problem.neutral()).scales
         ratios += [scales.discrepancies[c] / share for c in PLAIN[share]]
