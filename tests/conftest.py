@@ -78,9 +78,13 @@ def one_core() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session", autouse=True)
 def one_blas_thread() -> Iterator[None]:
-    """Sums that are split among threads differ in their last digits with the number of threads."""
+    """Sums that are split among threads differ in their last digits with the number of threads.
+
+    Nor do small matrices gain by them: two threads wait for each other, and those of two processes of pytest
+    for the same cores. Processes that tests begin have as many as they would have.
+    """
     from granite_lab.processes import one_thread
 
     with one_thread():
