@@ -297,6 +297,7 @@ numbers = st.floats(allow_nan=True, width=32) | st.none()
 
 
 @given(steps=st.lists(damage, min_size=1, max_size=4))
+@example(steps=[("cell", 2, 0, b"1e-320")])  # two stamps nearer to each other than any logger writes
 @many
 def test_a_damaged_log(steps: list[tuple[str, int, int | None, bytes]], tmp_path: Path) -> None:
     check(make.written(tmp_path, damaged(steps)))

@@ -24,6 +24,7 @@ _BESIDE = 0.05  # a logger that is faster by this share repeats a reading in eac
 _COUNTS = 3  # a wheel that turns by so many counts from reading to reading does not stand in the next
 _EVEN = 50  # readings whose spacing is judged: of those that a chance of 5 % drops, the places scatter more
 _STRAIGHT = 2e-3  # a signal is straight where it bends by this share of the rms: once in 600 times by chance
+_FINEST = 1e-9  # no logger writes stamps finer than this [s]
 _FINE = (
     40.0  # a signal that bends by so many steps of its values is straight within two of them once in 25 times
 )
@@ -73,7 +74,7 @@ def without_fill(imu: ImuStream, doubts: list[Doubt]) -> ImuStream:
     values, t = both[:, np.isfinite(both).all(axis=0)], imu.t
     if len(t) < 2 * _FEW or values.shape[1] == 0:
         return imu
-    slope = np.diff(values, axis=0) / np.diff(t)[:, None]
+    slope = np.diff(values, axis=0) / np.maximum(np.diff(t), _FINEST)[:, None]
     bend = np.abs(np.diff(slope, axis=0)) * (t[2:] - t[:-2])[:, None] / 2.0
     large, step = np.sqrt(np.mean(bend**2, axis=0)), step_of(values)
     fine = large > _FINE * step
