@@ -99,20 +99,20 @@ def test_nothing_is_named_where_no_more_than_the_tolerance_is_missing(seed: int,
 
 
 def test_a_search_whose_time_is_over_answers_with_what_it_has_found_and_says_so() -> None:
-    problem = trials_with(push=0.3, shake=0.4)
+    problem, both = trials_with(push=0.5, pull=0.3), ("pull", "push")
 
     def tell(text: str, _: int) -> None:
         if text.startswith("fitting"):
             problem.pool.seconds = np.inf
 
-    found = search(problem, fit(problem, problem.neutral()), CANDIDATES, TOLERANCE, tell)
+    found = search(problem, fit(problem, problem.neutral()), both, TOLERANCE, tell)
     assert len(found.best.effects) == 1
     judgement = judge(problem, found, TOLERANCE)
     assert remainder(problem, found, judgement, TOLERANCE) == (judgement, None)
     minutes = SECONDS * len(COMMANDS) / 60
     (note,) = [n for n in notes(problem, judgement, ()) if "minutes" in n]
     assert f"{minutes:.0f} minutes of processor time" in note
-    assert len(ask(push=0.3, shake=0.4).search.best.effects) == 2
+    assert ask(push=0.5, pull=0.3, candidates=both).search.best.effects == both
 
 
 @pytest.mark.parametrize(("id_", "size"), [("push", 0.3), ("shake", 0.4)])
