@@ -1,6 +1,7 @@
 """What nothing in a log closes: biases that drift, limits that are touched, wheels that fall silent."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from granite_lab.estimation.error_model import V, in_order, updates_of
 from granite_lab.estimation.noise import white
 from granite_lab.estimation.smoother import Innovations, widening
 from granite_lab.estimation.stages import roll, stand
+from granite_lab.logs import read_trial
 from granite_lab.logs.sensors.imu import rail
 from granite_lab.parameters import load_robot
 from tests.soak import sampled
@@ -122,3 +124,13 @@ def test_slow_ramps_of_clocks_that_run_alike_do_not_seem_to_run_apart() -> None:
         body = random_body(rng, velocity=0.6, acceleration=0.27, robot=ROBOT)
         truth = observe(rng, body, ROBOT, name="slow", info=generate(31).trial.info, logger=Logger())
         assert doubt_rate(stand(roll(truth.trial, ROBOT))) == []
+
+
+def test_a_log_that_is_shorter_than_the_lags_that_are_searched_is_doubtful(tmp_path: Path) -> None:
+    """Two tenths of a second: 40 rows of a sample, whose writer was stopped."""
+    sample = Path(__file__).parents[2] / "data" / "samples" / "virtual_v0.3_r1.csv"
+    log = tmp_path / "short.csv"
+    log.write_text("".join(sample.read_text("utf-8").splitlines(keepends=True)[:42]), "utf-8")
+    motion = estimate(read_trial(log), load_robot())
+    assert motion.health.grade == "poor"
+    assert np.isnan(motion.slip_ratio.value)

@@ -34,7 +34,7 @@ def correlate(force: Array, wheel: Array, reach: int) -> tuple[Array, int, float
         (2 reach + 1,) the correlation at each lag of the force; the place of its largest value, and that
         value in shares of what it can be, 0 at the end of the reach.
     """
-    size = 2 ** int(np.ceil(np.log2(2 * force.size)))
+    size = 2 ** int(np.ceil(np.log2(2 * max(force.size, reach + 1))))
     values = np.fft.irfft(np.fft.rfft(force, size) * np.conj(np.fft.rfft(wheel, size)), size)
     values = values[np.arange(-reach, reach + 1)]
     best = int(np.argmax(values))
