@@ -49,7 +49,7 @@ def remainder(
         the judgement with the description, and the ceiling; None where nothing remains to be closed.
     """
     baseline = search.baseline
-    if judgement.verdict == "none" or problem.pool.is_exhausted:
+    if judgement.verdict == "none" or problem.is_exhausted:
         return judgement, None
     if judgement.named and is_adequate(problem, judgement.model.fit, tolerance):
         return judgement, None
@@ -99,7 +99,7 @@ def beside_terms(
         no better.
     """
     start = judgement.model
-    if not any(map(is_term, start.effects)) or problem.pool.is_exhausted:
+    if not any(map(is_term, start.effects)) or problem.is_exhausted:
         return found, judgement, limit
     again = search_beside(found, start, problem, candidates, tolerance, lambda text, _: tell(text))
     other = judge(problem, again, tolerance)

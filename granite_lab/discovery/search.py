@@ -80,11 +80,11 @@ def search_beside(
 
 def _exchanged(sets: FittedSets, best: Model, steps: Sequence[Extension]) -> Search:
     """Exchange the effects of the best set, and reduce the set to those that are needed."""
-    if not sets.problem.pool.is_exhausted:
+    if not sets.problem.is_exhausted:
         exchange(sets, best, steps)
     for _ in range(MOST):
         set_aside_bad_predictors(sets)
-        if sets.problem.pool.is_exhausted:
+        if sets.problem.is_exhausted:
             break
         fit_finely(sets)
         if not reduce(sets):
@@ -108,7 +108,7 @@ def extend_fully(sets: FittedSets, model: Model) -> tuple[Model, list[Extension]
     the optimum.
     """
     steps: list[Extension] = []
-    while sum(not is_term(e) for e in model.effects) < MOST and not sets.problem.pool.is_exhausted:
+    while sum(not is_term(e) for e in model.effects) < MOST and not sets.problem.is_exhausted:
         larger, tried = extend(sets, model)
         extended = larger is not model
         again = _refit_from_larger(sets, model, larger) if extended else _refit_from_files(sets, model)
@@ -161,7 +161,7 @@ def extend(sets: FittedSets, model: Model) -> tuple[Model, list[Score]]:
     tried: dict[str, Prospect] = {}
 
     def further(best: str = "") -> list[Prospect]:
-        if sets.problem.pool.is_exhausted:
+        if sets.problem.is_exhausted:
             return []
         fitted = Fitted(tuple(tried), best)
         return [p for p in sets.prospects(model, fitted) if p.score.candidate not in tried]
@@ -255,7 +255,7 @@ def revise(sets: FittedSets, best: Model, steps: list[Extension]) -> tuple[Model
     `_may_hold_substitute`. `FEW` of the sets of `_origins` are extended, the likeliest first.
     """
     for _ in range(MOST):
-        if sets.problem.pool.is_exhausted or not best.effects or not _may_hold_substitute(sets, best):
+        if sets.problem.is_exhausted or not best.effects or not _may_hold_substitute(sets, best):
             break
         sets.stage = MOST
         new = [m for m in _origins(sets, best, steps) if m.effects not in sets.screenings]

@@ -11,8 +11,7 @@ from granite_lab.discovery.finding import UNCONVERGED, EffectFinding, GroundWave
 from granite_lab.discovery.heldout import speeds
 from granite_lab.discovery.verdict import Judgement
 from granite_lab.inference.constants import FEWEST_SPEEDS, LEAST_SHARE
-from granite_lab.inference.pool import SECONDS
-from granite_lab.inference.problem import Problem
+from granite_lab.inference.problem import SECONDS, Problem
 from granite_lab.parameters import is_driven
 from granite_lab.rounding import chance, percent, percent_of, plus_minus
 
@@ -136,8 +135,8 @@ def _notes_on_model(
     problem: Problem, judgement: Judgement, effects: Sequence[EffectFinding]
 ) -> Iterator[str]:
     """Yield what the likeliest model leaves open: weak candidates, another law, scatter, no optimum."""
-    if (pool := problem.pool).is_exhausted:
-        minutes = SECONDS * len(pool.scenario.variants) / 60
+    if problem.is_exhausted:
+        minutes = SECONDS * len(problem.trials) / 60
         yield (
             f"The simulations took {minutes:.0f} minutes of processor time, after which nothing further is "
             "tried: other sets of effects may be as likely, and what is left is not described."

@@ -52,11 +52,6 @@ to end twice at the same numbers."""
 REMEMBERED = MEMORY / 8
 """Bytes of signals of a call at most that are remembered: those of all differences of long runs take more."""
 
-SECONDS = 180.0
-"""Processor time for the simulations of each command [s], beyond which a search tries nothing further. Those
-of four commands usually take 10 to 500 s in all. Stiff ones (play in gears) with numbers that each trial has
-of its own took more than an hour. Convention."""
-
 Values = tuple[float, ...]
 Setting = tuple[tuple[str, Values], ...]
 """Effects that are switched on: (id, parameter values) of each."""
@@ -213,11 +208,6 @@ class SimulationPool:
     def use_this_process(self) -> None:
         """Simulate in this process from now on, without reports of progress."""
         self._pool, self._tick = None, lambda _: None
-
-    @property
-    def is_exhausted(self) -> bool:
-        """Whether the simulations have taken the time that a search has for them."""
-        return self.seconds > SECONDS * len(self.scenario.variants)
 
     def parallel(self, call: Callable[[int], Y], count: int) -> list[Y]:
         """Return ``call(k)`` for k from 0 to `count` - 1, each in a process that simulates what it needs.

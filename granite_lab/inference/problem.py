@@ -28,6 +28,12 @@ def _numbered(numbers: Sequence[int]) -> tuple[tuple[tuple[int, ...], ...], tupl
     return groups, tuple(distinct.index(value) for value in numbers)
 
 
+SECONDS = 60.0
+"""Processor time for the simulations of each trial [s], beyond which a search tries nothing further. Those of
+twelve trials usually take 10 to 500 s in all. Stiff ones (play in gears) with numbers that each trial has of
+its own took more than an hour. Convention."""
+
+
 class Problem:
     """The trials, the simulations, the noise and the priors.
 
@@ -59,6 +65,11 @@ class Problem:
             {c: slice(k * t.observation.bins, (k + 1) * t.observation.bins) for k, c in enumerate(t.channels)}
             for t in self.trials
         )
+
+    @property
+    def is_exhausted(self) -> bool:
+        """Whether the simulations have taken the time that a search has for them."""
+        return self.pool.seconds > SECONDS * len(self.trials)
 
     def places_of(self, trials: Sequence[int]) -> dict[str, list[tuple[int, int]]]:
         """Return channel to (trial, row there), of those of some trials that measured it."""

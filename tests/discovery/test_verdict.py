@@ -32,8 +32,7 @@ from granite_lab.inference.fit import Fit, fit, with_scales
 from granite_lab.inference.noise import white
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
-from granite_lab.inference.pool import SECONDS
-from granite_lab.inference.problem import Problem
+from granite_lab.inference.problem import SECONDS, Problem
 from granite_lab.inference.scales import FIRST
 from granite_lab.logs.trial import Array
 from tests.inference.stub import COMMANDS, TRACES, drawn, measure, problem_of, trace
@@ -109,7 +108,7 @@ def test_a_search_whose_time_is_over_answers_with_what_it_has_found_and_says_so(
     assert len(found.best.effects) == 1
     judgement = judge(problem, found, TOLERANCE)
     assert remainder(problem, found, judgement, TOLERANCE) == (judgement, None)
-    minutes = SECONDS * len(COMMANDS) / 60
+    minutes = SECONDS * len(SIX) / 60
     (note,) = [n for n in notes(problem, judgement, ()) if "minutes" in n]
     assert f"{minutes:.0f} minutes of processor time" in note
     assert ask(push=0.5, pull=0.3, candidates=both).search.best.effects == both
