@@ -24,6 +24,11 @@ SCALES_TRIED = np.exp(-np.arange(-np.log(NEAR_ZERO)))
 down to none, one std of the prior of their logarithm apart."""
 
 
+TOGETHER = 10
+"""Effects without states of their own that are screened in one graph, all but one at their neutral values.
+Each makes its instructions about 5 % more, and to compile a graph takes longer than its simulations."""
+
+
 @dataclass(frozen=True)
 class Probe:
     """A size at which the response to a candidate was simulated.
@@ -156,8 +161,9 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int | None =
     probes = [probe for id_ in ids for probe in probes_of(problem, id_, most)]
     sound = np.ones(len(probes), dtype=bool)
     changes: dict[int, Array] = {}
+    groups = _groups(problem, fit, ids)
     for number, everyone in enumerate(problem.inputs):  # the responses of all would take gigabytes
-        base, *stepped = problem.pool.run(_tasks(problem, fit, probes, number), keep=False)
+        base, *stepped = problem.pool.run(_tasks(problem, fit, probes, groups, number), keep=False)
         sound &= np.array([base is not None and run is not None for run in stepped], dtype=bool)
         if base is None:
             break
@@ -202,13 +208,40 @@ def _shown(
     return {i: np.hstack(tables) for i, tables in bins_of.items() if tables}
 
 
-def _tasks(problem: Problem, fit: Fit, probes: Sequence[Probe], number: int) -> list[Task]:
+def _groups(problem: Problem, fit: Fit, ids: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return candidate to the effects of its graph: itself and others, which are neutral."""
+    plain = [id_ for id_ in ids if not problem.pool.scenario.effects[id_].states]
+    packs = [tuple(plain[k : k + TOGETHER]) for k in range(0, len(plain), TOGETHER)]
+    points = [fit.point, *(_switched_on(problem, fit, pack) for pack in packs)]
+    base, *runs = problem.pool.run([problem.centre(point, 0) for point in points], keep=False)
+    alone = {id_: (id_,) for id_ in ids}
+    if base is None:
+        return alone
+    error = problem.pool.scenario.accuracy.relative * np.abs(base).max(axis=1, keepdims=True)
+    same = [run is not None and bool((np.abs(run - base) <= error).all()) for run in runs]
+    return alone | {id_: pack for pack in itertools.compress(packs, same) for id_ in pack}
+
+
+def _switched_on(
+    problem: Problem, fit: Fit, ids: Sequence[str], values: Mapping[str, Sequence[float]] | None = None
+) -> Point:
+    """Return the point of a fit with more effects, at their neutral values where none are given."""
+    point = fit.point
+    for id_ in ids:
+        neutral = [p.neutral for p in problem.parameters_of(id_)]
+        point = problem.with_effect(point, id_, (values or {}).get(id_, neutral))
+    return point
+
+
+def _tasks(
+    problem: Problem, fit: Fit, probes: Sequence[Probe], groups: Mapping[str, Sequence[str]], number: int
+) -> list[Task]:
     """Return the simulations of an input: at a fit, and with each of the probes."""
     tasks = [problem.centre(fit.point, number)]
     for probe in probes:
         values = list(probe.about)
         values[probe.place] += probe.size
-        point = problem.with_effect(fit.point, probe.candidate, values)
+        point = _switched_on(problem, fit, groups[probe.candidate], {probe.candidate: values})
         tasks.append(problem.centre(point, number))
     return tasks
 

@@ -87,13 +87,27 @@ class MultiPass(Influence):
         Size("pressure", "-", "rise of the moduli of deformation", 0.3, 0.8, -0.5, 5, kind="equivalent"),
         Size("shear", "-", "rise of the shear stiffness", 0.3, 0.8, -0.5, 5, kind="equivalent"),
         Size("lead", "m", "how much earlier the rut begins", 0.0, 0.06, -0.05, 0.15, kind="shape"),
+        Size("depth", "m", "how deep the rut stays", 0.0, 0.003, 0, 0.05),
     )
+    patch = 0.06
+    """Length of a contact patch [m]."""
+
+    def entered(self, y: Array) -> Array:
+        """Return how far the rear wheels have come into the rut, as a share of their patch."""
+        begins = 0.5 * self.chassis.wheel_base - 0.5 * self.patch - self.sizes[MultiPass.id]["lead"]
+        return np.asarray((self.places(y)[1] - begins) / self.patch)
+
+    def stance(self, t: float, y: Array) -> Stance:
+        """Lower the ground under the rear wheels by the depth of the rut."""
+        at, share = super().stance(t, y), np.clip(self.entered(y), 0.0, 1.0)
+        depth = np.array([0.0 * share, self.sizes[MultiPass.id]["depth"] + 0.0 * share])
+        slope = 6 * share * (1 - share) / self.patch
+        return replace(at, z0=at.z0 - depth * smoothstep(share), dz0=at.dz0 - depth * slope * at.v)
 
     def soil(self, t: float, y: Array, at: Stance) -> Ground:
         """Stiffen the soil under the rear wheels once they have reached the rut."""
-        g, patch, sizes = super().soil(t, y, at), 0.06, self.sizes[MultiPass.id]
-        begins = 0.5 * self.chassis.wheel_base - 0.5 * patch - sizes["lead"]
-        inside = smoothstep((self.places(y)[1] - begins) / patch)
+        g, sizes = super().soil(t, y, at), self.sizes[MultiPass.id]
+        inside = smoothstep(self.entered(y))
         passed = np.abs(slip_ratio(at.v_o, at.v, self.near_rest))[0]
         inside = inside * (0.6 + 0.4 * (1 - np.exp(-passed / 0.1)) / (1 - np.exp(-1)))
         stiffer, shorter = (

@@ -133,6 +133,10 @@ class InTheRut(MultiPass):
 
     id = "in_the_rut"
 
+    def wheel(self, state: WheelState, sym: Symbols) -> WheelState:  # noqa: ARG002
+        """Leave the wheels as they stand: all are equally deep."""
+        return state
+
     def soil(self, soil: Soil, state: WheelState, sym: Symbols) -> Soil:
         """Stiffen the soil under every wheel."""
         behind = 2 * sym.model.chassis.wheel_base  # of travel: no wheel is at the edge of the rut

@@ -173,7 +173,7 @@ def test_soil_that_stiffens_with_speed_carries_the_faster_robot_higher(by: Any) 
 
 @pytest.mark.parametrize("lead", sampled([0.05, 0.0]))
 def test_the_rear_wheels_rise_once_they_reach_the_rut_of_the_front_wheels(by: Any, lead: float) -> None:
-    plain, r = seen(by), seen(by, "multi_pass", pressure=0.5, shear=0.2, lead=lead)
+    plain, r = seen(by), seen(by, "multi_pass", pressure=0.5, shear=0.2, lead=lead, depth=0.0)
     before = plain.x < CHASSIS.wheel_base - 0.05 - lead
     depth = np.stack([np.interp(plain.t, r.t, column) for column in r.sinkage.T], axis=1)
     np.testing.assert_allclose(depth[before], plain.sinkage[before], atol=1e-6)
@@ -182,6 +182,17 @@ def test_the_rear_wheels_rise_once_they_reach_the_rut_of_the_front_wheels(by: An
     assert (steady(r, "sinkage") - steady(plain, "sinkage"))[1] < -1e-3
     assert steady(r, "pitch") > steady(plain, "pitch")  # nose down
     assert steady(r, "slip")[0] < steady(plain, "slip")[0]
+
+
+def test_a_rut_that_stays_deep_lowers_the_rear_wheels_by_its_depth_and_leaves_their_load(by: Any) -> None:
+    plain, r = seen(by), seen(by, "multi_pass", pressure=0.0, shear=0.0, lead=0.0, depth=0.003)
+    before = plain.x < CHASSIS.wheel_base - 0.05
+    up = np.interp(plain.t, r.t, r.up)
+    np.testing.assert_allclose(up[before], plain.up[before], atol=1e-6)
+    tilt = np.arctan2(0.003, CHASSIS.wheel_base)
+    assert steady(plain, "pitch") - steady(r, "pitch") == pytest.approx(tilt, rel=0.1)  # nose up
+    assert steady(r, "sinkage")[1] == pytest.approx(steady(plain, "sinkage")[1], rel=0.03)
+    np.testing.assert_allclose(steady(r, "slip"), steady(plain, "slip"), atol=0.005)
 
 
 @pytest.mark.parametrize("difference", sampled([0.03, -0.03]))
