@@ -27,6 +27,7 @@ from granite_lab.discovery.finding import (
     Verdict,
 )
 from granite_lab.discovery.models import Model, Search
+from granite_lab.discovery.numbers import active_of, numbers_of, sand_of, sand_of_trial
 from granite_lab.discovery.power import POWER
 from granite_lab.discovery.resampling import SUREST, by_evidence
 from granite_lab.discovery.verdict import OPEN, EffectEvidence, Judgement, at_bounds, holding
@@ -36,17 +37,15 @@ from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation.motion import Motion
 from granite_lab.fitting.fit import AThetaFit, View, views_of
 from granite_lab.fitting.k92 import SHARED_AS
-from granite_lab.inference.constants import FORMULA_ERROR
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import Discrepancy, beyond, discrepancies
 from granite_lab.inference.observation import CHANNELS, UNITS
 from granite_lab.inference.point import SHARED
-from granite_lab.inference.pool import SAND, SAND_PER_TRIAL
+from granite_lab.inference.pool import SAND
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array, Trial
 from granite_lab.model.dictionary import is_term
 from granite_lab.model.effect import Active, Effect
-from granite_lab.parameters import load_paper
 
 T = TypeVar("T")
 
@@ -155,8 +154,8 @@ def assemble(
         remainder=judgement.remainder,
         tolerance=tolerance,
         latency=late,
-        sand=_sand(after),
-        sand_per_trial=tuple(_sand_of(problem, after, i) for i in range(len(problem.trials))),
+        sand=sand_of(problem, after),
+        sand_per_trial=tuple(sand_of_trial(problem, after, i) for i in range(len(problem.trials))),
         scales=dict(after.scales.priors),
         discrepancy=after.scales.largest,
         scatter=judgement.scatter,
@@ -216,7 +215,7 @@ def _terms(
         tuple(_effect(problem, judgement.model, n, effects) for n in of)
         for of in (judgement.named, judgement.described)
     )
-    verdict, active = judgement.verdict, _active(problem, judgement.model.fit)
+    verdict, active = judgement.verdict, active_of(problem, judgement.model.fit)
     clock = _clock(late, limit, effects)
     if clock is None:
         return _Terms(verdict, named, described, active)
@@ -263,7 +262,7 @@ def _effect(
     problem: Problem, model: Model, named: EffectEvidence, effects: Mapping[str, Effect]
 ) -> EffectFinding:
     effect = problem.pool.scenario.effects.get(named.id) or effects[named.id]
-    numbers = _numbers(problem, model.fit, named.id) if named.id in model.effects else ()
+    numbers = numbers_of(problem, model.fit, named.id) if named.id in model.effects else ()
     return EffectFinding(
         named.id, effect.title, effect.equation, numbers, named.twins, named.probability, named.closes,
         named.speeds, is_term(named.id),
@@ -294,60 +293,6 @@ def _strained(problem: Problem, judgement: Judgement) -> tuple[str, ...]:
     first = problem.learnt_std
     of_trials = [name for name, values in by_name.items() if abs(np.mean(values)) > 2 * first[name]]
     return (*of_effects, *dict.fromkeys([*(n for n, value, std in sand if abs(value) > 2 * std), *of_trials]))
-
-
-def _numbers(problem: Problem, fit: Fit, id_: str) -> tuple[FittedParameter, ...]:
-    """Return the fitted numbers of an effect, relative to the logs."""
-    effect = problem.pool.scenario.effects[id_]
-    scaled = float(np.mean([t.observation.scaled for t in problem.trials]))
-    common = problem.parameters(fit.point.effects, per_trial=False)
-    private = problem.parameters(fit.point.effects, per_trial=True)
-    variance, common_std = np.diag(fit.posterior.covariance), fit.common_std
-    first = np.cumsum([0, *(x.size for x in fit.point.trials)])
-    numbers = []
-    for k, (e, p) in enumerate(common):
-        if e == id_:
-            std, value = float(common_std[k]), float(fit.point.common[k])
-            if not p.shape:  # a constant error of the formula cannot be told from the strength
-                rough = float(np.median(list(fit.scales.formulas.values()) or [FORMULA_ERROR[0]]))
-                std = float(np.hypot(std, max(FORMULA_ERROR[0], rough) * (value - p.neutral)))
-            numbers.append(FittedParameter(p.name, p.unit, Estimate(effect.as_logged(value, scaled), std)))
-    for k, (e, p) in enumerate(private):
-        if e == id_:
-            places = [int(first[i]) + t.size + k for i, t in enumerate(problem.trials)]
-            values = [float(fit.point.vector[place]) for place in places]
-            rms = float(np.sqrt(np.mean(np.square(values))))
-            std = float(np.sqrt(np.mean(variance[places]) / len(values)))
-            numbers.append(FittedParameter(p.name, p.unit, Estimate(rms, std), tuple(values)))
-    return tuple(numbers)
-
-
-def _active(problem: Problem, fit: Fit) -> tuple[Active, ...]:
-    """Return the effects as a simulation takes them, see `_typical` for what each trial has of its own."""
-    point, effects = fit.point, problem.pool.scenario.effects
-    typical = _typical(problem, fit)
-    return tuple(
-        Active(effects[id_], values)
-        for id_, values in problem.setting(point.effects, point.common, np.asarray(typical))
-    )
-
-
-def _typical(problem: Problem, fit: Fit) -> Array:
-    """Return the numbers of effects that differ from trial to trial as one trial may have them: their mean.
-
-    A cosine and a sine have another phase in each trial, so that their means vanish: the amplitude that all
-    share, its rms over the trials, stands in the cosine.
-    """
-    private = problem.parameters(fit.point.effects, per_trial=True)
-    rows = [x[t.size :] for t, x in zip(problem.trials, fit.point.trials, strict=True)]
-    typical = np.asarray(np.mean(rows, axis=0))
-    square = np.asarray(np.mean(np.square(rows), axis=0))
-    place = {(id_, p.name): k for k, (id_, p) in enumerate(private)}
-    for id_ in fit.point.effects:
-        for pair in problem.pool.scenario.effects[id_].circles:
-            c, s = (place[id_, name] for name in pair)
-            typical[c], typical[s] = min(float(np.sqrt(square[c] + square[s])), private[c][1].high), 0.0
-    return typical
 
 
 def _gap(problem: Problem, judgement: Judgement, before: Fit, after: Fit, tolerance: float) -> Gap:
@@ -441,21 +386,6 @@ def _residuals(
     return residuals
 
 
-def _sand(fit: Fit) -> dict[str, Estimate]:
-    first = sum(x.size for x in fit.point.trials)
-    std = np.sqrt(np.fmax(np.diag(fit.posterior.covariance)[first:], 0.0))
-    return {name: Estimate(float(fit.point.shared[k]), float(std[k])) for k, name in enumerate(SAND)}
-
-
-def _sand_of(problem: Problem, fit: Fit, i: int) -> tuple[str, dict[str, float]]:
-    soil = problem.pool.scenario.soil
-    base = {"a_theta": load_paper().a_theta} | {n: float(getattr(soil, n)) for n in SAND[1:SAND_PER_TRIAL]}
-    ratio = np.exp(fit.point.shared[:SAND_PER_TRIAL] + fit.point.trials[i][:SAND_PER_TRIAL])
-    return problem.trials[i].observation.name, {
-        n: base[n] * float(r) for n, r in zip(SAND[:SAND_PER_TRIAL], ratio, strict=True)
-    }
-
-
 def _trials_left_out(problem: Problem, judgement: Judgement) -> tuple[LeftOut, ...]:
     expected = np.fmin(judgement.before.expected, judgement.after.expected)
     rows = zip(problem.trials, judgement.before.left_out, judgement.after.left_out, expected, strict=True)
@@ -489,7 +419,9 @@ def a_theta_views(finding: Finding, fit: AThetaFit | None) -> tuple[View, ...]:
         fit: to the steady slip of the same trials; None where it could not be made.
     """
     value, std = finding.fitted_sand["a_theta"].value, finding.sand["a_theta"].std
-    parts = [Part("fit to all sensors", "A", "log-normal", "1", std, value * std)]
+    parts = [
+        Part("fit to all sensors", "A", "log-normal", "1", std, value * std)
+    ]
     if fit is not None:
         radius = [part for part in fit.shared if part.name == SHARED_AS["radius"]]
         parts += [part.times(value / fit.a_theta.value) for part in radius]

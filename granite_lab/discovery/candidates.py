@@ -214,7 +214,7 @@ def _groups(problem: Problem, fit: Fit, ids: Sequence[str]) -> dict[str, tuple[s
     packs = [tuple(plain[k : k + TOGETHER]) for k in range(0, len(plain), TOGETHER)]
     points = [fit.point, *(_switched_on(problem, fit, pack) for pack in packs)]
     base, *runs = problem.pool.run([problem.centre(point, 0) for point in points], keep=False)
-    alone = {id_: (id_,) for id_ in ids}
+    alone: dict[str, tuple[str, ...]] = {id_: (id_,) for id_ in ids}
     if base is None:
         return alone
     error = problem.pool.scenario.accuracy.relative * np.abs(base).max(axis=1, keepdims=True)

@@ -12,10 +12,6 @@ from granite_lab.model.contact import WheelState, stiffer
 from granite_lab.model.effect import Effect, EffectParameter, Symbols
 from granite_lab.parameters import Soil
 
-ENTRY = 0.06
-"""Length over which a contact patch enters the rut [m], that of the patch itself."""
-
-
 class MultiPass(Effect):
     """From about one wheelbase of travel on, the rear wheels run where the front wheels have been.
 
@@ -50,6 +46,8 @@ class MultiPass(Effect):
                         0.0, 20.0, 1.0, 0.0, 6.0, shape=True),
         EffectParameter("lead", "m", "how far before one wheelbase the rear wheels enter the rut",
                         -0.05, 0.15, 0.0, 0.0, 0.08, shape=True, kinds=(0.0, 0.05)),
+        EffectParameter("entry", "m", "length over which they enter it, about that of a contact patch",
+                        0.002, 0.3, 0.06, 0.02, 0.12, shape=True),
     )  # fmt: skip
 
     def wheel(self, state: WheelState, sym: Symbols) -> WheelState:
@@ -57,7 +55,7 @@ class MultiPass(Effect):
         if state.front:
             return state
         share, depth = ca.fmin(1, ca.fmax(0, _entered(state, sym))), sym.p["depth"]
-        slope = 6 * share * (1 - share) / ENTRY  # of `smoothstep`
+        slope = 6 * share * (1 - share) / sym.p["entry"]  # of `smoothstep`
         return replace(
             state,
             sinkage=state.sinkage - depth * smoothstep(share),
@@ -77,4 +75,4 @@ class MultiPass(Effect):
 
 def _entered(state: WheelState, sym: Symbols) -> Any:
     """Return how far the rear wheels have come into the rut, as a share of their contact patch."""
-    return (state.travel + sym.p["lead"] - sym.model.chassis.wheel_base) / ENTRY + 0.5
+    return (state.travel + sym.p["lead"] - sym.model.chassis.wheel_base) / sym.p["entry"] + 0.5

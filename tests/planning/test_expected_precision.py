@@ -199,7 +199,7 @@ def test_wheels_in_the_air_need_the_friction_of_their_drives_alone() -> None:
 
 
 def test_a_rut_is_what_multi_pass_says_under_all_wheels() -> None:
-    rut = (("multi_pass", (0.5, 0.5, 0.005, 1.0, 0.0)),)
+    rut = (("multi_pass", (0.5, 0.5, 0.005, 1.0, 0.0, 0.06)),)
     again = steady(Conditions(same_rut=True), rut)
     assert again[5] < steady(PLAIN, rut)[5] < steady(PLAIN)[5]
     assert np.allclose(steady(Conditions(same_rut=True)), steady(PLAIN))

@@ -1,0 +1,59 @@
+"""The std that a finding states of its numbers."""
+
+import numpy as np
+import pytest
+
+from granite_lab.discovery.numbers import by_formulas
+from granite_lab.inference.constants import FORMULA_ERROR
+from granite_lab.inference.fit import Fit, fit
+from granite_lab.inference.normal import posterior
+from granite_lab.inference.problem import Problem
+from granite_lab.logs.trial import Array
+from tests.inference.stub import drawn, measure, predicted, problem_of
+
+pytestmark = pytest.mark.usefixtures("one_blas_thread")
+
+
+def fitted(*effects: str) -> tuple[Problem, Fit]:
+    """Return trials at two speeds with some effects, and the fit with these."""
+    rng, problem = np.random.default_rng(3), problem_of((0, 0, 1, 1))
+    point = drawn(problem, rng, common=0.3)
+    for id_ in effects:
+        point = problem.with_effect(point, id_, (0.5,))
+    measure(problem, point, rng)
+    return problem, fit(problem, point)
+
+
+def refitted(problem: Problem, result: Fit, wrong: list[Array]) -> Array:
+    """Return how far the numbers move where the trials measure something more."""
+    std, mean = problem.prior(result.point, result.scales)
+    steps = []
+    for more in ([0 * w for w in wrong], wrong):
+        residuals = [r + w for r, w in zip(result.residuals, more, strict=True)]
+        normal = problem.normal(result.point, result.derivatives, residuals)
+        pull = mean - result.point.vector
+        steps.append(posterior(*normal.marginal(result.scales), std**-2.0, pull).step)
+    return np.asarray(steps[1] - steps[0])
+
+
+def test_the_std_by_errors_of_formulas_is_the_scatter_of_fits_to_traces_that_are_wrong_at_random() -> None:
+    problem, result = fitted("push", "pull")
+    rng, shown = np.random.default_rng(0), predicted(problem, result.point)
+    without = [predicted(problem, problem.without_effect(result.point, id_)) for id_ in ("push", "pull")]
+    moves = []
+    for _ in range(300):
+        error = FORMULA_ERROR[0] * rng.normal(size=(2, len(problem.commands), shown[0].shape[0], 1))
+        wrong = [
+            sum(error[e, problem.command_of[i]] * (shown[i] - without[e][i]) for e in range(2))
+            for i in range(len(problem.trials))
+        ]
+        moves.append(refitted(problem, result, wrong))
+    stated, scatter = by_formulas(problem, result), np.std(moves, axis=0)
+    matters = scatter > 0.01 * scatter.max()
+    assert matters.sum() > 10
+    np.testing.assert_allclose(stated[matters], scatter[matters], rtol=0.2)  # 300 draws: 4 %
+
+
+def test_without_effects_no_formula_is_wrong() -> None:
+    problem, result = fitted()
+    assert not by_formulas(problem, result).any()
