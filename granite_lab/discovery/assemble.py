@@ -26,8 +26,8 @@ from granite_lab.discovery.finding import (
     Status,
     Verdict,
 )
-from granite_lab.discovery.models import Model, Search
-from granite_lab.discovery.numbers import active_of, numbers_of, sand_of, sand_of_trial
+from granite_lab.discovery.models import Search
+from granite_lab.discovery.numbers import Numbers, active_of
 from granite_lab.discovery.power import POWER
 from granite_lab.discovery.resampling import SUREST, by_evidence
 from granite_lab.discovery.verdict import OPEN, EffectEvidence, Judgement, at_bounds, holding
@@ -135,7 +135,8 @@ def assemble(
     search, judgement, tolerance = outcome.search, outcome.judgement, limits.discrepancy
     before, after, power = search.baseline.fit, judgement.model.fit, outcome.power
     late = _latency(search.best.fit, problem, trials.clock_applied)
-    terms = _terms(problem, judgement, late, limits.latency, effects)
+    numbers = Numbers(problem, after)
+    terms = _terms(numbers, judgement, late, limits.latency, effects)
     none: list[Discrepancy] = []
     lacking = parts.attempt("the discrepancy", lambda: discrepancies(problem, before), none)
     missing = parts.attempt("what is left of it", lambda: discrepancies(problem, after), none)
@@ -154,8 +155,8 @@ def assemble(
         remainder=judgement.remainder,
         tolerance=tolerance,
         latency=late,
-        sand=sand_of(problem, after),
-        sand_per_trial=tuple(sand_of_trial(problem, after, i) for i in range(len(problem.trials))),
+        sand=numbers.sand,
+        sand_per_trial=tuple(numbers.sand_of_trial(i) for i in range(len(problem.trials))),
         scales=dict(after.scales.priors),
         discrepancy=after.scales.largest,
         scatter=judgement.scatter,
@@ -208,14 +209,13 @@ class _Terms:
 
 
 def _terms(
-    problem: Problem, judgement: Judgement, late: Estimate, limit: float, effects: Mapping[str, Effect]
+    numbers: Numbers, judgement: Judgement, late: Estimate, limit: float, effects: Mapping[str, Effect]
 ) -> _Terms:
     """Return the terms of a judgement; a latency beyond the limit [s] is one more."""
     named, described = (
-        tuple(_effect(problem, judgement.model, n, effects) for n in of)
-        for of in (judgement.named, judgement.described)
+        tuple(_effect(numbers, n, effects) for n in of) for of in (judgement.named, judgement.described)
     )
-    verdict, active = judgement.verdict, active_of(problem, judgement.model.fit)
+    verdict, active = judgement.verdict, active_of(numbers.problem, numbers.fit)
     clock = _clock(late, limit, effects)
     if clock is None:
         return _Terms(verdict, named, described, active)
@@ -258,13 +258,11 @@ def _clock_detectable(late: Estimate, limit: float, effects: Mapping[str, Effect
     return (Detectable("clock_offset", "offset", "s", limit + (2 + POWER) * late.std, "tolerance", ()),)
 
 
-def _effect(
-    problem: Problem, model: Model, named: EffectEvidence, effects: Mapping[str, Effect]
-) -> EffectFinding:
-    effect = problem.pool.scenario.effects.get(named.id) or effects[named.id]
-    numbers = numbers_of(problem, model.fit, named.id) if named.id in model.effects else ()
+def _effect(numbers: Numbers, named: EffectEvidence, effects: Mapping[str, Effect]) -> EffectFinding:
+    effect = numbers.problem.pool.scenario.effects.get(named.id) or effects[named.id]
+    fitted = numbers.of_effect(named.id) if named.id in numbers.fit.point.effects else ()
     return EffectFinding(
-        named.id, effect.title, effect.equation, numbers, named.twins, named.probability, named.closes,
+        named.id, effect.title, effect.equation, fitted, named.twins, named.probability, named.closes,
         named.speeds, is_term(named.id),
     )  # fmt: skip
 
@@ -273,7 +271,7 @@ def _small(
     problem: Problem, search: Search, named: EffectEvidence, effects: Mapping[str, Effect]
 ) -> EffectFinding:
     model = next(m for m in search.models if named.id in m.effects)
-    return _effect(problem, model, named, effects)
+    return _effect(Numbers(problem, model.fit), named, effects)
 
 
 def _strained(problem: Problem, judgement: Judgement) -> tuple[str, ...]:
@@ -419,9 +417,7 @@ def a_theta_views(finding: Finding, fit: AThetaFit | None) -> tuple[View, ...]:
         fit: to the steady slip of the same trials; None where it could not be made.
     """
     value, std = finding.fitted_sand["a_theta"].value, finding.sand["a_theta"].std
-    parts = [
-        Part("fit to all sensors", "A", "log-normal", "1", std, value * std)
-    ]
+    parts = [Part("fit to all sensors", "A", "log-normal", "1", std, value * std)]
     if fit is not None:
         radius = [part for part in fit.shared if part.name == SHARED_AS["radius"]]
         parts += [part.times(value / fit.a_theta.value) for part in radius]

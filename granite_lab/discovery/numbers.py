@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 
 from granite_lab.discovery.finding import FittedParameter
@@ -17,67 +20,100 @@ from granite_lab.model.effect import Active
 from granite_lab.parameters import load_paper
 
 
-def _rough(fit: Fit) -> float:
-    """Return the error of the formulas as a share of their traces: as learnt, or the usual one."""
-    learnt = float(np.median(list(fit.scales.formulas.values()) or [0.0]))
-    return max(FORMULA_ERROR[0], learnt)
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """The numbers of a fit, with standard errors that hold errors of the formulas of its effects."""
 
+    problem: Problem
+    fit: Fit
 
-def by_formulas(problem: Problem, fit: Fit) -> Array:
-    """Return the (p,) std of the numbers of a fit that errors of the formulas of its effects make.
+    @property
+    def rough(self) -> float:
+        """Error of the formulas as a share of their traces: as learnt, or the usual one."""
+        learnt = float(np.median(list(self.fit.scales.formulas.values()) or [0.0]))
+        return max(FORMULA_ERROR[0], learnt)
 
-    A formula is wrong by a factor that differs from command to command and from channel to channel: each such
-    share of a trace moves the numbers by what the linear fit makes of it, and the moves are independent.
-    """
-    point, effects = fit.point, len(fit.point.effects)
-    if not effects:
-        return np.zeros(point.vector.size)
-    every = sorted({c for t in problem.trials for c in t.channels})
-    columns = {}
-    for i, t in enumerate(problem.trials):
-        traces = t.effect_columns(fit.derivatives.traces[problem.input_of[i]], point.trials[i], point.sensors)
-        apart = np.zeros((len(t.channels), traces.shape[0] // len(t.channels), len(every), effects))
-        for k, (c, part) in enumerate(zip(t.channels, np.split(traces, len(t.channels)), strict=True)):
-            apart[k, :, every.index(c)] = part
-        table = problem.columns(i, point, fit.derivatives)
-        columns[i] = np.column_stack([table, apart.reshape(traces.shape[0], -1)])
-    count = len(every) * effects
-    changes = (np.zeros((0, 0, count)),)
-    further = Further(changes, counts=(count,) * len(problem.commands), columns=columns)
-    normal = problem.normal(point, fit.derivatives, fit.residuals, further=further, keep=False)
-    std, mean = problem.prior(point, fit.scales)
-    moves = posterior(*normal.marginal(fit.scales), std**-2.0, mean - point.vector).follow
-    return np.asarray(_rough(fit) * np.sqrt(np.sum(moves**2, axis=1)))
+    @cached_property
+    def by_formulas(self) -> Array:
+        """(p,) std of all numbers that errors of the formulas make.
 
+        A formula is wrong by a factor that differs from command to command and from channel to channel: each
+        such share of a trace moves the numbers by what the linear fit makes of it, and the moves are
+        independent.
+        """
+        problem, fit, point = self.problem, self.fit, self.fit.point
+        effects = len(point.effects)
+        if not effects:
+            return np.zeros(point.vector.size)
+        every = sorted({c for t in problem.trials for c in t.channels})
+        columns = {}
+        for i, t in enumerate(problem.trials):
+            changes = fit.derivatives.traces[problem.input_of[i]]
+            traces = t.effect_columns(changes, point.trials[i], point.sensors)
+            apart = np.zeros((len(t.channels), traces.shape[0] // len(t.channels), len(every), effects))
+            for k, (c, part) in enumerate(zip(t.channels, np.split(traces, len(t.channels)), strict=True)):
+                apart[k, :, every.index(c)] = part
+            table = problem.columns(i, point, fit.derivatives)
+            columns[i] = np.column_stack([table, apart.reshape(traces.shape[0], -1)])
+        count = len(every) * effects
+        none = (np.zeros((0, 0, count)),)
+        further = Further(none, counts=(count,) * len(problem.commands), columns=columns)
+        normal = problem.normal(point, fit.derivatives, fit.residuals, further=further, keep=False)
+        std, mean = problem.prior(point, fit.scales)
+        moves = posterior(*normal.marginal(fit.scales), std**-2.0, mean - point.vector).follow
+        return np.asarray(self.rough * np.sqrt(np.sum(moves**2, axis=1)))
 
-def numbers_of(problem: Problem, fit: Fit, id_: str) -> tuple[FittedParameter, ...]:
-    """Return the fitted numbers of an effect, relative to the logs.
+    def of_effect(self, id_: str) -> tuple[FittedParameter, ...]:
+        """Return the numbers of an effect, relative to the logs.
 
-    The std of a strength includes an error of the formula that is the same everywhere, for it cannot be told
-    from the strength; that of a shape includes errors that differ, see `by_formulas`.
-    """
-    effect = problem.pool.scenario.effects[id_]
-    scaled = float(np.mean([t.observation.scaled for t in problem.trials]))
-    common = problem.parameters(fit.point.effects, per_trial=False)
-    private = problem.parameters(fit.point.effects, per_trial=True)
-    variance, common_std = np.diag(fit.posterior.covariance), fit.common_std
-    of_formulas = by_formulas(problem, fit)[-len(common) :]
-    first = np.cumsum([0, *(x.size for x in fit.point.trials)])
-    numbers = []
-    for k, (e, p) in enumerate(common):
-        if e == id_:
-            std, value = float(common_std[k]), float(fit.point.common[k])
-            by_formula = of_formulas[k] if p.shape else _rough(fit) * (value - p.neutral)
-            std = float(np.hypot(std, by_formula))
-            numbers.append(FittedParameter(p.name, p.unit, Estimate(effect.as_logged(value, scaled), std)))
-    for k, (e, p) in enumerate(private):
-        if e == id_:
-            places = [int(first[i]) + t.size + k for i, t in enumerate(problem.trials)]
-            values = [float(fit.point.vector[place]) for place in places]
-            rms = float(np.sqrt(np.mean(np.square(values))))
-            std = float(np.sqrt(np.mean(variance[places]) / len(values)))
-            numbers.append(FittedParameter(p.name, p.unit, Estimate(rms, std), tuple(values)))
-    return tuple(numbers)
+        The std of a strength includes an error of the formula that is the same everywhere, for it cannot be
+        told from the strength; that of a shape includes `by_formulas`.
+        """
+        problem, fit, point = self.problem, self.fit, self.fit.point
+        effect = problem.pool.scenario.effects[id_]
+        scaled = float(np.mean([t.observation.scaled for t in problem.trials]))
+        variance, common_std = np.diag(fit.posterior.covariance), fit.common_std
+        first = np.cumsum([0, *(x.size for x in point.trials)])
+        numbers = []
+        for k, (e, p) in enumerate(problem.parameters(point.effects, per_trial=False)):
+            if e == id_:
+                value = float(point.common[k])
+                of_formula = self._of_common[k] if p.shape else self.rough * (value - p.neutral)
+                std = float(np.hypot(common_std[k], of_formula))
+                numbers.append(
+                    FittedParameter(p.name, p.unit, Estimate(effect.as_logged(value, scaled), std))
+                )
+        for k, (e, p) in enumerate(problem.parameters(point.effects, per_trial=True)):
+            if e == id_:
+                places = [int(first[i]) + t.size + k for i, t in enumerate(problem.trials)]
+                values = [float(point.vector[place]) for place in places]
+                rms = float(np.sqrt(np.mean(np.square(values))))
+                std = float(np.sqrt(np.mean(variance[places]) / len(values)))
+                numbers.append(FittedParameter(p.name, p.unit, Estimate(rms, std), tuple(values)))
+        return tuple(numbers)
+
+    @property
+    def _of_common(self) -> Array:
+        """`by_formulas` of `Point.common`."""
+        return self.by_formulas[self.by_formulas.size - self.fit.point.common.size :]
+
+    @property
+    def sand(self) -> dict[str, Estimate]:
+        """The sand that all trials share, as logarithms of ratios to the files."""
+        first, point = sum(x.size for x in self.fit.point.trials), self.fit.point
+        variance = np.fmax(np.diag(self.fit.posterior.covariance), 0.0) + self.by_formulas**2
+        std = np.sqrt(variance[first:])
+        return {name: Estimate(float(point.shared[k]), float(std[k])) for k, name in enumerate(SAND)}
+
+    def sand_of_trial(self, i: int) -> tuple[str, dict[str, float]]:
+        """Return the name of a trial, and the numbers of its sand."""
+        soil, point = self.problem.pool.scenario.soil, self.fit.point
+        base = {"a_theta": load_paper().a_theta}
+        base |= {n: float(getattr(soil, n)) for n in SAND[1:SAND_PER_TRIAL]}
+        ratio = np.exp(point.shared[:SAND_PER_TRIAL] + point.trials[i][:SAND_PER_TRIAL])
+        return self.problem.trials[i].observation.name, {
+            n: base[n] * float(r) for n, r in zip(SAND[:SAND_PER_TRIAL], ratio, strict=True)
+        }
 
 
 def active_of(problem: Problem, fit: Fit) -> tuple[Active, ...]:
@@ -106,23 +142,3 @@ def _typical(problem: Problem, fit: Fit) -> Array:
             c, s = (place[id_, name] for name in pair)
             typical[c], typical[s] = min(float(np.sqrt(square[c] + square[s])), private[c][1].high), 0.0
     return typical
-
-
-def sand_of(problem: Problem, fit: Fit) -> dict[str, Estimate]:
-    """Return the sand that all trials share, as logarithms of ratios to the files.
-
-    The std includes errors of the formulas of the effects, see `by_formulas`.
-    """
-    first = sum(x.size for x in fit.point.trials)
-    std = np.sqrt(np.fmax(np.diag(fit.posterior.covariance), 0.0) + by_formulas(problem, fit) ** 2)[first:]
-    return {name: Estimate(float(fit.point.shared[k]), float(std[k])) for k, name in enumerate(SAND)}
-
-
-def sand_of_trial(problem: Problem, fit: Fit, i: int) -> tuple[str, dict[str, float]]:
-    """Return the name of a trial, and the numbers of its sand."""
-    soil = problem.pool.scenario.soil
-    base = {"a_theta": load_paper().a_theta} | {n: float(getattr(soil, n)) for n in SAND[1:SAND_PER_TRIAL]}
-    ratio = np.exp(fit.point.shared[:SAND_PER_TRIAL] + fit.point.trials[i][:SAND_PER_TRIAL])
-    return problem.trials[i].observation.name, {
-        n: base[n] * float(r) for n, r in zip(SAND[:SAND_PER_TRIAL], ratio, strict=True)
-    }

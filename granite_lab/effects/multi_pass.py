@@ -12,6 +12,7 @@ from granite_lab.model.contact import WheelState, stiffer
 from granite_lab.model.effect import Effect, EffectParameter, Symbols
 from granite_lab.parameters import Soil
 
+
 class MultiPass(Effect):
     """From about one wheelbase of travel on, the rear wheels run where the front wheels have been.
 

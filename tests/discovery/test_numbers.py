@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from granite_lab.discovery.numbers import by_formulas
+from granite_lab.discovery.numbers import Numbers
 from granite_lab.inference.constants import FORMULA_ERROR
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.normal import posterior
@@ -48,7 +48,7 @@ def test_the_std_by_errors_of_formulas_is_the_scatter_of_fits_to_traces_that_are
             for i in range(len(problem.trials))
         ]
         moves.append(refitted(problem, result, wrong))
-    stated, scatter = by_formulas(problem, result), np.std(moves, axis=0)
+    stated, scatter = Numbers(problem, result).by_formulas, np.std(moves, axis=0)
     matters = scatter > 0.01 * scatter.max()
     assert matters.sum() > 10
     np.testing.assert_allclose(stated[matters], scatter[matters], rtol=0.2)  # 300 draws: 4 %
@@ -56,4 +56,4 @@ def test_the_std_by_errors_of_formulas_is_the_scatter_of_fits_to_traces_that_are
 
 def test_without_effects_no_formula_is_wrong() -> None:
     problem, result = fitted()
-    assert not by_formulas(problem, result).any()
+    assert not Numbers(problem, result).by_formulas.any()
