@@ -87,7 +87,7 @@ class MultiPass(Influence):
         Size("pressure", "-", "rise of the moduli of deformation", 0.3, 0.8, -0.5, 5, kind="equivalent"),
         Size("shear", "-", "rise of the shear stiffness", 0.3, 0.8, -0.5, 5, kind="equivalent"),
         Size("lead", "m", "how much earlier the rut begins", 0.0, 0.06, -0.05, 0.15, kind="shape"),
-        Size("depth", "m", "how deep the rut stays", 0.0, 0.003, 0, 0.05),
+        Size("depth", "m", "how deep the rut stays", 3e-4, 3e-3, 0, 0.05),
     )
     patch = 0.06
     """Length of a contact patch [m]."""
