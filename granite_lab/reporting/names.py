@@ -271,7 +271,8 @@ def scale_of(effect_id: str, name: str, unit: str, size: float) -> tuple[str, fl
 
 def amount(effect: EffectFinding, parameter: FittedParameter) -> str:
     """Return a fitted number ± std with its unit."""
-    unit, scale = scale_of(effect.id, parameter.name, parameter.unit, parameter.estimate.value)
+    size = max(abs(parameter.estimate.value), abs(parameter.estimate.std))
+    unit, scale = scale_of(effect.id, parameter.name, parameter.unit, size)
     return plus_minus(parameter.estimate, unit, scale)
 
 
