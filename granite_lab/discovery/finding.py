@@ -88,6 +88,11 @@ class EffectFinding:
     speeds: Estimate
     empirical: bool = False
 
+    @property
+    def is_likely(self) -> bool:
+        """Whether it is a cause that acts rather than not."""
+        return not self.empirical and self.probability >= 0.5
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -405,6 +410,16 @@ class Finding(Shown):
     def terms(self) -> tuple[EffectFinding, ...]:
         """All that the likeliest model holds and that matters, named or not."""
         return (*self.effects, *self.description)
+
+    @property
+    def likely(self) -> tuple[EffectFinding, ...]:
+        """Causes that act rather than not, but are not sure enough to be named."""
+        return tuple(e for e in self.description if e.is_likely)
+
+    @property
+    def causeless(self) -> tuple[EffectFinding, ...]:
+        """What else describes the rest."""
+        return tuple(e for e in self.description if not e.is_likely)
 
     @property
     def fitted_sand(self) -> dict[str, Estimate]:

@@ -52,7 +52,7 @@ def sentence(
         text = "something is missing from the model. No candidate explains it for certain."
     else:
         text = "something is missing from the model. No candidate explains it, no term describes it."
-    likely = [e for e in description if not e.empirical and e.probability >= 0.5]  # it acts rather than not
+    likely = [e for e in description if e.is_likely]
     if likely and verdict != "none":
         text += (
             f" Likely, but not sure: {', '.join(f'{_name(e)} ({chance(e.probability)})' for e in likely)}."

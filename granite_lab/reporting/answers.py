@@ -360,18 +360,15 @@ def missing_answer(finding: Finding | None, reason: str = "") -> Answer:
         tone = "fair" if finding.provisional else "good"
         text = "No effect of the library and no other disagreement exceeds noise and tolerance."
         return Answer("missing", question, "Nothing that these trials show", text, tone)
-    sizes = "; ".join(describe(e) for e in finding.effects)
-    more = "; ".join(describe(e) for e in finding.description)
-    only = "All are effects, none a description."
-    if len(finding.effects) == 1:
-        only = "It is an effect, not a description."
-    describes = [f"A description of the rest, not its cause: {more}." if more else only]
-    if finding.ground_wave:
-        describes.append(in_plain_words(waving(finding.ground_wave), finding))
+    describes = _described(finding)
     if finding.verdict == "unknown":
-        text = f"No effect of the library explains the disagreement. {' '.join(describes)}"
-        text = text if more else in_plain_words(finding.sentence, finding)
-        return Answer("missing", question, "Something unknown", text, "bad")
+        likely = [plain(e.id) for e in finding.likely]
+        verdict = f"Likely {listed(likely)}, but not for certain" if likely else "Something unknown"
+        first = "No effect is sure enough to be named." if likely else "No effect of the library explains it."
+        text = " ".join([first, *describes])
+        text = text if finding.description else in_plain_words(finding.sentence, finding)
+        return Answer("missing", question, verdict, text, "bad")
+    sizes = "; ".join(describe(e) for e in finding.effects)
     twins = [
         f"These trials cannot tell {plain(e.id)} from {twins_of(e)}." for e in finding.effects if e.twins
     ]
@@ -379,6 +376,25 @@ def missing_answer(finding: Finding | None, reason: str = "") -> Answer:
     verdict = capital(listed([plain(e.id) for e in finding.effects] + ([] if whole else [rest])))
     tone = "fair" if twins or finding.provisional or finding.remainder > MUCH or not whole else "good"
     return Answer("missing", question, verdict, " ".join([f"{capital(sizes)}.", *twins, *describes]), tone)
+
+
+def _described(finding: Finding) -> list[str]:
+    """Return a sentence each on what is likely, on what only describes, and on waves of the ground."""
+    likely = [f"{describe(e)}, {chance(e.probability)}" for e in finding.likely]
+    rest = [describe(e) for e in finding.causeless]
+    described = []
+    if likely:
+        described.append(f"Likely, but not sure: {'; '.join(likely)}.")
+    if rest:
+        described.append(f"A description of the rest, not its cause: {'; '.join(rest)}.")
+    if not described:
+        several = len(finding.effects) > 1
+        described.append(
+            "All are effects, none a description." if several else "It is an effect, not a description."
+        )
+    if finding.ground_wave:
+        described.append(in_plain_words(waving(finding.ground_wave), finding))
+    return described
 
 
 def gap_pair(finding: Finding) -> tuple[float, float, str]:

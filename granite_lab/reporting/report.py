@@ -255,12 +255,15 @@ def _missing(finding: Finding) -> Iterator[Maybe]:
     yield _gallery(plot_search.gap_figure(finding), plot_search.intervals_figure(finding))
     yield search_tables.effects_table(finding, finding.effects)
     yield tables.A_THETA.fill(finding.a_theta, virtual=finding.virtual) if finding.a_theta else None
-    if finding.description:
+    if finding.likely:
+        yield "These effects act rather than not, but are not sure enough to be named."
+        yield search_tables.effects_table(finding, finding.likely, "likely")
+    if finding.causeless:
         yield (
             "These terms describe the rest. They predict trials that were left out of the fit, but their "
             "cause is not known."
         )
-        yield search_tables.effects_table(finding, finding.description, "described")
+        yield search_tables.effects_table(finding, finding.causeless, "described")
     formulas = law_formulas(finding)
     yield LAW if formulas else None
     yield list(formulas)

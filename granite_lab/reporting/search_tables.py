@@ -64,9 +64,11 @@ class Size(NamedTuple):
         return cell if self.first else Cell("", cell.raw)
 
 
-def effects_table(
-    finding: Finding, effects: Sequence[EffectFinding], kind: Literal["named", "described", "small"] = "named"
-) -> FilledTable:
+Kind = Literal["named", "likely", "described", "small"]
+"""What a table of effects lists."""
+
+
+def effects_table(finding: Finding, effects: Sequence[EffectFinding], kind: Kind = "named") -> FilledTable:
     """List effects of one kind and their numbers; what holds for an effect stands once."""
     name, title = "found_effects", "What is missing, with sizes"
     note = (
@@ -74,6 +76,8 @@ def effects_table(
         f"{FORMULA} for the error of its formula. Share of the gap: the part of the closed gap that opens "
         f"when the effect is removed, {gap_pair(finding)[2]}."
     )
+    if kind == "likely":
+        name, title = "found_likely", "What is likely, but not certain"
     if kind == "described":
         name, title = "found_description", "What describes the rest"
     if kind == "small":

@@ -63,10 +63,13 @@ def _search(finding: Finding, console: Console) -> None:
     if finding.virtual and not finding.effects:
         say(console, f"{VIRTUAL}.", "yellow")
     effects_table = reporting.search_tables.effects_table
-    named, small = (f"effect{'s' * (len(some) > 1)}" for some in (finding.effects, finding.small))
+    named, likely, small = (
+        f"effect{'s' * (len(some) > 1)}" for some in (finding.effects, finding.likely, finding.small)
+    )
     tables = (
         (f"missing {named}", effects_table(finding, finding.effects)),
-        ("description, not a cause", effects_table(finding, finding.description, "described")),
+        (f"likely {likely}, not certain", effects_table(finding, finding.likely, "likely")),
+        ("description, not a cause", effects_table(finding, finding.causeless, "described")),
         (f"small {small}", effects_table(finding, finding.small, "small")),
     )
     for title, table in tables:

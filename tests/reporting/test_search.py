@@ -323,6 +323,27 @@ def test_a_description_stands_as_formulas_and_is_no_cause(findings: dict[str, Fi
         assert "effects found" not in " ".join(said), figure.name
 
 
+def test_what_is_likely_is_said_with_its_probability_apart_from_what_only_describes(
+    findings: dict[str, Finding],
+) -> None:
+    finding = findings["unknown"]
+    (rut,) = findings["named"].effects
+    likely = dataclasses.replace(rut, probability=0.84)
+    finding = dataclasses.replace(finding, description=(likely, *finding.description))
+    answer, report = missing_answer(finding), report_of(finding)
+    assert answer.verdict == "Likely multi-pass compaction, but not for certain"
+    first, second = answer.text.split(" A description of the rest, not its cause: ")
+    assert first.startswith("No effect is sure enough to be named. Likely, but not sure: rear wheels in")
+    assert spaced(first).endswith("84 %.")
+    assert "force along the robot" in second
+    assert "compacted rut" not in second
+    titles = [block.title for block in report.sections[0].blocks if isinstance(block, FilledTable)]
+    assert {"What is likely, but not certain", "What describes the rest"} <= set(titles)
+    unsure = dataclasses.replace(rut, probability=0.3)
+    doubtful = missing_answer(dataclasses.replace(finding, description=(unsure,)))
+    assert doubtful.verdict == "Something unknown"
+
+
 def test_waves_of_the_ground_are_named_in_the_answer_and_in_the_next_steps(
     findings: dict[str, Finding],
 ) -> None:
