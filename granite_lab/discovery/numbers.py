@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,6 +19,22 @@ from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import Active
 from granite_lab.parameters import load_paper
+
+
+class _Made(Mapping[int, Array]):
+    """Columns of trials, made when they are asked for: those of many trials at once take gigabytes."""
+
+    def __init__(self, make: Callable[[int], Array], count: int) -> None:
+        self.make, self.count = make, count
+
+    def __getitem__(self, i: int) -> Array:
+        return self.make(i)
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(range(self.count))
+
+    def __len__(self) -> int:
+        return self.count
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,18 +63,20 @@ class Numbers:
         if not effects:
             return np.zeros(point.vector.size)
         every = sorted({c for t in problem.trials for c in t.channels})
-        columns = {}
-        for i, t in enumerate(problem.trials):
+
+        def columns(i: int) -> Array:
+            t = problem.trials[i]
             changes = fit.derivatives.traces[problem.input_of[i]]
             traces = t.effect_columns(changes, point.trials[i], point.sensors)
             apart = np.zeros((len(t.channels), traces.shape[0] // len(t.channels), len(every), effects))
             for k, (c, part) in enumerate(zip(t.channels, np.split(traces, len(t.channels)), strict=True)):
                 apart[k, :, every.index(c)] = part
             table = problem.columns(i, point, fit.derivatives)
-            columns[i] = np.column_stack([table, apart.reshape(traces.shape[0], -1)])
+            return np.column_stack([table, apart.reshape(traces.shape[0], -1)])
+
         count = len(every) * effects
-        none = (np.zeros((0, 0, count)),)
-        further = Further(none, counts=(count,) * len(problem.commands), columns=columns)
+        none, made = (np.zeros((0, 0, count)),), _Made(columns, len(problem.trials))
+        further = Further(none, counts=(count,) * len(problem.commands), columns=made)
         normal = problem.normal(point, fit.derivatives, fit.residuals, further=further, keep=False)
         std, mean = problem.prior(point, fit.scales)
         moves = posterior(*normal.marginal(fit.scales), std**-2.0, mean - point.vector).follow
