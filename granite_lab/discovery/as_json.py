@@ -47,7 +47,7 @@ def finding_as_json(finding: Finding, model: Path | str | None = None) -> dict[s
         "confusion": None if finding.confusion is None else _confusion(finding.confusion),
         **picked(finding, "sand"),
         "sand_per_trial": dict(finding.sand_per_trial),
-        **picked(finding, "scales", "discrepancy", "trials_left_out", "speeds_left_out"),
+        **picked(finding, "scales", "own_means", "discrepancy", "trials_left_out", "speeds_left_out"),
         "dropped": [{"trial": name, "reason": reason} for name, reason in finding.dropped],
         **picked(finding, "notes", "failures", "virtual"),
         "model": str(model) if model is not None else None,

@@ -151,13 +151,14 @@ def assemble(
         small=tuple(_small(problem, search, n, effects) for n in judgement.small),
         closed={"trials": judgement.closed, "speeds": judgement.speeds},
         ceiling=outcome.limit,
-        strained=_strained(problem, judgement),
+        strained=_strained(numbers, judgement),
         remainder=judgement.remainder,
         tolerance=tolerance,
         latency=late,
         sand=numbers.sand,
         sand_per_trial=tuple(numbers.sand_of_trial(i) for i in range(len(problem.trials))),
         scales=dict(after.scales.priors),
+        own_means=numbers.own_means,
         discrepancy=after.scales.largest,
         scatter=judgement.scatter,
         ground_wave=judgement.ground_wave,
@@ -274,22 +275,17 @@ def _small(
     return _effect(Numbers(problem, model.fit), named, effects)
 
 
-def _strained(problem: Problem, judgement: Judgement) -> tuple[str, ...]:
+def _strained(numbers: Numbers, judgement: Judgement) -> tuple[str, ...]:
     """Name the numbers of effects, of sand and of the trials that are not as expected.
 
     Those of the trials where they lie two standard deviations off on average, as a tilt of the IMU in all.
     """
+    problem, point = numbers.problem, numbers.fit.point
     named = (*judgement.named, *judgement.described)
     of_effects = [f"{n.id}.{name}" for n in named for name in n.strained]
-    point = judgement.model.fit.point
     sand = zip(SAND, point.shared, problem.sand_std, strict=False)
-    by_name: dict[str, list[float]] = {}
-    for t, x in zip(problem.trials, point.trials, strict=True):
-        for slack, value in zip(t.slacks, x, strict=False):
-            if slack.learnt:
-                by_name.setdefault(slack.name, []).append(float(value))
     first = problem.learnt_std
-    of_trials = [name for name, values in by_name.items() if abs(np.mean(values)) > 2 * first[name]]
+    of_trials = [name for name, mean in numbers.own_means.items() if abs(mean) > 2 * first[name]]
     return (*of_effects, *dict.fromkeys([*(n for n, value, std in sand if abs(value) > 2 * std), *of_trials]))
 
 

@@ -347,6 +347,7 @@ class Finding(Shown):
         sand: parameter of the sand common to all trials to its logarithm over the file's value.
         sand_per_trial: per trial a_θ [s/m], k_φ and c as fitted.
         scales: number that differs from trial to trial to its std as learnt from the trials.
+        own_means: gain or tilt [rad] that each trial has of its own to its mean over the trials, as fitted.
         discrepancy: share of each channel's rms that the model with the effects misses, as learnt.
         scatter: channel to how far repetitions of a command differ slowly and beyond noise, as a share of its
             rms in motion; only where that is more than a tenth.
@@ -396,6 +397,7 @@ class Finding(Shown):
     origin: Origin = NOWHERE
     a_theta: tuple[View, ...] = ()
     simulates: tuple[float, ...] = ()
+    own_means: Mapping[str, float] = field(default_factory=dict)
     ground_wave: GroundWave | None = None
     gap: Gap = NO_GAP
     gaps: tuple[Gap, ...] = ()

@@ -124,6 +124,16 @@ class Numbers:
         std = np.sqrt(variance[first:])
         return {name: Estimate(float(point.shared[k]), float(std[k])) for k, name in enumerate(SAND)}
 
+    @property
+    def own_means(self) -> dict[str, float]:
+        """Gain or tilt that each trial has of its own to its mean over the trials."""
+        values: dict[str, list[float]] = {}
+        for t, x in zip(self.problem.trials, self.fit.point.trials, strict=True):
+            for slack, value in zip(t.slacks, x, strict=False):
+                if slack.learnt:
+                    values.setdefault(slack.name, []).append(float(value))
+        return {name: float(np.mean(of)) for name, of in values.items()}
+
     def sand_of_trial(self, i: int) -> tuple[str, dict[str, float]]:
         """Return the name of a trial, and the numbers of its sand."""
         soil, point = self.problem.pool.scenario.soil, self.fit.point

@@ -18,7 +18,7 @@ from granite_lab.discovery.finding import EffectFinding, Finding, FittedParamete
 from granite_lab.effects.library import met
 from granite_lab.estimate import Estimate
 from granite_lab.model.effect import EffectParameter
-from granite_lab.rounding import plus_minus, rounded, tidy_unit, with_unit
+from granite_lab.rounding import plus_minus, rounded, significant, tidy_unit, with_unit
 
 SENSORS = {
     "accel_x": "forward acceleration",
@@ -210,15 +210,24 @@ def speed_stem(speed: float) -> str:
 
 def strained_in_words(finding: Finding) -> list[str]:
     """Return a line on the numbers that lie at a bound, or far from file or range; no line without any."""
-    numbers = []
-    for name in finding.strained:
-        effect, _, number = name.partition(".")
-        of_trials = SCALES.get(name, (name, ""))[0]
-        words = f"{plain(effect)} {number.replace('_', ' ')}" if number else f"the {of_trials}"
-        numbers.append(SAND[name][1] if name in SAND else words)
+    numbers = [_strained(finding, name) for name in finding.strained]
     are = "is" if len(numbers) == 1 else "are"
     where = "at a bound of the fit, or over 2 std from the file or the usual range"
     return [f"{listed(numbers)} {are} {where}"] if numbers else []
+
+
+def _strained(finding: Finding, name: str) -> str:
+    """Name a strained number, and say by how much it is off where a table does not."""
+    effect, _, number = name.partition(".")
+    if number:
+        return f"{plain(effect)} {number.replace('_', ' ')}"
+    if name in SAND:
+        log = finding.sand[name].value if name in finding.sand else math.nan
+        off, words, unit = math.expm1(log) * 100, SAND[name][1], "%"
+    else:
+        words, unit, factor = SCALES.get(name, (name, "", 1.0))
+        off, words = finding.own_means.get(name, math.nan) * factor, f"the {words}"
+    return f"{words} (off by {with_unit(significant(abs(off), 2), unit)})" if math.isfinite(off) else words
 
 
 def _measure_soil(finding: Finding) -> list[Step]:
