@@ -16,7 +16,7 @@ from granite_lab.discovery.ground_waves import ground_wave
 from granite_lab.discovery.models import Search
 from granite_lab.discovery.orders import lugs
 from granite_lab.discovery.power import detectable
-from granite_lab.discovery.remainder import beside_terms, remainder, savable
+from granite_lab.discovery.remainder import beside_terms, credited, remainder, savable
 from granite_lab.discovery.search import search
 from granite_lab.discovery.verdict import Judgement, by_posterior, judge, with_ground_wave
 from granite_lab.errors import EstimateError
@@ -206,6 +206,9 @@ def _judged(
             problem, searched, judgement, limit, library, tolerance, lambda text: tell(text, STEPS - 2)
         ),
         (searched, judgement, limit),
+    )
+    judgement = parts.attempt(
+        "what simulations close", lambda: credited(problem, searched, judgement, tolerance), judgement
     )
     judgement = parts.attempt(
         "waves of the ground",

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 MODEL, DESIGN = "model.toml", "design.json"
 """Files beside a report: the model with what was found, and what a plan needs of the search."""
 
+SIMULATES_WORSE = "Simulations with what was found predict speeds left out worse than the paper's model"
 UNCONVERGED = "The fit did not converge"
 """How a note begins that says so of the model with what was found."""
 

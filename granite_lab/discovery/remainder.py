@@ -14,7 +14,7 @@ from granite_lab.discovery.heldout import Equations, losses, predict, predicts_b
 from granite_lab.discovery.impulses import ImpulseResponses, impulse_responses
 from granite_lab.discovery.models import Model, Search
 from granite_lab.discovery.relevance import is_adequate
-from granite_lab.discovery.saved_model import loss_of_files, loss_of_model, predicts_worse
+from granite_lab.discovery.saved_model import loss_of_files, loss_of_model, predicts_worse, share_closed
 from granite_lab.discovery.search import search_beside
 from granite_lab.discovery.sets import set_of
 from granite_lab.discovery.verdict import Judgement, evidence_of_term, judge, performance_of
@@ -147,6 +147,30 @@ def savable(problem: Problem, search: Search, judgement: Judgement, tolerance: f
         closed=nothing,
         speeds=nothing,
     )
+
+
+def credited(problem: Problem, search: Search, judgement: Judgement, tolerance: float) -> Judgement:
+    """Return a judgement that credits no more than simulations of the saved model close.
+
+    Trials that are left out have gains of their own, whose scale is learnt. Where gains that all trials have
+    alike stand in for something that is missing, they close a gap that stays open for whoever simulates.
+
+    Args:
+        problem, tolerance: as in `judge`.
+        search: the search in the library.
+        judgement: of it.
+    """
+    if not judgement.model.effects:
+        return judgement
+    simulated = loss_of_model(problem, judgement.model.fit, tolerance)
+    by_files = loss_of_files(problem, search.baseline.fit)
+    if simulated is None or by_files is None or not predicts_worse(simulated, by_files, tolerance):
+        return judgement
+    share = share_closed(simulated, by_files, tolerance)
+    closed, speeds = (
+        replace(own, value=min(own.value, share)) for own in (judgement.closed, judgement.speeds)
+    )
+    return replace(judgement, closed=closed, speeds=speeds, simulates_worse=True)
 
 
 def _with_terms(

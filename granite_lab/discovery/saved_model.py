@@ -85,6 +85,18 @@ def predicts_worse(after: Array | None, before: Array | None, tolerance: float) 
     return bool(more.sum() > np.sqrt(more.size) * scatter)
 
 
+def share_closed(after: Array, before: Array, tolerance: float) -> float:
+    """Return the share of the gap that simulations of what was left out close; below zero where they open it.
+
+    Args:
+        after, before: as `loss_of_model` and `loss_of_files` return them.
+        tolerance: as a share of a channel's rms.
+    """
+    both = np.isfinite(after) & np.isfinite(before)
+    left, whole = (float(np.sum(np.fmax(x[both] - tolerance**2, 0.0))) for x in (after, before))
+    return 1 - left / whole if whole > 0 else float("nan")
+
+
 def _squared_errors(problem: Problem, point: Point, trials: Sequence[int]) -> Array | None:
     """Return per signal the mean square in motion, over that of the signal; mean over some trials.
 

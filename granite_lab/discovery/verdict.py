@@ -167,6 +167,7 @@ class Judgement:
             `inference.gap.scatter`.
         competition: how often each set wins on other speeds or trials; None where no set competes.
         ground_wave: what repeats with the position of the robot; None where nothing does.
+        simulates_worse: simulations with the model predict what was left out worse than those by the files.
     """
 
     verdict: Verdict
@@ -182,6 +183,7 @@ class Judgement:
     scatter: Mapping[str, float] = field(default_factory=dict)
     competition: Competition | None = None
     ground_wave: GroundWave | None = None
+    simulates_worse: bool = False
 
     @property
     def remainder(self) -> float:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from granite_lab.discovery.finding import UNCONVERGED, EffectFinding, GroundWave, Verdict
+from granite_lab.discovery.finding import SIMULATES_WORSE, UNCONVERGED, EffectFinding, GroundWave, Verdict
 from granite_lab.discovery.heldout import speeds
 from granite_lab.discovery.verdict import Judgement
 from granite_lab.inference.constants import FEWEST_SPEEDS, LEAST_SHARE
@@ -149,6 +149,11 @@ def _notes_on_model(
         yield f"The soil follows another law than the model's: {' and '.join(laws)}."
     if judgement.scatter:
         yield differing(judgement)
+    if judgement.simulates_worse:
+        yield (
+            f"{SIMULATES_WORSE} by the files. Gains that all trials have alike close the gap of the fit; "
+            "something else is missing that they stand in for."
+        )
     if not (fit := judgement.model.fit).converged:
         yield (
             f"{UNCONVERGED}: its derivatives predict an optimum {np.sqrt(fit.predicted_drop):.1f} std away, "

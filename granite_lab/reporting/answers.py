@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from granite_lab.columns import FilledTable
-from granite_lab.discovery.finding import UNCONVERGED, Finding
+from granite_lab.discovery.finding import SIMULATES_WORSE, UNCONVERGED, Finding
 from granite_lab.discovery.words import waving
 from granite_lab.estimate import mean_over
 from granite_lab.estimation.motion import no_slip_is_known
@@ -457,6 +457,8 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
             doubts.append(f"{plural(len(finding.dropped), 'trial')} left out because no model fits")
         if any(note.startswith(UNCONVERGED) for note in finding.notes):
             doubts.append("the fit with what was found did not converge")
+        if any(note.startswith(SIMULATES_WORSE) for note in finding.notes):
+            doubts.append(SIMULATES_WORSE[0].lower() + SIMULATES_WORSE[1:])
         doubts += strained_in_words(finding)
         grounds.append(f"Probability of the finding: {chance(finding.probability)}.")
         left = ((finding.trials_left_out, "trials"), (finding.speeds_left_out, "speeds"))

@@ -240,6 +240,12 @@ def _measure_soil(finding: Finding) -> list[Step]:
     return [Step(f"{measure}. The fit moves {them} more than 2 std from the file.")]
 
 
+def _calibrate(finding: Finding) -> list[Step]:
+    """Return the step to check what all trials ask to change alike: gains and tilts."""
+    off = [f"the {SCALES[name][0]}" for name in finding.strained if name in SCALES and name not in SAND]
+    return [Step(f"Check {listed(off)}: all trials ask for another value alike.")] if off else []
+
+
 def capital(text: str) -> str:
     """Return a text with a capital letter in front."""
     return text[:1].upper() + text[1:]
@@ -347,7 +353,7 @@ def next_steps(
             see = "See where the model disagrees, and test a suspected cause as an effect of your own."
             look = Step(see, user_effect)
         return (*steps, look, Step("Plan the next trial.", plan))
-    steps += _measure_soil(finding)
+    steps += [*_measure_soil(finding), *_calibrate(finding)]
     faults = [plain(e.id) for e in finding.effects if (effect := met(e.id)) and effect.fault]
     if faults:
         steps.append(

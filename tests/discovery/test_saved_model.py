@@ -8,10 +8,18 @@ import pytest
 
 from granite_lab.discovery import remainder as stage
 from granite_lab.discovery import search as searching
-from granite_lab.discovery.remainder import savable
-from granite_lab.discovery.saved_model import VELOCITY, loss_of_files, loss_of_model, predicts_worse
+from granite_lab.discovery.finding import SIMULATES_WORSE
+from granite_lab.discovery.remainder import credited, savable
+from granite_lab.discovery.saved_model import (
+    VELOCITY,
+    loss_of_files,
+    loss_of_model,
+    predicts_worse,
+    share_closed,
+)
 from granite_lab.discovery.search import search
 from granite_lab.discovery.verdict import judge
+from granite_lab.discovery.words import notes
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
@@ -118,3 +126,28 @@ def test_the_files_are_saved_where_nothing_is_named_and_all_else_predicts_worse(
     assert [n.id for n in kept.small] == ["push"]
     monkeypatch.setattr(stage, "predicts_worse", lambda *_: False)
     assert savable(problem, found, unsure, TOLERANCE) is unsure
+
+
+def test_no_more_is_credited_than_simulations_with_the_saved_model_close(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    problem, base, _ = pushed()
+    found = search(problem, base, ("push",), TOLERANCE)
+    judgement = judge(problem, found, TOLERANCE)
+    assert credited(problem, found, judgement, TOLERANCE) is judgement  # its simulations close the gap
+    by_files = loss_of_files(problem, base)
+    assert by_files is not None
+    monkeypatch.setattr(stage, "loss_of_model", lambda *_: 4 * by_files)
+    lowered = credited(problem, found, judgement, TOLERANCE)
+    assert lowered.simulates_worse
+    assert lowered.named == judgement.named
+    assert lowered.closed.value == lowered.speeds.value == pytest.approx(-3, rel=0.05)
+    assert any(note.startswith(SIMULATES_WORSE) for note in notes(problem, lowered, ()))
+    assert not any(note.startswith(SIMULATES_WORSE) for note in notes(problem, judgement, ()))
+
+
+def test_the_share_that_simulations_close_is_of_the_squared_errors_beyond_the_tolerance() -> None:
+    before = TOLERANCE**2 + np.array([[4.0, 1.0], [np.nan, 3.0]])
+    after = TOLERANCE**2 + np.array([[1.0, 1.0], [1.0, 0.0]])
+    assert share_closed(after, before, TOLERANCE) == pytest.approx(1 - 2 / 8)
+    assert np.isnan(share_closed(0 * before, 0 * before, TOLERANCE))
