@@ -9,6 +9,7 @@ import pytest
 from granite_lab.discovery import remainder as stage
 from granite_lab.discovery import search as searching
 from granite_lab.discovery.finding import SIMULATES_WORSE
+from granite_lab.discovery.numbers import Numbers
 from granite_lab.discovery.remainder import credited, savable
 from granite_lab.discovery.saved_model import (
     VELOCITY,
@@ -151,3 +152,16 @@ def test_the_share_that_simulations_close_is_of_the_squared_errors_beyond_the_to
     after = TOLERANCE**2 + np.array([[1.0, 1.0], [1.0, 0.0]])
     assert share_closed(after, before, TOLERANCE) == pytest.approx(1 - 2 / 8)
     assert np.isnan(share_closed(0 * before, 0 * before, TOLERANCE))
+
+
+def test_gains_that_all_trials_have_alike_are_not_credited_to_the_model() -> None:
+    rng, problem = np.random.default_rng(0), problem_of(SIX)
+    point = problem.with_effect(drawn(problem, rng, common=0.1), "push", (0.4,))
+    measure(problem, problem.with_effect(point, "motor", (0.1,)), rng, 0.002)
+    found = search(problem, fit(problem, problem.neutral()), ("push",), TOLERANCE)  # "motor" is not in it
+    judgement = judge(problem, found, TOLERANCE)
+    means = Numbers(problem, judgement.model.fit).own_means
+    assert means["current_f gain"] == pytest.approx(0.1, abs=0.02)  # it stands in
+    lowered = credited(problem, found, judgement, TOLERANCE)
+    assert lowered.closed.value < judgement.closed.value - 2 * judgement.closed.std
+    assert lowered.speeds.value < judgement.speeds.value - 2 * judgement.speeds.std
