@@ -280,13 +280,13 @@ def _strained(numbers: Numbers, judgement: Judgement) -> tuple[str, ...]:
 
     Those of the trials where they lie two standard deviations off on average, as a tilt of the IMU in all.
     """
-    problem, point = numbers.problem, numbers.fit.point
+    problem = numbers.problem
     named = (*judgement.named, *judgement.described)
     of_effects = [f"{n.id}.{name}" for n in named for name in n.strained]
-    sand = zip(SAND, point.shared, problem.sand_std, strict=False)
+    sand = [n for n, std in zip(SAND, problem.sand_std, strict=True) if abs(numbers.sand[n].value) > 2 * std]
     first = problem.learnt_std
     of_trials = [name for name, mean in numbers.own_means.items() if abs(mean) > 2 * first[name]]
-    return (*of_effects, *dict.fromkeys([*(n for n, value, std in sand if abs(value) > 2 * std), *of_trials]))
+    return (*of_effects, *sand, *of_trials)
 
 
 def _gap(problem: Problem, judgement: Judgement, before: Fit, after: Fit, tolerance: float) -> Gap:

@@ -415,6 +415,11 @@ class Finding(Shown):
         return (*self.effects, *self.description)
 
     @property
+    def simulates_worse(self) -> bool:
+        """Whether simulations with what was found predict speeds left out worse than those by the files."""
+        return any(note.startswith(SIMULATES_WORSE) for note in self.notes)
+
+    @property
     def likely(self) -> tuple[EffectFinding, ...]:
         """Causes that act rather than not, but are not sure enough to be named."""
         return tuple(e for e in self.description if e.is_likely)

@@ -118,11 +118,13 @@ class Numbers:
 
     @property
     def sand(self) -> dict[str, Estimate]:
-        """The sand that all trials share, as logarithms of ratios to the files."""
+        """The sand, mean of the trials, as logarithms of ratios to the files."""
         first, point = sum(x.size for x in self.fit.point.trials), self.fit.point
+        value = point.shared[: len(SAND)].copy()
+        value[:SAND_PER_TRIAL] += np.mean([x[:SAND_PER_TRIAL] for x in point.trials], axis=0)
         variance = np.fmax(np.diag(self.fit.posterior.covariance), 0.0) + self.by_formulas**2
         std = np.sqrt(variance[first:])
-        return {name: Estimate(float(point.shared[k]), float(std[k])) for k, name in enumerate(SAND)}
+        return {name: Estimate(float(value[k]), float(std[k])) for k, name in enumerate(SAND)}
 
     @property
     def own_means(self) -> dict[str, float]:
@@ -130,7 +132,7 @@ class Numbers:
         values: dict[str, list[float]] = {}
         for t, x in zip(self.problem.trials, self.fit.point.trials, strict=True):
             for slack, value in zip(t.slacks, x, strict=False):
-                if slack.learnt:
+                if slack.learnt and slack.name not in SAND:
                     values.setdefault(slack.name, []).append(float(value))
         return {name: float(np.mean(of)) for name, of in values.items()}
 

@@ -100,10 +100,15 @@ def share_closed(after: Array, before: Array, tolerance: float) -> float:
 def _squared_errors(problem: Problem, point: Point, trials: Sequence[int]) -> Array | None:
     """Return per signal the mean square in motion, over that of the signal; mean over some trials.
 
-    Raking and gains of the trials are those of the files. NaN for a channel that was not logged.
+    The sand is the mean of the other trials', and the gains are those of the files. NaN for a channel that
+    was not logged.
     """
     names = [*dict.fromkeys(c for t in problem.trials for c in t.channels), VELOCITY]
-    point = replace(point, trials=tuple(map(_as_filed, problem.trials, point.trials)))
+    others = [x[:SAND_PER_TRIAL] for i, x in enumerate(point.trials) if i not in trials]
+    sand = np.mean(others, axis=0) if others else np.zeros(SAND_PER_TRIAL)
+    point = replace(
+        point, trials=tuple(_as_filed(t, x, sand) for t, x in zip(problem.trials, point.trials, strict=True))
+    )
     runs = problem.respond([problem.task(point, i) for i in trials])
     if runs is None:
         return None
@@ -145,7 +150,7 @@ def _stacked(rows: Sequence[Array | None]) -> Array | None:
     return None if empty is None else np.stack([empty if row is None else row for row in rows])
 
 
-def _as_filed(trial: TrialModel, x: Array) -> Array:
-    """Return a trial's numbers with raking and gains as filed; offsets, tilt and start are the mounting's."""
-    kept = [k < SAND_PER_TRIAL or s.name.endswith("gain") for k, s in enumerate(trial.slacks)]
-    return np.concatenate([np.where(kept, 0.0, x[: trial.size]), x[trial.size :]])
+def _as_filed(trial: TrialModel, x: Array, sand: Array) -> Array:
+    """Return the numbers of a trial in some sand, gains as filed; the others are those of its mounting."""
+    own = np.where([s.name.endswith("gain") for s in trial.slacks], 0.0, x[: trial.size])
+    return np.concatenate([sand, own[SAND_PER_TRIAL:], x[trial.size :]])

@@ -420,6 +420,9 @@ def closes_answer(finding: Finding) -> Answer:
         verdict = "No gap" if finding.verdict == "none" else "Nothing"
         return Answer("closes", question, verdict, _differ(finding, before))
     text = f"Gap {where}: {times(before)} with the paper's model, {times(after)} with what was found. "
+    if finding.simulates_worse:
+        alike = "With gains that all trials have alike, which no simulation has, the gap"
+        text = f"{SIMULATES_WORSE}. {alike} {text.removeprefix('Gap ')}"
     text += scale_of_gap(finding)
     if finding.ground_wave:
         text += " The waves of the ground count as noise here."
@@ -457,15 +460,15 @@ def _trust(result: StudyResult, finding: Finding | None) -> Answer:
             doubts.append(f"{plural(len(finding.dropped), 'trial')} left out because no model fits")
         if any(note.startswith(UNCONVERGED) for note in finding.notes):
             doubts.append("the fit with what was found did not converge")
-        if any(note.startswith(SIMULATES_WORSE) for note in finding.notes):
+        if finding.simulates_worse:
             doubts.append(SIMULATES_WORSE[0].lower() + SIMULATES_WORSE[1:])
         doubts += strained_in_words(finding)
         grounds.append(f"Probability of the finding: {chance(finding.probability)}.")
         left = ((finding.trials_left_out, "trials"), (finding.speeds_left_out, "speeds"))
         counts = [f"{sum(x.after < x.before for x in f)} of {len(f)} {kind}" for f, kind in left if f]
-        if finding.effects and counts:
+        if finding.effects and counts and not finding.simulates_worse:
             grounds.append(f"{listed(counts)} left out of the fit are predicted better.")
-        elif finding.effects:
+        elif finding.effects and not counts:
             doubts.append("no trial could be left out of the fit to test a prediction")
     doubt = [f"Doubts: {'; '.join(doubts)}."] if doubts else []
     stated = any(part.name == BY_RADIUS for r in result.trials for part in r.motion.slip_parts)

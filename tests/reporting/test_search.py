@@ -12,6 +12,7 @@ import pytest
 from granite_lab.columns import FilledTable
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import (
+    SIMULATES_WORSE,
     Ceiling,
     EffectFinding,
     Finding,
@@ -325,6 +326,18 @@ def test_a_description_stands_as_formulas_and_is_no_cause(findings: dict[str, Fi
     for figure in report.figures:
         said = [figure.title, figure.caption, *(text for text, _ in texts(figure.draw()))]
         assert "effects found" not in " ".join(said), figure.name
+
+
+def test_a_model_that_simulates_worse_than_the_paper_s_is_not_said_to_close_anything(
+    findings: dict[str, Finding],
+) -> None:
+    bad = dataclasses.replace(findings["named"], notes=(f"{SIMULATES_WORSE} by the files.",), remainder=1.3)
+    answer, found = closes_answer(bad), {a.id: a for a in report_of(bad).answers.questions}
+    assert spaced(answer.verdict) == "0 %"
+    assert answer.text.startswith(f"{SIMULATES_WORSE}. With gains that all trials have alike")
+    assert "predict speeds left out worse" in found["trust"].text
+    assert "are predicted better" not in found["trust"].text
+    assert "are predicted better" in str(report_of(findings["named"]).answers.questions)
 
 
 def test_what_is_likely_is_said_with_its_probability_apart_from_what_only_describes(
