@@ -14,7 +14,6 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,7 @@ from benchmarks.real_trials_drive import steps_of
 from benchmarks.real_trials_field import FIELD
 from benchmarks.real_trials_page import page, picture
 from benchmarks.real_trials_plot import slips
-from benchmarks.real_trials_set import Prepared
+from benchmarks.real_trials_set import Outcome, Prepared, Row
 from granite_lab.errors import LabError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.motion import Motion
@@ -68,32 +67,6 @@ TWO_SIDED = 1.96
 """Half of a 95 % interval in std."""
 
 BOREAL = ("SANDY_LOAM_{}_01", "SANDY_LOAM_{}_06", "SNOW_{}_01")
-
-
-@dataclass(frozen=True)
-class Row:
-    """One trial: λ_R without and with the reference, by that alone, and k_92 or why there is none.
-
-    `width` is that of the 95 % interval of k_92, NaN where there is none.
-    """
-
-    name: str
-    grade: str
-    slip: Estimate
-    referred: Estimate
-    truth: Estimate
-    k92: str
-    width: float = math.nan
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What came out of a set: a row a trial, what the report says, and how long all of it took [s]."""
-
-    prepared: Prepared
-    rows: tuple[Row, ...]
-    said: tuple[str, ...]
-    seconds: float
 
 
 def snow(data: Path, work: Path) -> Prepared:

@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from benchmarks.real_trials_set import Outcome, Row
 from granite_lab.estimate import Estimate
-
-if TYPE_CHECKING:
-    from benchmarks.real_trials import Outcome, Row
 
 NARROW = 0.3
 """Width of a 95 % interval of k_92 up to which it says something: k_92 goes from 0 to 1."""

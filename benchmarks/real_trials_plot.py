@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
+from benchmarks.real_trials_set import Outcome
 from granite_lab.reporting import canvas
-
-if TYPE_CHECKING:
-    from benchmarks.real_trials import Outcome
 
 RANGE = (-40.0, 80.0)
 """Slip ratios that are drawn [%]: what is beyond tells nothing more."""

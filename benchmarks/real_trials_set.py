@@ -1,10 +1,13 @@
-"""A set of public trials, ready for `benchmarks.real_trials`."""
+"""A set of public trials, and what comes out of it: the records of `benchmarks.real_trials`."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from granite_lab.estimate import Estimate
 
 
 @dataclass(frozen=True)
@@ -42,3 +45,29 @@ class Prepared:
         """Keywords of the verbs."""
         said = {"robot": self.robot, "column_map": self.column_map, "soil": self.soil}
         return {name: value for name, value in said.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One trial: λ_R without and with the reference, by that alone, and k_92 or why there is none.
+
+    `width` is that of the 95 % interval of k_92, NaN where there is none.
+    """
+
+    name: str
+    grade: str
+    slip: Estimate
+    referred: Estimate
+    truth: Estimate
+    k92: str
+    width: float = math.nan
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came out of a set: a row a trial, what the report says, and how long all of it took [s]."""
+
+    prepared: Prepared
+    rows: tuple[Row, ...]
+    said: tuple[str, ...]
+    seconds: float
