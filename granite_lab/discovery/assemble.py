@@ -280,13 +280,11 @@ def _strained(numbers: Numbers, judgement: Judgement) -> tuple[str, ...]:
 
     Those of the trials where they lie two standard deviations off on average, as a tilt of the IMU in all.
     """
-    problem = numbers.problem
     named = (*judgement.named, *judgement.described)
     of_effects = [f"{n.id}.{name}" for n in named for name in n.strained]
-    sand = [n for n, std in zip(SAND, problem.sand_std, strict=True) if abs(numbers.sand[n].value) > 2 * std]
-    first = problem.learnt_std
-    of_trials = [name for name, mean in numbers.own_means.items() if abs(mean) > 2 * first[name]]
-    return (*of_effects, *sand, *of_trials)
+    stds = zip(SAND, numbers.problem.sand_std, strict=True)
+    sand = [name for name, std in stds if abs(numbers.sand[name].value) > 2 * std]
+    return (*of_effects, *sand, *numbers.alike)
 
 
 def _gap(problem: Problem, judgement: Judgement, before: Fit, after: Fit, tolerance: float) -> Gap:

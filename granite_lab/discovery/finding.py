@@ -25,7 +25,7 @@ MODEL, DESIGN = "model.toml", "design.json"
 
 SIMULATES_WORSE = "Simulations with what was found predict speeds left out worse than the paper's model"
 UNCONVERGED = "The fit did not converge"
-"""How a note begins that says so of the model with what was found."""
+"""How notes begin that say so of the model with what was found."""
 
 Verdict = Literal["none", "named", "partly named", "unknown"]
 Status = Literal["named", "twin", "described", "small", "less likely", "screened", "at a bound"]

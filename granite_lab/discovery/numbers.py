@@ -116,7 +116,7 @@ class Numbers:
         """`by_formulas` of `Point.common`."""
         return self.by_formulas[self.by_formulas.size - self.fit.point.common.size :]
 
-    @property
+    @cached_property
     def sand(self) -> dict[str, Estimate]:
         """The sand, mean of the trials, as logarithms of ratios to the files."""
         first, point = sum(x.size for x in self.fit.point.trials), self.fit.point
@@ -126,7 +126,7 @@ class Numbers:
         std = np.sqrt(variance[first:])
         return {name: Estimate(float(value[k]), float(std[k])) for k, name in enumerate(SAND)}
 
-    @property
+    @cached_property
     def own_means(self) -> dict[str, float]:
         """Gain or tilt that each trial has of its own to its mean over the trials."""
         values: dict[str, list[float]] = {}
@@ -135,6 +135,12 @@ class Numbers:
                 if slack.learnt and slack.name not in SAND:
                     values.setdefault(slack.name, []).append(float(value))
         return {name: float(np.mean(of)) for name, of in values.items()}
+
+    @property
+    def alike(self) -> tuple[str, ...]:
+        """Names of `own_means` that lie two standard deviations beyond their usual range."""
+        first = self.problem.learnt_std
+        return tuple(name for name, mean in self.own_means.items() if abs(mean) > 2 * first[name])
 
     def sand_of_trial(self, i: int) -> tuple[str, dict[str, float]]:
         """Return the name of a trial, and the numbers of its sand."""

@@ -166,9 +166,7 @@ def credited(problem: Problem, search: Search, judgement: Judgement, tolerance: 
     best, baseline = judgement.model.fit, search.baseline.fit
     if not judgement.model.effects:
         return judgement
-    first, means = problem.learnt_std, Numbers(problem, best).own_means
-    alike = {name for name, mean in means.items() if abs(mean) > 2 * first[name]}
-    if alike:
+    if alike := Numbers(problem, best).alike:
         priors = {name: std for name, std in best.scales.priors.items() if name not in alike}
         usual = replace(best.scales, priors=priors)
         before, after = (

@@ -151,8 +151,8 @@ def _notes_on_model(
         yield differing(judgement)
     if judgement.simulates_worse:
         yield (
-            f"{SIMULATES_WORSE} by the files. Gains that all trials have alike close the gap of the fit; "
-            "something else is missing that they stand in for."
+            f"{SIMULATES_WORSE} by the files. Numbers that each trial has of its own close the gap of the "
+            "fit; they may stand in for something that is missing."
         )
     if not (fit := judgement.model.fit).converged:
         yield (

@@ -421,8 +421,8 @@ def closes_answer(finding: Finding) -> Answer:
         return Answer("closes", question, verdict, _differ(finding, before))
     text = f"Gap {where}: {times(before)} with the paper's model, {times(after)} with what was found. "
     if finding.simulates_worse:
-        alike = "With gains that all trials have alike, which no simulation has, the gap"
-        text = f"{SIMULATES_WORSE}. {alike} {text.removeprefix('Gap ')}"
+        own = "With numbers that each trial has of its own, and no simulation has, the gap"
+        text = f"{SIMULATES_WORSE}. {own} {text.removeprefix('Gap ')}"
     text += scale_of_gap(finding)
     if finding.ground_wave:
         text += " The waves of the ground count as noise here."
