@@ -348,7 +348,7 @@ class Finding(Shown):
         sand: parameter of the sand common to all trials to its logarithm over the file's value.
         sand_per_trial: per trial a_θ [s/m], k_φ and c as fitted.
         scales: number that differs from trial to trial to its std as learnt from the trials.
-        own_means: gain or tilt [rad] that each trial has of its own to its mean over the trials, as fitted.
+        own_means: gain or tilt [rad] to its mean over the trials, as fitted.
         discrepancy: share of each channel's rms that the model with the effects misses, as learnt.
         scatter: channel to how far repetitions of a command differ slowly and beyond noise, as a share of its
             rms in motion; only where that is more than a tenth.

@@ -13,7 +13,6 @@ from granite_lab.discovery.finding import Ceiling
 from granite_lab.discovery.heldout import Equations, losses, predict, predicts_better
 from granite_lab.discovery.impulses import ImpulseResponses, impulse_responses
 from granite_lab.discovery.models import Model, Search
-from granite_lab.discovery.numbers import Numbers
 from granite_lab.discovery.relevance import is_adequate
 from granite_lab.discovery.saved_model import loss_of_files, loss_of_model, predicts_worse, share_closed
 from granite_lab.discovery.search import search_beside
@@ -21,7 +20,7 @@ from granite_lab.discovery.sets import set_of
 from granite_lab.discovery.verdict import Judgement, evidence_of_term, judge, performance_of
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import MAX_REMAINDER
-from granite_lab.inference.fit import Fit, fit, with_priors, with_scales
+from granite_lab.inference.fit import Fit, fit, with_priors
 from granite_lab.inference.pool import SAND
 from granite_lab.inference.problem import Problem
 from granite_lab.model.dictionary import is_term
@@ -153,10 +152,9 @@ def savable(problem: Problem, search: Search, judgement: Judgement, tolerance: f
 def credited(problem: Problem, search: Search, judgement: Judgement, tolerance: float) -> Judgement:
     """Return a judgement that credits what is closed to the saved model alone.
 
-    Each trial has gains and tilts of its own, whose scale is learnt. Where all trials have them alike and
-    beyond their usual range, they stand in for something that is missing: they close a gap that stays open
-    for whoever simulates. What is closed is therefore predicted again with their usual range; and where
-    simulations predict what was left out worse than those by the files, it is what these close at most.
+    Where simulations predict what was left out worse than those by the files, what is closed is what these
+    close at most: the sand and the gains that are refitted in each trial then stand in for something that is
+    missing.
 
     Args:
         problem, tolerance: as in `judge`.
@@ -166,26 +164,14 @@ def credited(problem: Problem, search: Search, judgement: Judgement, tolerance: 
     best, baseline = judgement.model.fit, search.baseline.fit
     if not judgement.model.effects:
         return judgement
-    if alike := Numbers(problem, best).alike:
-        priors = {name: std for name, std in best.scales.priors.items() if name not in alike}
-        usual = replace(best.scales, priors=priors)
-        before, after = (
-            predict(problem, with_scales(problem, f, usual), tolerance) for f in (baseline, best)
-        )
-        whole = performance_of(before, after)
-        judgement = _at_most(judgement, whole.closed.value, whole.speeds.value)
     simulated, by_files = loss_of_model(problem, best, tolerance), loss_of_files(problem, baseline)
     if simulated is None or by_files is None or not predicts_worse(simulated, by_files, tolerance):
         return judgement
     share = share_closed(simulated, by_files, tolerance)
-    return replace(_at_most(judgement, share, share), simulates_worse=True)
-
-
-def _at_most(judgement: Judgement, trials: float, speeds: float) -> Judgement:
-    """Return a judgement that counts no more than these shares as closed on trials and speeds left out."""
-    pairs = ((judgement.closed, trials), (judgement.speeds, speeds))
-    closed, other = (replace(own, value=float(np.fmin(own.value, most))) for own, most in pairs)
-    return replace(judgement, closed=closed, speeds=other)
+    closed, speeds = (
+        replace(own, value=float(np.fmin(own.value, share))) for own in (judgement.closed, judgement.speeds)
+    )
+    return replace(judgement, closed=closed, speeds=speeds, simulates_worse=True)
 
 
 def _with_terms(

@@ -17,7 +17,7 @@ from granite_lab.discovery.heldout import Equations, shared_step, units
 from granite_lab.inference.constants import TINY
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.nuisances import TrialModel
-from granite_lab.inference.point import Point
+from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.pool import SAND, SAND_PER_TRIAL
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
@@ -106,9 +106,9 @@ def _squared_errors(problem: Problem, point: Point, trials: Sequence[int]) -> Ar
     names = [*dict.fromkeys(c for t in problem.trials for c in t.channels), VELOCITY]
     others = [x[:SAND_PER_TRIAL] for i, x in enumerate(point.trials) if i not in trials]
     sand = np.mean(others, axis=0) if others else np.zeros(SAND_PER_TRIAL)
-    point = replace(
-        point, trials=tuple(_as_filed(t, x, sand) for t, x in zip(problem.trials, point.trials, strict=True))
-    )
+    gains = [name.endswith("gain") for name in SHARED]
+    filed = tuple(_as_filed(t, x, sand) for t, x in zip(problem.trials, point.trials, strict=True))
+    point = replace(point, shared=np.where(gains, 0.0, point.shared), trials=filed)
     runs = problem.respond([problem.task(point, i) for i in trials])
     if runs is None:
         return None

@@ -26,14 +26,24 @@ from granite_lab.logs.trial import Array
 from granite_lab.model.instants import instants
 from granite_lab.parameters import GRAVITY, Robot, load_grade
 
-SENSORS = ("latency", "arm_x", "arm_z", "current_latency", "low_pass")
+MOTORS = ("f", "r", "side")
+
+CALIBRATION = (
+    "tilt",
+    "accel_x gain",
+    "wheel gain",
+    "wheel_split gain",
+    *(f"current_{motor} gain" for motor in MOTORS),
+)
+"""What a calibration leaves open: tilt of the IMU [rad], gains [-]. All trials share the error of a file or a
+data sheet, and each trial deviates from it by a number of its own."""
+
+SENSORS = ("latency", "arm_x", "arm_z", "current_latency", "low_pass", *CALIBRATION)
 """What all trials share of the sensors: latency of the IMU's stamps behind those of the wheels [s], its place
 off the file [m], latency of the currents behind the wheels [s], variance of the impulse response of the IMU's
-low-pass [s^2]."""
+low-pass [s^2], and what the calibration leaves open."""
 
-SENSORS_STD = np.array([LATENCY_STD, SENSOR_STD["arm"], SENSOR_STD["arm"], CURRENT_LATENCY_STD, LOW_PASS_STD])
-
-SENSORS_LEAST = np.array([-np.inf, -np.inf, -np.inf, -np.inf, 0.0])
+SENSORS_LEAST = np.array([0.0 if name == "low_pass" else -np.inf for name in SENSORS])
 """Their lower bounds."""
 
 LATENCY_OF = {IMU: "latency", CURRENTS: "current_latency"}
@@ -42,10 +52,10 @@ LATENCY_OF = {IMU: "latency", CURRENTS: "current_latency"}
 ARM_OF = {"accel_x": "arm_z", "accel_z": "arm_x"}
 """The number of `SENSORS` by which turning shows in a channel."""
 
-_SHIFT_STEP, _LOW_PASS_STEP = 2e-4, LOW_PASS_STD / 8
-"""Steps of derivatives by time [s], within which trials determine a latency, and by the variance of a
-low-pass [s^2]: with less its window ends within the same step of the simulation, beyond which the derivative
-is another."""
+_SHIFT_STEP, _LOW_PASS_STEP = 2e-5, LOW_PASS_STD / 8
+"""Steps of derivatives by time [s], a fifth of the std with which twelve trials determine a latency, for
+responses are chains of straight lines, whose slopes differ; and by the variance of a low-pass [s^2]: with
+less its window ends within the same step of the simulation, beyond which the derivative is another."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +65,8 @@ class Slack:
     Attributes:
         name: for people.
         std: first value of the std of its prior, in its unit.
-        learnt: the std is learnt from the trials; otherwise the standstill determines the number anyway.
+        learnt: the std is learnt from the trials, about their mean; otherwise the standstill determines the
+            number anyway.
     """
 
     name: str
@@ -67,7 +78,7 @@ class TrialModel:
     """How one trial depends on its own numbers.
 
     A trial's numbers x are: the first `SAND_PER_TRIAL` of `SAND` (about the common sand), the shift of the
-    start [s], then the slacks.
+    start [s], then the slacks, those of `CALIBRATION` about what all trials share of them.
 
     Args:
         observation: the trial in bins.
@@ -118,21 +129,21 @@ class TrialModel:
             turning = self.bins_of(self._turning(response), x, sensors, ("accel_x", "accel_z"))
             b["accel_x"] = b["accel_x"] + sensors[2] * turning["accel_x"]
             b["accel_z"] = b["accel_z"] + sensors[1] * turning["accel_z"]
-        out = self._shown(b, x)
-        return np.stack([out[c] + self._of(x, f"{c} offset") for c in self.channels])
+        out = self._shown(b, x, sensors)
+        return np.stack([out[c] + self._of(x, sensors, f"{c} offset") for c in self.channels])
 
-    def _shown(self, b: Mapping[str, Array], x: Array) -> dict[str, Array]:
+    def _shown(self, b: Mapping[str, Array], x: Array, sensors: Array) -> dict[str, Array]:
         """Return the bins of a response, (n,), or of changes of it, (n, k), as the sensors show them."""
         out = dict(b)
         if "accel_x" in b:
-            tilt = self._of(x, "tilt")
-            out["accel_x"] = (1 + self._of(x, "accel_x gain")) * (b["accel_x"] - tilt * b["accel_z"])
+            tilt = self._of(x, sensors, "tilt")
+            out["accel_x"] = (1 + self._of(x, sensors, "accel_x gain")) * (b["accel_x"] - tilt * b["accel_z"])
             out["accel_z"] = b["accel_z"] + tilt * b["accel_x"]
         if "wheel_split" in b:
-            out["wheel_split"] = b["wheel_split"] + self._of(x, "wheel_split gain") * b["wheel"]
+            out["wheel_split"] = b["wheel_split"] + self._of(x, sensors, "wheel_split gain") * b["wheel"]
         for c in ("wheel", "current_f", "current_r", "current_side"):
             if c in b:
-                out[c] = (1 + self._of(x, f"{c} gain")) * b[c]
+                out[c] = (1 + self._of(x, sensors, f"{c} gain")) * b[c]
         return out
 
     def directions(self, response: Array) -> Array:
@@ -149,10 +160,10 @@ class TrialModel:
             sensors: numbers of the sensors that all trials share.
 
         Returns:
-            (C n, p) by the trial's numbers, (C n, 5) by `SENSORS`, (C n, k) by what the others are of.
+            (C n, p) by the trial's numbers, (C n, s) by `SENSORS`, (C n, k) by what the others are of.
         """
         bins = self.bins_of(changes, x, sensors)
-        shown = self._shown(bins, x)
+        shown = self._shown(bins, x, sensors)
         later = self._later(changes[..., 0], x, sensors)
         raked, others = slice(2, 2 + SAND_PER_TRIAL), slice(2 + SAND_PER_TRIAL, None)
         local = np.zeros((len(self.channels), self.observation.bins, self.size))
@@ -165,27 +176,30 @@ class TrialModel:
         for c, by_low_pass in self._by_low_pass(changes[..., 0], x, sensors).items():
             by_sensor[self.channels.index(c), :, SENSORS.index("low_pass")] = by_low_pass
         for felt in ARM_OF if "accel_x" in bins else ():
-            turning = self._shown({c: bins[c][:, 1] * (c == felt) for c in ARM_OF}, x)
+            turning = self._shown({c: bins[c][:, 1] * (c == felt) for c in ARM_OF}, x, sensors)
             for c in ARM_OF:
                 by_sensor[self.channels.index(c), :, SENSORS.index(ARM_OF[felt])] = turning[c]
         for n, slack in enumerate(self.slacks[SAND_PER_TRIAL + 1 :], start=SAND_PER_TRIAL + 1):
             channel, _, kind = slack.name.partition(" ")
             if slack.name == "tilt":
-                gain = 1 + self._of(x, "accel_x gain")
+                gain = 1 + self._of(x, sensors, "accel_x gain")
                 local[self.channels.index("accel_x"), :, n] = -gain * bins["accel_z"][:, 0]
                 local[self.channels.index("accel_z"), :, n] = bins["accel_x"][:, 0]
             elif kind == "offset":
                 local[self.channels.index(channel), :, n] = 1.0
             else:  # a gain
-                alone = bins["wheel"] if channel == "wheel_split" else shown[channel] / (1 + x[n])
+                gain = 1 + self._of(x, sensors, slack.name)
+                alone = bins["wheel"] if channel == "wheel_split" else shown[channel] / gain
                 local[self.channels.index(channel), :, n] = alone[:, 0]
+            if slack.name in CALIBRATION:
+                by_sensor[..., SENSORS.index(slack.name)] = local[..., n]
         rows = local.shape[0] * local.shape[1]
         rest = np.concatenate([shown[c][:, others] for c in self.channels])
         return local.reshape(rows, -1), by_sensor.reshape(rows, -1), rest
 
     def effect_columns(self, changes: Array, x: Array, sensors: Array) -> Array:
         """Return the (C n, k) bins of k changes of the response, (8, M, k)."""
-        shown = self._shown(self.bins_of(changes, x, sensors), x)
+        shown = self._shown(self.bins_of(changes, x, sensors), x, sensors)
         return np.concatenate([shown[c] for c in self.channels])
 
     def _by_low_pass(self, response: Array, x: Array, sensors: Array) -> dict[str, Array]:
@@ -196,7 +210,7 @@ class TrialModel:
         at, place = float(sensors[SENSORS.index("low_pass")]), np.array(SENSORS) == "low_pass"
         narrow, wide = max(at - _LOW_PASS_STEP, 0.0), at + _LOW_PASS_STEP
         low, high = (self.bins_of(response, x, np.where(place, s, sensors), channels) for s in (narrow, wide))
-        shown = self._shown({c: (high[c] - low[c]) / (wide - narrow) for c in channels}, x)
+        shown = self._shown({c: (high[c] - low[c]) / (wide - narrow) for c in channels}, x, sensors)
         return {c: shown[c] for c in channels}
 
     def _turning(self, response: Array) -> Array:
@@ -213,10 +227,20 @@ class TrialModel:
         """
         step = _SHIFT_STEP * (np.arange(x.size) == SAND_PER_TRIAL)
         sooner, later = (self.bins_of(response, x + sign * step, sensors) for sign in (-1, 1))
-        return self._shown({c: (later[c] - sooner[c]) / (2 * _SHIFT_STEP) for c in later}, x)
+        return self._shown({c: (later[c] - sooner[c]) / (2 * _SHIFT_STEP) for c in later}, x, sensors)
 
-    def _of(self, x: Array, name: str) -> float:
-        return float(x[self._place[name]]) if name in self._place else 0.0
+    def _of(self, x: Array, sensors: Array, name: str) -> float:
+        """Return a number of the trial, with what all trials share of it."""
+        if name not in self._place:
+            return 0.0
+        shared = sensors[SENSORS.index(name)] if name in CALIBRATION else 0.0
+        return float(x[self._place[name]] + shared)
+
+
+def sensors_std(learnt: Mapping[str, float]) -> Array:
+    """Return the std of the priors of `SENSORS`; `learnt` has those of `CALIBRATION` that any trial has."""
+    rest = [LATENCY_STD, SENSOR_STD["arm"], SENSOR_STD["arm"], CURRENT_LATENCY_STD, LOW_PASS_STD]
+    return np.array([*rest, *(learnt.get(name, 1.0) for name in CALIBRATION)])
 
 
 def _slacks(observation: Observation, robot: Robot) -> tuple[Slack, ...]:
@@ -249,6 +273,6 @@ def _slacks(observation: Observation, robot: Robot) -> tuple[Slack, ...]:
             Slack(f"current_{motor} offset", 2 * currents.offset),
             Slack(f"current_{motor} gain", currents.gain, True),
         ]
-        for motor in ("f", "r", "side")
+        for motor in MOTORS
     }
     return tuple(slack for c in observation.streams for slack in table[c])

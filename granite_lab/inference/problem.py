@@ -12,7 +12,7 @@ from granite_lab.inference.constants import LEAD_STD, SAND_STD, THREE_SIGMA
 from granite_lab.inference.discrepancy import FORMULA, Basis, joined, modulated, plain_bases, sizes_of
 from granite_lab.inference.noise import Filter, Whitener, stretches
 from granite_lab.inference.normal import ChannelPart, CommandPart, NormalEquations, Places, Rows, Scales
-from granite_lab.inference.nuisances import SENSORS, SENSORS_LEAST, SENSORS_STD, TrialModel
+from granite_lab.inference.nuisances import SENSORS, SENSORS_LEAST, TrialModel, sensors_std
 from granite_lab.inference.observation import Mask
 from granite_lab.inference.point import SHARED, Derivatives, Further, Point
 from granite_lab.inference.pool import SAND_PER_TRIAL, SIMULATED, Setting, SimulationPool, Task
@@ -158,7 +158,7 @@ class Problem:
             np.array([*(scales.priors.get(s.name, s.std) for s in t.slacks), *widths]) for t in self.trials
         ]
         common = self.parameters(point.effects, per_trial=False)
-        std += [self.simulated_std, SENSORS_STD, np.array([width_of(p) for _, p in common])]
+        std += [self.simulated_std, sensors_std(self.learnt_std), np.array([width_of(p) for _, p in common])]
         size = sum(s.size for s in std[:-1])
         means = np.concatenate([np.zeros(size), [centre_of(p) for _, p in common]])
         return np.concatenate(std), means
@@ -220,7 +220,7 @@ class Problem:
 
     @property
     def learnt_std(self) -> dict[str, float]:
-        """Number of the trials whose std is learnt to the first value of that std."""
+        """Number of the trials whose std is learnt to the first value of that std, see `Slack`."""
         return {s.name: s.std for t in self.trials for s in t.slacks if s.learnt}
 
     @property

@@ -139,23 +139,27 @@ def learn_discrepancy(problem: Problem, normal: NormalEquations, point: Point, s
 
 
 def learnt_priors(problem: Problem, point: Point, mean: Array, variance: Array) -> Mapping[str, float]:
-    """Return the scales of the numbers that differ from trial to trial.
+    """Return the scales of the numbers that differ from trial to trial, about their mean.
+
+    What all trials have alike is a number of its own, whose prior is that of the files.
 
     Args:
         problem: the trials.
         point: which numbers there are.
         mean, variance: (p,) of the posterior of all numbers.
     """
-    squares: dict[str, list[float]] = {}
+    moments: dict[str, list[tuple[float, float]]] = {}
     first, k = problem.learnt_std, 0
     for t, x in zip(problem.trials, point.trials, strict=True):
         for n, slack in ((n, s) for n, s in enumerate(t.slacks) if s.learnt):
-            squares.setdefault(slack.name, []).append(float(mean[k + n] ** 2 + variance[k + n]))
+            moments.setdefault(slack.name, []).append((float(mean[k + n]), float(variance[k + n])))
         k += x.size
-    priors = {
-        name: float(np.sqrt((sum(q) + PSEUDO_TRIALS * first[name] ** 2) / (len(q) + PSEUDO_TRIALS)))
-        for name, q in squares.items()
-    }
+    priors = {}
+    for name, of_trials in moments.items():
+        values, variances = np.array(of_trials).T
+        squares = float(np.sum((values - values.mean()) ** 2 + variances))
+        count = values.size + PSEUDO_TRIALS
+        priors[name] = float(np.sqrt((squares + PSEUDO_TRIALS * first[name] ** 2) / count))
     return priors | per_trial_scales(problem, point, mean, variance)
 
 

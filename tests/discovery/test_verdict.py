@@ -406,7 +406,7 @@ def test_a_set_that_missed_its_optimum_is_fitted_again_from_a_larger_one_that_br
     rng = np.random.default_rng(0)
     problem = problem_of(SIX)
     point = problem.with_effect(
-        problem.with_effect(drawn(problem, rng, common=0.3), "push", (1.0,)), "pull", (0.03,)
+        problem.with_effect(drawn(problem, rng, common=0.3), "push", (1.0,)), "pull", (0.05,)
     )
     measure(problem, point, rng, 0.004)
     base = fit(problem, problem.neutral())
@@ -560,7 +560,7 @@ def of_sets(problem: Problem, lost: Mapping[tuple[str, ...], float]) -> FittedSe
 
 def test_a_set_that_missed_its_optimum_is_fitted_again_from_the_end_of_the_likeliest_one() -> None:
     sets = of_sets(
-        trials_with(push=0.3, pull=0.3), {(): 0, ("push",): 100, ("pull",): 0, ("pull", "push"): 0}
+        trials_with(push=0.3, pull=0.3), {(): 0, ("push",): 300, ("pull",): 0, ("pull", "push"): 0}
     )
     before = dict(sets.models)
     assert not reduce(sets)

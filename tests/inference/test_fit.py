@@ -136,11 +136,31 @@ def test_scales_of_what_differs_from_trial_to_trial_are_learnt() -> None:
     slacks = problem.trials[0].slacks
     for name in wide:
         k = [s.name for s in slacks].index(name)
-        drawn_here = [x[k] for x in truth.trials]
+        drawn_here = np.array([x[k] for x in truth.trials])
         first = slacks[k].std
-        mode = np.sqrt((np.sum(np.square(drawn_here)) + PSEUDO_TRIALS * first**2) / (12 + PSEUDO_TRIALS))
+        mode = np.sqrt(
+            (np.sum((drawn_here - drawn_here.mean()) ** 2) + PSEUDO_TRIALS * first**2) / (12 + PSEUDO_TRIALS)
+        )
         assert scales.priors[name] == pytest.approx(mode, rel=0.25), name
     assert scales.priors["a_theta"] > 1.3 * slacks[0].std
+
+
+def test_what_all_trials_have_alike_widens_no_scale_and_its_prior_counts_once() -> None:
+    """A gain of twelve trials, three std of the data sheet off, costs 3^2/2 of log evidence."""
+    problem = problem_of((0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2))
+    place, first = SHARED.index("current_f gain"), problem.learnt_std["current_f gain"]
+    fits = []
+    for off in (0.0, 3 * first):
+        shared = off * (np.arange(len(SHARED)) == place)
+        measure(problem, replace(problem.neutral(), shared=shared), np.random.default_rng(7))
+        fits.append(fit(problem, problem.neutral()))
+    alike, shifted = fits
+    k = sum(x.size for x in shifted.point.trials) + place
+    std = np.sqrt(shifted.posterior.covariance[k, k])
+    assert shifted.point.vector[k] == pytest.approx(3 * first, abs=2 * std)
+    widths = [f.scales.priors["current_f gain"] for f in fits]
+    assert widths[1] == pytest.approx(widths[0], rel=0.1)
+    assert alike.evidence - shifted.evidence == pytest.approx(3**2 / 2, abs=1.0)
 
 
 def bounded(source: Problem, bound: float) -> Problem:
