@@ -114,22 +114,21 @@ class TrialModel:
     def bins_of(
         self, response: Array, x: Array, sensors: Array, only: Sequence[str] = ()
     ) -> dict[str, Array]:
-        """Return channel to the (n,) bins of an (8, M) response, or (n, k) of (8, M, k); all by default."""
+        """Return channel to the (n,) bins of an (8, M) response, or of changes of it, (n, k) of (8, M, k).
+
+        All channels by default; the accelerations are those at the place of the IMU.
+        """
         imu, currents, low_pass = (
             float(sensors[SENSORS.index(name)]) for name in ("latency", "current_latency", "low_pass")
         )
+        felt = self._at_imu(response, sensors)
         return self.observation.binned(
-            self.t, response, float(x[SAND_PER_TRIAL]), (0.0, imu, currents), only, low_pass
+            self.t, felt, float(x[SAND_PER_TRIAL]), (0.0, imu, currents), only, low_pass
         )
 
     def predict(self, response: Array, x: Array, sensors: Array) -> Array:
         """Return the (C, n) bins that the trial should show."""
-        b = self.bins_of(response, x, sensors)
-        if "accel_x" in b:
-            turning = self.bins_of(self._turning(response), x, sensors, ("accel_x", "accel_z"))
-            b["accel_x"] = b["accel_x"] + sensors[2] * turning["accel_x"]
-            b["accel_z"] = b["accel_z"] + sensors[1] * turning["accel_z"]
-        out = self._shown(b, x, sensors)
+        out = self._shown(self.bins_of(response, x, sensors), x, sensors)
         return np.stack([out[c] + self._of(x, sensors, f"{c} offset") for c in self.channels])
 
     def _shown(self, b: Mapping[str, Array], x: Array, sensors: Array) -> dict[str, Array]:
@@ -215,10 +214,20 @@ class TrialModel:
 
     def _turning(self, response: Array) -> Array:
         """Return how specific force changes with the place of the IMU: Θ̈ along x, −Θ̈ along z."""
-        pitching = np.gradient(response[2], self.t)
+        pitching = np.gradient(response[2], self.t, axis=0)
         out = np.zeros_like(response)
         out[0], out[1] = pitching, -pitching
         return out
+
+    def _at_imu(self, response: Array, sensors: Array) -> Array:
+        """Return a response, or changes of it, with the specific force at the place of the IMU."""
+        arm = [float(sensors[SENSORS.index(ARM_OF[channel])]) for channel in ("accel_x", "accel_z")]
+        if not any(arm):
+            return response
+        turning = self._turning(response)
+        turning[0] *= arm[0]
+        turning[1] *= arm[1]
+        return np.asarray(response + turning)
 
     def _later(self, response: Array, x: Array, sensors: Array) -> dict[str, Array]:
         """Return channel to the (n,) derivative of its bins by a later start of the command.

@@ -393,8 +393,11 @@ def shown(problem: Problem) -> Array:
 
 @pytest.mark.parametrize("off", [0.0, 0.1])
 def test_all_columns_are_those_of_differences(problem: Problem, off: float) -> None:
-    """In the files' sand, where a trial's response is that of its command; at gains and a tilt, too."""
+    """In the files' sand, where a trial's response is that of its command; with gains, a tilt, a delay and an
+    IMU that sits elsewhere, too."""
     point = problem.neutral()
+    for name, value in (("arm_x", 0.5), ("arm_z", -0.4), ("latency", 0.03)):
+        point.shared[SHARED.index(name)] = value * off
     for t, x in zip(problem.trials, point.trials, strict=True):
         x[[s.name == "tilt" or s.name.endswith(" gain") for s in t.slacks]] = off
     derivatives = differentiate(problem, point)
