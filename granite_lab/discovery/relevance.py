@@ -11,6 +11,8 @@ from granite_lab.inference.constants import FORMULA_ERROR, LEAST_SHARE
 from granite_lab.inference.fit import Fit, with_priors, with_scales
 from granite_lab.inference.gap import largest_discrepancies, prediction_change, tolerated
 from granite_lab.inference.normal import Scales
+from granite_lab.inference.nuisances import CALIBRATION
+from granite_lab.inference.point import SHARED
 from granite_lab.inference.problem import Problem
 
 
@@ -25,10 +27,15 @@ def is_adequate(problem: Problem, result: Fit, tolerance: float) -> bool:
 def has_strained_trials(problem: Problem, result: Fit) -> bool:
     """Tell whether numbers of the trials stand in for something that is missing.
 
-    Their scale is then two standard deviations beyond what it was taken for.
+    Their scale, or what all trials share of them, is then as far beyond what it was taken for as a scale is
+    with two standard deviations of its logarithm.
     """
-    first, now = problem.learnt_std, result.scales.priors
-    return any(now.get(n, std) > np.exp(2) * std for n, std in first.items())
+    now, shared = result.scales.priors, dict(zip(SHARED, np.abs(result.point.shared), strict=True))
+    calibrated = {name: shared[name] for name in CALIBRATION}
+    return any(
+        max(now.get(name, std), calibrated.get(name, 0.0)) > np.exp(2) * std
+        for name, std in problem.learnt_std.items()
+    )
 
 
 def anything_matters(problem: Problem, baseline: Fit, best: Fit, tolerance: float) -> bool:

@@ -31,7 +31,7 @@ from granite_lab.inference.discrepancy import MOTION, REST
 from granite_lab.inference.fit import Fit, fit, with_scales
 from granite_lab.inference.noise import white
 from granite_lab.inference.normal import Scales
-from granite_lab.inference.point import Point
+from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.problem import SECONDS, Problem
 from granite_lab.inference.scales import FIRST
 from granite_lab.logs.trial import Array
@@ -334,6 +334,8 @@ def test_numbers_of_the_trials_far_beyond_their_scale_are_strained(gain: float, 
     result = answer.search.best.fit
     scales = replace(result.scales, priors={**result.scales.priors, "current_f gain": gain})
     assert has_strained_trials(answer.problem, replace(result, scales=scales)) is expected
+    alike = replace(result.point, shared=gain * (np.array(SHARED) == "current_f gain"))
+    assert has_strained_trials(answer.problem, replace(result, point=alike)) is expected
 
 
 def test_the_posterior_alone_names_where_nothing_can_be_predicted() -> None:
