@@ -37,7 +37,7 @@ def late(trial: Trial, by: float) -> Trial:
     )
 
 
-@pytest.mark.parametrize(("name", "by"), sampled(zip(AHEAD, [1.5, -2.0, 3.1, 1.7e9], strict=True), 3))
+@pytest.mark.parametrize(("name", "by"), sampled(zip(AHEAD[::-1], [1.7e9, 3.1, -2.0, 1.5], strict=True), 4))
 def test_offsets_of_seconds_are_found_by_the_ramps(name: str, by: float) -> None:
     trial, slip = sample(name)
     clean, motion = correct(late(trial, by), ROBOT)
@@ -98,7 +98,7 @@ def turned(trial: Trial, degrees: float) -> Trial:
     )
 
 
-@pytest.mark.parametrize(("name", "degrees"), in_turn(sampled(AHEAD), [8.0, -12.0]))
+@pytest.mark.parametrize(("name", "degrees"), in_turn(sampled(AHEAD, 4), [8.0, -12.0]))
 def test_an_imu_off_level_is_levelled_and_never_good(name: str, degrees: float) -> None:
     trial, slip = sample(name)
     motion = correct(turned(trial, degrees), ROBOT)[1]
@@ -108,7 +108,7 @@ def test_an_imu_off_level_is_levelled_and_never_good(name: str, degrees: float) 
     assert "off level" in motion.health.verdict
 
 
-@pytest.mark.parametrize(("name", "scale"), in_turn(sampled(AHEAD), [0.96, 1.05, 1.02]))
+@pytest.mark.parametrize(("name", "scale"), in_turn(sampled(AHEAD, 4), [0.96, 1.05, 1.02]))
 def test_an_accelerometer_off_scale_is_scaled_by_gravity_and_never_good(name: str, scale: float) -> None:
     trial, slip = sample(name)
     assert trial.imu is not None

@@ -12,7 +12,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.estimation import Motion
 from granite_lab.logs.trial import Series, Trial, part
 from granite_lab.parameters import load_robot
-from tests.soak import in_turn
+from tests.soak import in_turn, sampled
 from tests.truth.motion import estimate
 from tests.truth.trials import TruthTrial, generate
 
@@ -63,7 +63,7 @@ KNOWN = {"velocity": {"ref_v_std": STD["v"]}, "place": {"ref_x_std": STD["x"]}}
 KNOWN["both"] = KNOWN["velocity"] | KNOWN["place"]
 
 
-@pytest.mark.parametrize("what", KNOWN)
+@pytest.mark.parametrize("what", sampled(KNOWN))
 def test_a_reference_makes_the_estimate_surer_and_better(what: str) -> None:
     motion = run(noisy(), use_reference=True, **KNOWN[what])
     before, after = (np.sqrt(np.mean((m.v - truth().at(m.t, "v")) ** 2)) for m in (plain(), motion))
