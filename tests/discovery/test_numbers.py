@@ -40,14 +40,20 @@ def test_the_std_by_errors_of_formulas_is_the_scatter_of_fits_to_traces_that_are
     problem, result = fitted("push", "pull")
     rng, shown = np.random.default_rng(0), predicted(problem, result.point)
     without = [predicted(problem, problem.without_effect(result.point, id_)) for id_ in ("push", "pull")]
-    moves = []
-    for _ in range(300):
-        error = FORMULA_ERROR[0] * rng.normal(size=(2, len(problem.commands), shown[0].shape[0], 1))
+
+    def moved(error: Array) -> Array:
+        """Return how far an error of each effect, command and channel moves the numbers."""
         wrong = [
-            sum(error[e, problem.command_of[i]] * (shown[i] - without[e][i]) for e in range(2))
+            sum(error[e, problem.command_of[i], :, None] * (shown[i] - without[e][i]) for e in range(2))
             for i in range(len(problem.trials))
         ]
-        moves.append(refitted(problem, result, wrong))
+        return refitted(problem, result, wrong)
+
+    shape = 2, len(problem.commands), shown[0].shape[0]
+    errors = FORMULA_ERROR[0] * rng.normal(size=(300, *shape))
+    each = np.stack([moved(one.reshape(shape)) for one in np.eye(int(np.prod(shape)))])
+    moves = errors.reshape(300, -1) @ each  # the equations are linear
+    np.testing.assert_allclose(moves[0], moved(errors[0]), rtol=1e-6, atol=1e-9 * np.abs(moves).max())
     stated, scatter = Numbers(problem, result).by_formulas, np.std(moves, axis=0)
     matters = scatter > 0.01 * scatter.max()
     assert matters.sum() > 10
