@@ -65,8 +65,8 @@ def good() -> Finding:
 
 
 def candidates() -> dict[str, Effect]:
-    """A fifth of the library with the few; all of it in `make soak` and in `make outside`."""
-    return dict(sampled(library().items(), 5)) | FEW
+    """A tenth of the library with the few; all of it in `make soak` and in `make outside`."""
+    return dict(sampled(library().items(), 10)) | FEW
 
 
 @pytest.mark.slow
@@ -202,7 +202,7 @@ def test_a_robot_that_cannot_be_simulated_is_refused() -> None:
         )  # fmt: skip
 
 
-@pytest.mark.parametrize(("spoil", "within"), [(turned_imu, 0.1), (late_stamps, 0.5)])
+@pytest.mark.parametrize(("spoil", "within"), sampled([(turned_imu, 0.1), (late_stamps, 0.5)]))
 def test_sensors_that_estimation_puts_right_do_not_change_the_finding(
     spoil: Callable[[Trial], Trial],
     within: float,

@@ -41,6 +41,8 @@ from tests.soak import sampled
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 SIX = (0, 0, 1, 1, 2, 2)
+FOUR = (1, 1, 2, 2)
+"""Where two speeds show what is asked."""
 CANDIDATES = ("pull", "push", "shake")
 TOLERANCE = 0.02
 
@@ -98,7 +100,8 @@ def test_nothing_is_named_where_no_more_than_the_tolerance_is_missing(seed: int,
 
 
 def test_a_search_whose_time_is_over_answers_with_what_it_has_found_and_says_so() -> None:
-    problem, both = trials_with(push=0.5, pull=0.3), ("pull", "push")
+    given = {"push": 0.3, "shake": 0.15, "discrepancy": 0.0}
+    problem, both = trials_with(**given), ("push", "shake")
 
     def tell(text: str, _: int) -> None:
         if text.startswith("fitting"):
@@ -111,7 +114,7 @@ def test_a_search_whose_time_is_over_answers_with_what_it_has_found_and_says_so(
     minutes = SECONDS * len(SIX) / 60
     (note,) = [n for n in notes(problem, judgement, ()) if "minutes" in n]
     assert f"{minutes:.0f} minutes of processor time" in note
-    assert ask(push=0.5, pull=0.3, candidates=both).search.best.effects == both
+    assert ask(**given).search.best.effects == both
 
 
 @pytest.mark.parametrize(("id_", "size"), [("push", 0.3), ("shake", 0.4)])
@@ -128,7 +131,7 @@ def test_one_missing_effect_is_named_and_closes_the_gap(id_: str, size: float) -
 
 
 def test_effects_with_the_same_trace_are_twins() -> None:
-    answer = ask(push=0.3, candidates=("pull", "push", "shove"))
+    answer = ask(push=0.3, candidates=("pull", "push", "shove"), commands=FOUR)
     assert answer.judgement.verdict == "named"
     (only,) = answer.judgement.named
     assert {only.id, *only.twins} == {"push", "shove"}
@@ -140,7 +143,7 @@ def test_effects_with_the_same_trace_are_twins() -> None:
 
 
 def test_what_no_candidate_explains_is_unknown() -> None:
-    answer = ask(hidden=0.3, candidates=("pull", "push"))
+    answer = ask(hidden=0.3, candidates=("pull", "push"), commands=FOUR)
     assert answer.judgement.verdict == "unknown"
     assert answer.named == set()
     assert answer.judgement.remainder > 0.5
@@ -153,7 +156,7 @@ def test_what_follows_no_law_is_unknown_and_nothing_is_named() -> None:
 
 
 def test_what_changes_from_trial_to_trial_by_much_is_unknown_though_repetitions_share_nothing() -> None:
-    answer = ask(shake=0.4, candidates=("pull", "push"))
+    answer = ask(shake=0.4, candidates=("pull", "push"), commands=FOUR)
     assert (answer.judgement.verdict, answer.named) == ("unknown", set())
     assert answer.judgement.scatter
     text = sentence("unknown", (), (), answer.judgement, (), TOLERANCE)
@@ -232,7 +235,7 @@ def test_a_candidate_with_the_same_trace_is_a_rival_and_one_that_adds_to_it_is_n
 
 
 def test_an_effect_that_closes_little_is_small() -> None:
-    answer = ask(push=0.5, pull=0.012, discrepancy=0.0, seed=3, candidates=("pull", "push"))
+    answer = ask(push=0.5, pull=0.012, discrepancy=0.0, seed=3, candidates=("pull", "push"), commands=FOUR)
     assert answer.judgement.verdict == "named"
     assert answer.named == {"push"}
     assert {n.id for n in answer.judgement.small} <= {"pull"}
@@ -318,13 +321,14 @@ def test_a_small_effect_that_promises_most_does_not_hide_another(monkeypatch: py
     monkeypatch.setattr("granite_lab.discovery.fitted_sets.is_adequate", lambda *_: True)
     monkeypatch.setattr("granite_lab.discovery.fitted_sets.has_strained_trials", lambda *_: False)
     monkeypatch.setattr("granite_lab.discovery.search.prediction_change", moved)
-    found = ask.__wrapped__(push=0.3, shake=0.2).search
+    found = ask.__wrapped__(push=0.3, shake=0.2, candidates=("push", "shake")).search
     assert (found.best.effects, found.negligible) == (("push",), ("shake",))
 
 
 @pytest.mark.parametrize("others", sampled([{"push": 0.3}, {}]))
 def test_what_all_trials_have_alike_is_an_effect_and_no_gain_of_each(others: dict[str, float]) -> None:
-    answer = ask(motor=0.3, discrepancy=0.0, candidates=("motor", "pull", "push"), **others)
+    candidates = ("motor", "pull", "push")
+    answer = ask(motor=0.3, discrepancy=0.0, candidates=candidates, commands=FOUR, **others)
     assert answer.named == {"motor", *others}
 
 
@@ -578,7 +582,7 @@ def test_an_effect_that_only_a_missed_optimum_speaks_for_is_given_up() -> None:
 
 
 def test_an_effect_is_named_beside_another_cause() -> None:
-    answer = ask(push=0.5, hidden=0.2, candidates=("pull", "push"))
+    answer = ask(push=0.5, hidden=0.2, candidates=("pull", "push"), commands=FOUR)
     assert answer.judgement.verdict == "partly named"
     assert answer.named == {"push"}
 

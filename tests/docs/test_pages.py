@@ -28,7 +28,7 @@ from tests.corpus.cli import Done, lab
 from tests.docs.pages import PAGES, ROOT, blocks, command_of, lines_to_run, save_files, text_of
 from tests.effects.example import EXAMPLE
 from tests.logs.bags import Bag
-from tests.running.processes import FEW, fit_by_slip
+from tests.running.processes import ALONE, fit_by_slip
 
 SAMPLES = ROOT / "data" / "samples"
 LOG = SAMPLES / "virtual_v0.3_r1.csv"
@@ -282,8 +282,8 @@ def test_an_effect_by_the_page_is_listed_and_slows_the_robot(folder: Path) -> No
 
 
 def test_the_tutorial_and_what_builds_on_a_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its search is among few effects; tests/discovery searches among more."""
-    few = {id_: get(id_) for id_ in FEW}
+    """Its search is for one effect; tests/discovery searches among more."""
+    few = {id_: get(id_) for id_ in ALONE}
     monkeypatch.setattr("granite_lab.chain.library", lambda *_: few)
     clone(tmp_path, *(path.stem.removeprefix("virtual_") for path in SAMPLES.glob("*.csv")))
     monkeypatch.chdir(tmp_path)

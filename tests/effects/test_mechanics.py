@@ -41,7 +41,7 @@ def by_hidden(command: Variant, effect: str, values: dict[str, float]) -> Result
     given = trapezoid(command.velocity, command.acceleration, command.distance)
     sizes = {effect: values | SHAPES.get(effect, {})} if effect else {}
     truth = model_of(tuple(sizes), Setup(ROBOT, SOIL, exponential_k92(4.919)), given, sizes)
-    run = integrate(truth, np.arange(-0.5, given.end + 1.0, 0.0025), rtol=1e-5, atol=1e-7)
+    run = integrate(truth, np.arange(-0.5, 2.9, 0.0025), rtol=1e-5, atol=1e-7)
     run.pull, run.F, run.up = run.F + run.R, run.F + run.R, run.acceleration[:, 1]
     return run
 

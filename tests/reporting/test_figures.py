@@ -27,6 +27,7 @@ from tests.logs import make
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding
+from tests.soak import sampled
 
 SVG = "{http://www.w3.org/2000/svg}"
 UNIT = re.compile(r"\[[^\]]+\]")
@@ -41,7 +42,7 @@ def of_study() -> list[Figure]:
 @pytest.fixture(scope="module")
 def of_search() -> list[Figure]:
     hostile = HOSTILE.replace("{", "").replace("}", "") + "$a_{{1}}$ {speed} {repetition}"
-    findings = [made_up_finding(v, twins=("slip_sinkage",)) for v in ("named", "unknown", "none")]
+    findings = [made_up_finding(v, twins=("slip_sinkage",)) for v in sampled(["none", "named", "unknown"], 3)]
     source = Source("0.1.0", "granite-lab discover trials", (), ())
     alone = [
         StudyResult("mine", (), (), None, source, f) for f in (*findings, made_up_finding(names=hostile))

@@ -26,6 +26,8 @@ MAIN = (
 )
 FEW = ("drive_reaction", "tyre_windup")
 """Effects of a search that is short."""
+ALONE = FEW[:1]
+"""Where it does not matter which effect is named."""
 AMONG_FEW = (
     "from granite_lab import chain; from granite_lab.effects import get;"
     f"chain.library = lambda *_: {{name: get(name) for name in {FEW}}};"
