@@ -18,6 +18,7 @@ from granite_lab.api.records import Records
 from granite_lab.discovery.finding import Finding
 from granite_lab.errors import EstimateError, InputError, UsageError
 from granite_lab.fitting.fit import K92Fit
+from granite_lab.parameters import load_variants
 from granite_lab.reporting import write_report
 from granite_lab.reporting.answers import of_study
 from granite_lab.reporting.render import marked, study_as_html
@@ -74,7 +75,10 @@ def test_motions_fits_and_findings_are_drawn_and_shown_in_a_notebook(
         gl.plot(gl.params())
 
 
-def test_every_record_has_a_short_repr_and_a_table_for_a_notebook(tmp_path: Path) -> None:
+def test_every_record_has_a_short_repr_and_a_table_for_a_notebook(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("granite_lab.hidden.making.load_variants", lambda: load_variants()[:1])
     study = made_up_study(speeds=(0.3, 0.7), repetitions=1)
     write_report(study, tmp_path / "a")
     hidden = gl.hide("none", tmp_path / "set", repetitions=1)

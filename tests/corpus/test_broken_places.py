@@ -13,6 +13,7 @@ import pytest
 
 from granite_lab.errors import printable
 from granite_lab.logs import inspect_logs, read_trial
+from granite_lab.parameters import load_variants
 from tests.corpus.cli import LOG, SAMPLES, lab, refused
 from tests.effects.example import EXAMPLE
 
@@ -100,7 +101,14 @@ def command(writer: str, out: Path, run: Path) -> list[str]:
     return [str(a).replace("OUT", str(out)).replace("RUN", str(run)) for a in WRITERS[writer]]
 
 
-@pytest.mark.usefixtures("fits_by_slip")
+@pytest.fixture
+def one_variant(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a hidden set have one trial: what goes wrong goes wrong at the first."""
+    (slow, *_) = load_variants()
+    monkeypatch.setattr("granite_lab.hidden.making.load_variants", lambda: (slow,))
+
+
+@pytest.mark.usefixtures("fits_by_slip", "one_variant")
 @pytest.mark.parametrize("writer", WRITERS)
 def test_a_file_in_the_way_and_a_folder_without_permission_are_one_line(writer: str, tmp_path: Path) -> None:
     out, closed = tmp_path / "out", tmp_path / "closed"
@@ -129,6 +137,7 @@ class Full(io.BytesIO):
         return super().write(data)
 
 
+@pytest.mark.usefixtures("one_variant")
 @pytest.mark.parametrize(
     "writer", ["a run", "a run as Parquet", "a virtual log", "a motion", "a map", "a hidden set"]
 )

@@ -33,6 +33,14 @@ AMONG_FEW = (
     f"chain.library = lambda *_: {{name: get(name) for name in {FEW}}};"
 )
 """Lets a process search among these alone; `make soak` searches among all."""
+BY_SLIP = """
+from granite_lab.errors import EstimateError
+from granite_lab.fitting import k92
+def left_out(*_):
+    raise EstimateError("left out by a test")
+k92._with_trajectory = left_out
+"""
+"""Lets a process fit by the slip alone, as `fit_by_slip`."""
 TWO = ("short_v0.5_r1", "short_v0.7_r2")
 """Short trials of the plain model, whose fits converge at once: for tests of what is done with a run."""
 STUDY = (
