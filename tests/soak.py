@@ -11,7 +11,7 @@ SOAK = bool(os.environ.get("GRANITE_SOAK"))
 """Whether the long parts run whole, as in `make soak`."""
 
 
-def sampled(cases: Iterable[T], every: int = 2) -> list[T]:
+def sampled(cases: Iterable[T], every: int = 3) -> list[T]:
     """Return each `every`-th of cases that show one thing, from the first on; all in `make soak`."""
     return list(cases)[:: 1 if SOAK else every]
 
