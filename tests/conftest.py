@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from tests.soak import SOAK
+from tests.soak import SOAK, examples
 
 # neither a deadline nor slow draws: they judge what else the machine does
 timeless = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("new draws", timeless)
-settings.register_profile("same draws in each run", timeless, derandomize=True)
+settings.register_profile("same draws in each run", timeless, derandomize=True, max_examples=examples(100))
 # new draws are for `make soak`: a change is judged by what it changes
 settings.load_profile("new draws" if SOAK else "same draws in each run")
 

@@ -19,3 +19,8 @@ def sampled(cases: Iterable[T], every: int = 3) -> list[T]:
 def in_turn(cases: Iterable[Any], *others: Sequence[Any]) -> list[tuple[Any, ...]]:
     """Return cases with one of each other list in turn; each with all of them in `make soak`."""
     return list(product(cases, *others) if SOAK else zip(cases, *map(cycle, others), strict=False))
+
+
+def examples(many: int) -> int:
+    """Return how many draws of many are tried: a third, the same in each run; all in `make soak`."""
+    return many if SOAK else many // 3

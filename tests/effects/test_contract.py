@@ -26,6 +26,7 @@ from granite_lab.parameters.quantity import toml
 from tests.corpus.cli import ROOT, lab, succeeded
 from tests.effects.example import EXAMPLE
 from tests.effects.runs import ROBOT, SOIL, run, variant_of
+from tests.soak import examples
 
 NOISE = dict(zip(CHANNELS, (0.05, 0.07, 0.003, 3e-5, 3e-5, 0.05, 0.05), strict=True))
 """Of a single sample (encoders: half a count)."""
@@ -189,7 +190,7 @@ def test_a_wrong_number_of_the_sand_is_told(tmp_path: Path, row: str, said: str)
         load_model(path)
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(
     st.recursive(
         st.booleans() | st.integers(-(2**53), 2**53) | st.floats(allow_nan=False) | st.text(

@@ -15,6 +15,7 @@ from granite_lab.logs import read_trial, write_canonical
 from granite_lab.logs.canonical import CONDITIONS
 from granite_lab.logs.trial import CurrentStream, ImuStream, Series, Trial, TrialInfo, WheelStream
 from tests.logs import make
+from tests.soak import examples
 
 numbers = st.floats(-50, 50, allow_subnormal=False)
 texts = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\x00"), max_size=12)
@@ -61,7 +62,7 @@ def trials(draw: st.DrawFn) -> Trial:
 
 
 @given(trial=trials())
-@settings(max_examples=60, suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(60), suppress_health_check=list(HealthCheck))
 def test_what_is_written_is_read_back_to_the_last_bit(trial: Trial, tmp_path: Path) -> None:
     path = tmp_path / "any.csv"
     write_canonical(path, trial)

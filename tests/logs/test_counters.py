@@ -22,6 +22,7 @@ from granite_lab.logs.sensors.encoders import Wheel, convert
 from granite_lab.logs.sensors.stamps import doubt_gaps, tidy, unit_factor
 from tests.corpus import cli
 from tests.logs import make
+from tests.soak import examples
 
 T = np.arange(1000) / 100
 
@@ -35,7 +36,7 @@ def tidied(t: np.ndarray, values: np.ndarray | None = None) -> tuple[np.ndarray,
 
 
 @given(st.data())
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_late_and_double_samples_are_sorted_and_the_first_is_kept(data: st.DataObject) -> None:
     seed = data.draw(st.integers(0, 10_000))
     reach = data.draw(st.integers(1, 6))
@@ -80,7 +81,7 @@ def test_a_wrapped_clock_is_told_from_one_that_was_set_back_and_both_go_on(bits:
     true=st.sampled_from([1.0, 1e-3, 1e-6, 1e-9]),
     declared=st.sampled_from([1.0, 1e-3, 1e-6, 1e-9]),
 )
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 def test_a_unit_is_corrected_refused_or_right_but_never_wrong_by_thousands(
     rate: float, true: float, declared: float
 ) -> None:
@@ -226,7 +227,7 @@ def motions(draw: st.DrawFn) -> tuple[np.ndarray, int, int]:
 
 
 @given(motion=motions(), signed=st.booleans())
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 def test_every_wrap_is_undone_exactly(motion: tuple[np.ndarray, int, int], signed: bool) -> None:
     true, bits, _ = motion
     logged = np.mod(true, 2**bits)
@@ -271,7 +272,7 @@ def test_an_angle_that_starts_again_is_unwrapped(width: float, tmp_path: Path) -
     step=st.floats(1e-6, 1.0),
     levels=st.lists(st.integers(-500, 500), min_size=60, max_size=200, unique=True),
 )
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_the_resolution_is_found_and_a_uniform_motion_has_none(step: float, levels: list[int]) -> None:
     gaps = np.gcd.reduce(np.diff(np.sort(levels)))
     values = step * np.array(levels, dtype=float)

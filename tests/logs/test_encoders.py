@@ -15,6 +15,7 @@ from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.encoders import Wheel, convert, lattice
 from granite_lab.logs.trial import Trial
 from tests.logs import make
+from tests.soak import examples
 
 PLAIN = Column(to=())
 TURN = 2 * np.pi
@@ -43,7 +44,7 @@ def counted(angle: np.ndarray, per_rev: float, width: float, start: int, signed:
     hz=st.sampled_from([10, 20, 50, 100, 200]), share=st.floats(0.002, 0.2),
 )  # fmt: skip
 @example(bits=7, signed=False, start=0.0, backwards=False, hz=10, share=0.0546875)
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_a_counter_of_any_power_of_two_is_unwrapped_at_any_rate(
     bits: int, signed: bool, start: float, backwards: bool, hz: float, share: float
 ) -> None:
@@ -212,7 +213,7 @@ def test_rates_that_were_rounded_stay_rates(digits: int) -> None:
 
 
 @given(step=st.floats(1e-4, 10), top=st.integers(2, 40), seed=st.integers(0, 1000))
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_a_coarse_grid_is_found_in_levels_that_scatter(step: float, top: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     whole = np.concatenate((np.arange(top + 1), rng.integers(0, top + 1, 300)))

@@ -17,6 +17,7 @@ from granite_lab.logs.quantities import by_name
 from granite_lab.parameters import variant_of
 from tests.corpus.cli import SAMPLES
 from tests.logs import make
+from tests.soak import examples
 
 N = 200
 T = np.arange(N) / 100  # [s]
@@ -379,7 +380,7 @@ cell_names = st.text(st.characters(exclude_categories=["Cs", "Cc", "Zl", "Zp"]),
 
 
 @given(names=st.lists(cell_names, min_size=7, max_size=7), seed=st.integers(0, 100))
-@settings(max_examples=60, suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(60), suppress_health_check=list(HealthCheck))
 def test_any_header_can_be_inspected_and_mapped(names: list[str], seed: int, tmp_path: Path) -> None:
     quoted = ['"' + name.replace('"', '""') + '"' for name in names]
     t, imu, _ = make.rows(duration=2, seed=seed)

@@ -17,7 +17,7 @@ from granite_lab.logs.sensors.stamps import sampling_period, tidy
 from granite_lab.logs.trial import Trial
 from tests.corpus import cli
 from tests.logs import make
-from tests.soak import in_turn
+from tests.soak import examples, in_turn
 
 SAMPLE = cli.SAMPLES / "virtual_v0.3_r1.csv"
 TRUE_SLIP, TRUE_DISTANCE = 0.0970, 1.809  # of the sample, by its simulator
@@ -166,7 +166,7 @@ def test_a_clock_that_was_set_goes_on(size: float, at: float, tmp_path: Path) ->
 @given(
     cut=st.integers(60, 940), size=st.floats(0.031, 30), jitter=st.floats(0, 0.001), seed=st.integers(0, 999)
 )
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 def test_every_step_back_is_found_where_it_is(cut: int, size: float, jitter: float, seed: int) -> None:
     # by as much as the log lasts, the parts stand end to end, as in a file whose rows were written late
     assume(abs(size - 10.0) > 0.02)
