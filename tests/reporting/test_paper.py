@@ -47,8 +47,11 @@ def test_it_has_four_pages_of_a4_and_each_says_that_the_data_are_virtual(reader:
 
 
 @pytest.mark.parametrize("trials", [1, 30])
-def test_a_study_without_a_finding_and_a_long_one_have_four_pages_too(trials: int, tmp_path: Path) -> None:
+def test_a_study_without_a_finding_and_a_long_one_have_four_pages_too(
+    trials: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What is too much for a page is set smaller, so that none of it is cut off."""
+    monkeypatch.setattr("granite_lab.reporting.write.FORMATS", ("svg",))  # the others are not looked at
     one = rename(made_up_study(speeds=(0.3,), repetitions=1), HOSTILE)
     long = replace(one, trials=one.trials * trials, failures=one.failures * trials)
     write_report(long, tmp_path / "small")
