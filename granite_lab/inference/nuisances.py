@@ -118,10 +118,13 @@ class TrialModel:
 
         All channels by default; the accelerations are those at the place of the IMU.
         """
+        return self._bins(self._at_imu(response, sensors), x, sensors, only)
+
+    def _bins(self, felt: Array, x: Array, sensors: Array, only: Sequence[str] = ()) -> dict[str, Array]:
+        """Return `bins_of` what `_at_imu` returns."""
         imu, currents, low_pass = (
             float(sensors[SENSORS.index(name)]) for name in ("latency", "current_latency", "low_pass")
         )
-        felt = self._at_imu(response, sensors)
         return self.observation.binned(
             self.t, felt, float(x[SAND_PER_TRIAL]), (0.0, imu, currents), only, low_pass
         )
@@ -161,9 +164,10 @@ class TrialModel:
         Returns:
             (C n, p) by the trial's numbers, (C n, s) by `SENSORS`, (C n, k) by what the others are of.
         """
-        bins = self.bins_of(changes, x, sensors)
+        felt = self._at_imu(changes, sensors)
+        bins = self._bins(felt, x, sensors)
         shown = self._shown(bins, x, sensors)
-        later = self._later(changes[..., 0], x, sensors)
+        later = self._later(felt[..., 0], x, sensors)
         raked, others = slice(2, 2 + SAND_PER_TRIAL), slice(2 + SAND_PER_TRIAL, None)
         local = np.zeros((len(self.channels), self.observation.bins, self.size))
         by_sensor = np.zeros((*local.shape[:2], len(SENSORS)))
@@ -172,7 +176,7 @@ class TrialModel:
             sensor = self.observation.streams[c].sensor
             if sensor != WHEELS:
                 by_sensor[k, :, SENSORS.index(LATENCY_OF[sensor])] = later[c]
-        for c, by_low_pass in self._by_low_pass(changes[..., 0], x, sensors).items():
+        for c, by_low_pass in self._by_low_pass(felt[..., 0], x, sensors).items():
             by_sensor[self.channels.index(c), :, SENSORS.index("low_pass")] = by_low_pass
         for felt in ARM_OF if "accel_x" in bins else ():
             turning = self._shown({c: bins[c][:, 1] * (c == felt) for c in ARM_OF}, x, sensors)
@@ -201,41 +205,45 @@ class TrialModel:
         shown = self._shown(self.bins_of(changes, x, sensors), x, sensors)
         return np.concatenate([shown[c] for c in self.channels])
 
-    def _by_low_pass(self, response: Array, x: Array, sensors: Array) -> dict[str, Array]:
+    def _by_low_pass(self, felt: Array, x: Array, sensors: Array) -> dict[str, Array]:
         """Return channel of the IMU to the (n,) derivative of its bins by the variance of the low-pass."""
         channels = [c for c in self.channels if self.observation.streams[c].sensor == IMU]
         if not channels:
             return {}
         at, place = float(sensors[SENSORS.index("low_pass")]), np.array(SENSORS) == "low_pass"
         narrow, wide = max(at - _LOW_PASS_STEP, 0.0), at + _LOW_PASS_STEP
-        low, high = (self.bins_of(response, x, np.where(place, s, sensors), channels) for s in (narrow, wide))
+        low, high = (self._bins(felt, x, np.where(place, s, sensors), channels) for s in (narrow, wide))
         shown = self._shown({c: (high[c] - low[c]) / (wide - narrow) for c in channels}, x, sensors)
         return {c: shown[c] for c in channels}
 
     def _turning(self, response: Array) -> Array:
         """Return how specific force changes with the place of the IMU: Θ̈ along x, −Θ̈ along z."""
-        pitching = np.gradient(response[2], self.t, axis=0)
+        pitching = self._pitching(response)
         out = np.zeros_like(response)
         out[0], out[1] = pitching, -pitching
         return out
 
+    def _pitching(self, response: Array) -> Array:
+        """Return the pitch acceleration Θ̈ of a response [rad/s^2]."""
+        return np.asarray(np.gradient(response[2], self.t, axis=0))
+
     def _at_imu(self, response: Array, sensors: Array) -> Array:
         """Return a response, or changes of it, with the specific force at the place of the IMU."""
-        arm = [float(sensors[SENSORS.index(ARM_OF[channel])]) for channel in ("accel_x", "accel_z")]
-        if not any(arm):
+        along_x, along_z = (sensors[SENSORS.index(ARM_OF[channel])] for channel in ("accel_x", "accel_z"))
+        if along_x == along_z == 0:
             return response
-        turning = self._turning(response)
-        turning[0] *= arm[0]
-        turning[1] *= arm[1]
-        return np.asarray(response + turning)
+        pitching, felt = self._pitching(response), response.copy()
+        felt[0] += along_x * pitching
+        felt[1] -= along_z * pitching
+        return felt
 
-    def _later(self, response: Array, x: Array, sensors: Array) -> dict[str, Array]:
+    def _later(self, felt: Array, x: Array, sensors: Array) -> dict[str, Array]:
         """Return channel to the (n,) derivative of its bins by a later start of the command.
 
         A simulation is a chain of straight lines; where the stamps lie in them decides the derivative.
         """
         step = _SHIFT_STEP * (np.arange(x.size) == SAND_PER_TRIAL)
-        sooner, later = (self.bins_of(response, x + sign * step, sensors) for sign in (-1, 1))
+        sooner, later = (self._bins(felt, x + sign * step, sensors) for sign in (-1, 1))
         return self._shown({c: (later[c] - sooner[c]) / (2 * _SHIFT_STEP) for c in later}, x, sensors)
 
     def _of(self, x: Array, sensors: Array, name: str) -> float:
