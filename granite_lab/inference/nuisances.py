@@ -178,10 +178,10 @@ class TrialModel:
                 by_sensor[k, :, SENSORS.index(LATENCY_OF[sensor])] = later[c]
         for c, by_low_pass in self._by_low_pass(felt[..., 0], x, sensors).items():
             by_sensor[self.channels.index(c), :, SENSORS.index("low_pass")] = by_low_pass
-        for felt in ARM_OF if "accel_x" in bins else ():
-            turning = self._shown({c: bins[c][:, 1] * (c == felt) for c in ARM_OF}, x, sensors)
+        for axis, arm in ARM_OF.items() if "accel_x" in bins else ():
+            turning = self._shown({c: bins[c][:, 1] * (c == axis) for c in ARM_OF}, x, sensors)
             for c in ARM_OF:
-                by_sensor[self.channels.index(c), :, SENSORS.index(ARM_OF[felt])] = turning[c]
+                by_sensor[self.channels.index(c), :, SENSORS.index(arm)] = turning[c]
         for n, slack in enumerate(self.slacks[SAND_PER_TRIAL + 1 :], start=SAND_PER_TRIAL + 1):
             channel, _, kind = slack.name.partition(" ")
             if slack.name == "tilt":
