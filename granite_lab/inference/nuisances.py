@@ -229,12 +229,12 @@ class TrialModel:
 
     def _at_imu(self, response: Array, sensors: Array) -> Array:
         """Return a response, or changes of it, with the specific force at the place of the IMU."""
-        along_x, along_z = (sensors[SENSORS.index(ARM_OF[channel])] for channel in ("accel_x", "accel_z"))
-        if along_x == along_z == 0:
+        arm_x, arm_z = (sensors[SENSORS.index(name)] for name in ("arm_x", "arm_z"))
+        if arm_x == arm_z == 0:
             return response
         pitching, felt = self._pitching(response), response.copy()
-        felt[0] += along_x * pitching
-        felt[1] -= along_z * pitching
+        felt[0] += arm_z * pitching
+        felt[1] -= arm_x * pitching
         return felt
 
     def _later(self, felt: Array, x: Array, sensors: Array) -> dict[str, Array]:
