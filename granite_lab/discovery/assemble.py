@@ -236,9 +236,8 @@ def _latency(fit: Fit, problem: Problem, clock_applied: Mapping[str, float]) -> 
     """Return the latency, with what was taken out of the stamps put back (mean over trials)."""
     k = SHARED.index("latency")
     place = sum(x.size for x in fit.point.trials) + k
-    std = float(np.sqrt(max(fit.posterior.covariance[place, place], 0.0)))
     before = float(np.mean([clock_applied[t.observation.name] for t in problem.trials]))
-    return Estimate(float(fit.point.shared[k]) + before, std)
+    return Estimate(float(fit.point.shared[k]) + before, float(fit.std[place]))
 
 
 def _clock(late: Estimate, limit: float, effects: Mapping[str, Effect]) -> EffectFinding | None:

@@ -92,7 +92,7 @@ class Numbers:
         problem, fit, point = self.problem, self.fit, self.fit.point
         effect = problem.pool.scenario.effects[id_]
         scaled = float(np.mean([t.observation.scaled for t in problem.trials]))
-        variance, common_std = np.diag(fit.posterior.covariance), fit.common_std
+        variance, common_std = fit.std**2, fit.common_std
         first = np.cumsum([0, *(x.size for x in point.trials)])
         numbers = []
         for k, (e, p) in enumerate(problem.parameters(point.effects, per_trial=False)):
@@ -123,8 +123,7 @@ class Numbers:
         first, point = sum(x.size for x in self.fit.point.trials), self.fit.point
         value = point.shared[: len(SAND)].copy()
         value[:SAND_PER_TRIAL] += np.mean([x[:SAND_PER_TRIAL] for x in point.trials], axis=0)
-        variance = np.fmax(np.diag(self.fit.posterior.covariance), 0.0) + self.by_formulas**2
-        std = np.sqrt(variance[first:])
+        std = np.hypot(self.fit.std, self.by_formulas)[first:]
         return {name: Estimate(float(value[k]), float(std[k])) for k, name in enumerate(SAND)}
 
     @cached_property

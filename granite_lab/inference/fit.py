@@ -46,7 +46,8 @@ class Fit:
         posterior: of the parameters.
         evidence: logarithm of the marginal likelihood with the priors of the scales, up to a constant; at the
             point, so that nothing is credited that was not reached.
-        predicted_drop: of the objective by an undamped step within the bounds, see `predict_drop`.
+        further: (p,) step within the bounds that the derivatives still predict to lower the objective.
+        predicted_drop: of the objective by that step, see `predict_drop`.
         converged: point and scales are at their joint optimum: no drop is predicted. A rough fit never is.
     """
 
@@ -56,14 +57,19 @@ class Fit:
     residuals: tuple[Array, ...]
     posterior: Posterior
     evidence: float
+    further: Array
     predicted_drop: float
     converged: bool
 
     @property
+    def std(self) -> Array:
+        """(p,) std of all numbers: by the posterior, and by the step to an optimum that was not reached."""
+        return np.sqrt(np.fmax(np.diag(self.posterior.covariance), 0.0) + self.further**2)
+
+    @property
     def common_std(self) -> Array:
         """(e,) std of the numbers of effects that all trials share, as `Point.common`."""
-        variances = np.diag(self.posterior.covariance)
-        return np.sqrt(np.maximum(variances[variances.size - self.point.common.size :], 0.0))
+        return self.std[self.further.size - self.point.common.size :]
 
     @property
     def derivatives(self) -> Derivatives:
@@ -112,6 +118,7 @@ def fit(
     evidence = post.evidence + log_prior(problem, scales, bool(state.point.effects))
     if rounds:  # nothing is credited beyond a bound, nor what the derivatives predict and was not reached
         evidence -= post.predicted_drop / 2
+    _, aim, predicted_drop = predict_drop(problem, state, scales, 0.0)
     return Fit(
         point=state.point,
         scales=scales,
@@ -119,7 +126,8 @@ def fit(
         residuals=state.residuals,
         posterior=post,
         evidence=evidence,
-        predicted_drop=predict_drop(problem, state, scales, 0.0)[2],
+        further=aim.vector - state.point.vector,
+        predicted_drop=predicted_drop,
         converged=converged and goal.fine,
     )
 

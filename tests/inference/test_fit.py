@@ -49,6 +49,18 @@ def test_numbers_are_found_within_their_std() -> None:
     assert np.mean(np.abs(table) < 1.96) > 0.93
 
 
+def test_the_std_of_a_fit_that_has_not_arrived_holds_the_way_to_the_optimum() -> None:
+    """Three std off in drawn directions: by the posterior alone most numbers are further off than two std."""
+    problem, _, rng = measured(1)
+    found = fit(problem, problem.neutral())
+    off = 3 * std_of(found) * rng.normal(size=found.point.vector.size)
+    stopped = fit(problem, problem.stepped(found.point, off), found.scales, rounds=0)
+    away = np.abs(stopped.point.vector - found.point.vector)
+    assert np.mean(away > 2 * std_of(stopped)) > 0.4
+    assert np.mean(away < 2 * stopped.std) > 0.95
+    np.testing.assert_allclose(found.std, std_of(found), rtol=0.01)
+
+
 def test_the_evidence_does_not_depend_on_where_the_fit_begins() -> None:
     problem, _, rng = measured(3, 0.02)
     first = fit(problem, problem.neutral())
