@@ -260,6 +260,8 @@ class Descent:
                 break
             if after is _Next.RENEW or near:
                 self.learn(problem, 1)
+        if goal.fine and self.distance >= goal.near:
+            self._differentiate(problem, goal)  # those of another point do not tell how far the optimum is
         _, _, predicted = predict_drop(problem, self.state, self.scales, 0.0)
         return bool(goal.fine and self.distance < goal.near and predicted < NO_FURTHER * (1 + goal.private))
 
@@ -333,8 +335,10 @@ class Descent:
     def _renew(self, problem: Problem, goal: Goal, no_gain: float) -> bool:
         """Take derivatives at the point; return False where the last ones brought too little."""
         self.stalls += self.gained < no_gain
-        if self.stalls >= (STALLS if goal.fine else 1):
-            return False
+        return self.stalls < (STALLS if goal.fine else 1) and self._differentiate(problem, goal)
+
+    def _differentiate(self, problem: Problem, goal: Goal) -> bool:
+        """Take derivatives at the point; return False where a simulation has no solution."""
         derivatives = differentiate(problem, self.state.point, central=goal.fine, per_trial=self.per_trial)
         if derivatives is None:
             return False
