@@ -13,7 +13,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import FORMULA_ERROR
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import posterior
-from granite_lab.inference.nuisances import CALIBRATION, SENSORS
+from granite_lab.inference.nuisances import SENSORS
 from granite_lab.inference.point import Further
 from granite_lab.inference.pool import SAND, SAND_PER_TRIAL
 from granite_lab.inference.problem import Problem
@@ -133,8 +133,8 @@ class Numbers:
         shared = dict(zip(SENSORS, self.fit.point.sensors.tolist(), strict=True))
         for t, x in zip(self.problem.trials, self.fit.point.trials, strict=True):
             for slack, value in zip(t.slacks, x, strict=False):
-                if slack.name in CALIBRATION:
-                    values.setdefault(slack.name, []).append(float(value) + shared[slack.name])
+                if slack.learnt and slack.name not in SAND:
+                    values.setdefault(slack.name, []).append(float(value) + shared.get(slack.name, 0.0))
         return {name: float(np.mean(of)) for name, of in values.items()}
 
     @property

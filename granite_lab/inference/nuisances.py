@@ -6,6 +6,7 @@ begins. The sand enters through simulations; the rest is applied to a finished s
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -29,14 +30,13 @@ from granite_lab.parameters import GRAVITY, Robot, load_grade
 MOTORS = ("f", "r", "side")
 
 CALIBRATION = (
-    "tilt",
     "accel_x gain",
     "wheel gain",
     "wheel_split gain",
     *(f"current_{motor} gain" for motor in MOTORS),
 )
-"""What a calibration leaves open: tilt of the IMU [rad], gains [-]. All trials share the error of a file or a
-data sheet, and each trial deviates from it by a number of its own."""
+"""Gains that a calibration leaves open. All trials share the error of a file or a data sheet, and each trial
+deviates from it by a number of its own. The tilt of the IMU is not one: each trial is levelled at rest."""
 
 SENSORS = ("latency", "arm_x", "arm_z", "current_latency", "low_pass", *CALIBRATION)
 """What all trials share of the sensors: latency of the IMU's stamps behind those of the wheels [s], its place
@@ -52,10 +52,11 @@ LATENCY_OF = {IMU: "latency", CURRENTS: "current_latency"}
 ARM_OF = {"accel_x": "arm_z", "accel_z": "arm_x"}
 """The number of `SENSORS` by which turning shows in a channel."""
 
-_SHIFT_STEP, _LOW_PASS_STEP = 2e-5, LOW_PASS_STD / 8
-"""Steps of derivatives by time [s], a fifth of the std with which twelve trials determine a latency, for
-responses are chains of straight lines, whose slopes differ; and by the variance of a low-pass [s^2]: with
-less its window ends within the same step of the simulation, beyond which the derivative is another."""
+_SHIFT_STEP, _LOW_PASS_STEP = 2e-4, LOW_PASS_STD / 8
+"""Steps of derivatives by time [s], within which one trial determines a latency, and by the variance of a
+low-pass [s^2]: with less its window ends within the same step of the simulation, beyond which the derivative
+is another. Responses are chains of straight lines, whose slopes differ: as several trials determine a latency
+better, the former falls with the root of their number."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +66,7 @@ class Slack:
     Attributes:
         name: for people.
         std: first value of the std of its prior, in its unit.
-        learnt: the std is learnt from the trials, about their mean; otherwise the standstill determines the
-            number anyway.
+        learnt: the std is learnt from the trials; otherwise the standstill determines the number anyway.
     """
 
     name: str
@@ -85,10 +85,16 @@ class TrialModel:
         variant: number of what drives its simulation.
         robot: whose wheels and sensors it has.
         command: number of its command, which repetitions share; by default that of what drives it.
+        count: number of trials that share the numbers of the sensors.
     """
 
     def __init__(
-        self, observation: Observation, variant: int, robot: Robot, command: int | None = None
+        self,
+        observation: Observation,
+        variant: int,
+        robot: Robot,
+        command: int | None = None,
+        count: int = 1,
     ) -> None:
         self.observation, self.variant = observation, variant
         self.command = variant if command is None else command
@@ -103,7 +109,7 @@ class TrialModel:
         )
         self._place = {s.name: k for k, s in enumerate(self.slacks)}
         self.t = instants(observation.variant, ACCURACY)
-        self.radius = robot.wheels.radius
+        self.radius, self._step = robot.wheels.radius, _SHIFT_STEP / math.sqrt(count)
         self.measured = np.stack([observation.values[c] for c in self.channels])
 
     @property
@@ -242,9 +248,9 @@ class TrialModel:
 
         A simulation is a chain of straight lines; where the stamps lie in them decides the derivative.
         """
-        step = _SHIFT_STEP * (np.arange(x.size) == SAND_PER_TRIAL)
+        step = self._step * (np.arange(x.size) == SAND_PER_TRIAL)
         sooner, later = (self._bins(felt, x + sign * step, sensors) for sign in (-1, 1))
-        return self._shown({c: (later[c] - sooner[c]) / (2 * _SHIFT_STEP) for c in later}, x, sensors)
+        return self._shown({c: (later[c] - sooner[c]) / (2 * self._step) for c in later}, x, sensors)
 
     def _of(self, x: Array, sensors: Array, name: str) -> float:
         """Return a number of the trial, with what all trials share of it."""

@@ -17,7 +17,7 @@ from granite_lab.inference.constants import (
 )
 from granite_lab.inference.discrepancy import FORMULA, MOTION
 from granite_lab.inference.normal import NormalEquations, Posterior, Scales, posterior
-from granite_lab.inference.point import Point
+from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.priors import trial_scale_name, width_of
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
@@ -139,9 +139,10 @@ def learn_discrepancy(problem: Problem, normal: NormalEquations, point: Point, s
 
 
 def learnt_priors(problem: Problem, point: Point, mean: Array, variance: Array) -> Mapping[str, float]:
-    """Return the scales of the numbers that differ from trial to trial, about their mean.
+    """Return the scales of the numbers that differ from trial to trial.
 
-    What all trials have alike is a number of its own, whose prior is that of the files.
+    Those of sand and gains are about the trials' mean: what these have alike is a number of its own, whose
+    prior is that of the files.
 
     Args:
         problem: the trials.
@@ -157,7 +158,8 @@ def learnt_priors(problem: Problem, point: Point, mean: Array, variance: Array) 
     priors = {}
     for name, of_trials in moments.items():
         values, variances = np.array(of_trials).T
-        squares = float(np.sum((values - values.mean()) ** 2 + variances))
+        centre = values.mean() if name in SHARED else 0.0
+        squares = float(np.sum((values - centre) ** 2 + variances))
         count = values.size + PSEUDO_TRIALS
         priors[name] = float(np.sqrt((squares + PSEUDO_TRIALS * first[name] ** 2) / count))
     return priors | per_trial_scales(problem, point, mean, variance)

@@ -119,7 +119,8 @@ def trial_models(
         same = [duration(m.variant) for m, c in zip(motions, commands, strict=True) if c == command]
         start = motion.t_start.value
         seen = observe(trial, robot, motion.variant, start, width=width, lasting=max(same))
-        models.append(TrialModel(seen, variants.index(motion.variant), robot, command))
+        drive = variants.index(motion.variant)
+        models.append(TrialModel(seen, drive, robot, command, len(trials)))
     return models, variants
 
 
