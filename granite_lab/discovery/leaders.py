@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,11 +49,16 @@ def origins(problem: Problem, result: Fit) -> list[Fit]:
 def screened(
     problem: Problem, origin: Fit, candidates: Sequence[str], sizes: int | None, tolerance: float | None
 ) -> list[Screening]:
-    """Return the screens about a fit: with the scales as learnt, and with a tolerated discrepancy."""
+    """Return the screens about a fit: with the scales as learnt, and with a tolerated discrepancy.
+
+    In the latter trials differ as the files say: a tilt that all have alike may have widened what was learnt.
+    """
     columns = screen(problem, origin, candidates, most=sizes)
     screenings = [Screening(origin, columns, tuple(scores(problem, columns)))]
     if tolerance is not None:
-        fixed = with_scales(problem, origin, tolerated(origin.scales, tolerance))
+        learnt = problem.learnt_std
+        priors = {name: std for name, std in origin.scales.priors.items() if name not in learnt}
+        fixed = with_scales(problem, origin, replace(tolerated(origin.scales, tolerance), priors=priors))
         other = rescreened(problem, columns, fixed)
         screenings.append(Screening(fixed, other, tuple(scores(problem, other)), True))
     return screenings
