@@ -13,7 +13,6 @@ from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import FORMULA_ERROR
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import posterior
-from granite_lab.inference.nuisances import SENSORS
 from granite_lab.inference.point import Further
 from granite_lab.inference.pool import SAND, SAND_PER_TRIAL
 from granite_lab.inference.problem import Problem
@@ -130,7 +129,7 @@ class Numbers:
     def own_means(self) -> dict[str, float]:
         """Gain or tilt to its mean over the trials, with what they share of it."""
         values: dict[str, list[float]] = {}
-        shared = dict(zip(SENSORS, self.fit.point.sensors.tolist(), strict=True))
+        shared = self.fit.point.calibration
         for t, x in zip(self.problem.trials, self.fit.point.trials, strict=True):
             for slack, value in zip(t.slacks, x, strict=False):
                 if slack.learnt and slack.name not in SAND:

@@ -11,8 +11,6 @@ from granite_lab.inference.constants import FORMULA_ERROR, LEAST_SHARE
 from granite_lab.inference.fit import Fit, with_priors, with_scales
 from granite_lab.inference.gap import largest_discrepancies, prediction_change, tolerated
 from granite_lab.inference.normal import Scales
-from granite_lab.inference.nuisances import CALIBRATION
-from granite_lab.inference.point import SHARED
 from granite_lab.inference.problem import Problem
 
 
@@ -30,10 +28,9 @@ def has_strained_trials(problem: Problem, result: Fit) -> bool:
     Their scale, or what all trials share of them, is then as far beyond what it was taken for as a scale is
     with two standard deviations of its logarithm.
     """
-    now, shared = result.scales.priors, dict(zip(SHARED, np.abs(result.point.shared), strict=True))
-    calibrated = {name: shared[name] for name in CALIBRATION}
+    now, shared = result.scales.priors, result.point.calibration
     return any(
-        max(now.get(name, std), calibrated.get(name, 0.0)) > np.exp(2) * std
+        max(now.get(name, std), abs(shared.get(name, 0.0))) > np.exp(2) * std
         for name, std in problem.learnt_std.items()
     )
 

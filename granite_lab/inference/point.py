@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from granite_lab.inference.nuisances import SENSORS
+from granite_lab.inference.nuisances import CALIBRATION, SENSORS
 from granite_lab.inference.pool import SAND_PER_TRIAL, SIMULATED, Task
 from granite_lab.logs.trial import Array
 
@@ -40,6 +40,12 @@ class Point:
     def sensors(self) -> Array:
         """The numbers of the sensors."""
         return self.shared[len(SIMULATED) :]
+
+    @property
+    def calibration(self) -> dict[str, float]:
+        """Gain of a sensor to what all trials share of it, as `CALIBRATION`."""
+        named = dict(zip(SENSORS, self.sensors.tolist(), strict=True))
+        return {name: named[name] for name in CALIBRATION}
 
     @property
     def vector(self) -> Array:

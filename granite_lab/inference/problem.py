@@ -47,13 +47,16 @@ class Problem:
             repetitions of a command, wheels that drive the simulation are those of one trial.
         commands: numbers of the trials that repeat a command; they share noise and discrepancy.
         input_of, command_of: per trial its place among these.
+        learnt_std: number of the trials whose std is learnt to the first value of that std, see `Slack`.
     """
 
     def __init__(
         self, trials: Sequence[TrialModel], pool: SimulationPool, sand_std: Sequence[float] = SAND_STD
     ) -> None:
         self.trials, self.pool, self.sand_std = tuple(trials), pool, np.array(sand_std)
+        self.learnt_std = {s.name: s.std for t in self.trials for s in t.slacks if s.learnt}
         self.simulated_std = np.append(self.sand_std, LEAD_STD)
+        self.sensors_std = sensors_std(self.learnt_std)
         self.inputs, self.input_of = _numbered([t.variant for t in trials])
         self.commands, self.command_of = _numbered([t.command for t in trials])
         self.whiteners: list[list[Whitener]] = []
@@ -158,7 +161,7 @@ class Problem:
             np.array([*(scales.priors.get(s.name, s.std) for s in t.slacks), *widths]) for t in self.trials
         ]
         common = self.parameters(point.effects, per_trial=False)
-        std += [self.simulated_std, sensors_std(self.learnt_std), np.array([width_of(p) for _, p in common])]
+        std += [self.simulated_std, self.sensors_std, np.array([width_of(p) for _, p in common])]
         size = sum(s.size for s in std[:-1])
         means = np.concatenate([np.zeros(size), [centre_of(p) for _, p in common]])
         return np.concatenate(std), means
@@ -217,11 +220,6 @@ class Problem:
         """Return whitened (C n,) or (C n, k) columns of one trial."""
         parts = np.split(columns, len(self.whiteners[trial]))
         return np.concatenate([w(part) for w, part in zip(self.whiteners[trial], parts, strict=True)])
-
-    @property
-    def learnt_std(self) -> dict[str, float]:
-        """Number of the trials whose std is learnt to the first value of that std, see `Slack`."""
-        return {s.name: s.std for t in self.trials for s in t.slacks if s.learnt}
 
     @property
     def counts(self) -> dict[str, int]:
