@@ -314,11 +314,11 @@ def _candidates(
     baseline, competition = search.baseline, judgement.competition or by_evidence(search)
     misfit, floor = beyond(problem, baseline.fit, tolerance)
     candidates = []
-    for id_, gain in search.screened_gains().items():
-        model = search.model((id_,))
+    for id_, score in search.screened_alone().items():
+        model, gain = search.model((id_,)), score.gain
         closes, bounds = float("nan"), _NO_BOUNDS
         if model is not None:
-            gain = model.fit.evidence - baseline.fit.evidence  # noqa: PLW2901, the full fit replaces the screen
+            gain = model.fit.evidence - baseline.fit.evidence
             bounds = at_bounds(problem, model.fit, id_)
             if misfit > floor:
                 closes = (misfit - beyond(problem, model.fit, tolerance)[0]) / (misfit - floor)

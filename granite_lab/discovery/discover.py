@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.discovery.assemble import OptionalParts, Outcome, SearchedTrials, assemble
-from granite_lab.discovery.candidates import screen
 from granite_lab.discovery.finding import USUAL, Ceiling, Confusion, Detectable, Finding, Limits
 from granite_lab.discovery.fitted_sets import MOST
 from granite_lab.discovery.ground_waves import ground_wave
@@ -17,6 +16,7 @@ from granite_lab.discovery.models import Search
 from granite_lab.discovery.orders import lugs
 from granite_lab.discovery.power import detectable
 from granite_lab.discovery.remainder import beside_terms, credited, remainder, savable
+from granite_lab.discovery.screens import screen
 from granite_lab.discovery.search import search
 from granite_lab.discovery.verdict import Judgement, by_posterior, judge, with_ground_wave
 from granite_lab.errors import EstimateError

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
-from granite_lab.discovery.candidates import Score, around
+from granite_lab.discovery.candidates import Score
 from granite_lab.discovery.heldout import Equations, losses
 from granite_lab.discovery.leaders import (
     NOTHING_FITTED,
@@ -18,6 +18,7 @@ from granite_lab.discovery.leaders import (
 )
 from granite_lab.discovery.models import EffectSet, Model, ranked
 from granite_lab.discovery.relevance import has_strained_trials, is_adequate
+from granite_lab.discovery.screens import around
 from granite_lab.discovery.sets import best_fits, fit_sets, set_of
 from granite_lab.inference.constants import FEW, LEAST_GAIN
 from granite_lab.inference.fit import ROUNDS, Fit
@@ -99,9 +100,8 @@ class FittedSets:
         sizes = FEW if model.effects else None  # of a strength, the smallest first
         starts = [model.fit] if model.effects else origins(problem, model.fit)
         hidden = scales.largest > self.tolerance or scales.poor_fit or has_strained_trials(problem, model.fit)
-        tolerance = self.tolerance if hidden else None
         screens = problem.pool.parallel(
-            lambda k: screened(problem, starts[k], others, sizes, tolerance), len(starts)
+            lambda k: screened(problem, starts[k], others, sizes, self.tolerance, hidden), len(starts)
         )
         return tuple(screening for screenings in screens for screening in screenings)
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from granite_lab.discovery.candidates import Score, Screen, rescreened, rivals, scores, screen
+from granite_lab.discovery.candidates import Score, rivals, scores
+from granite_lab.discovery.screens import Screen, rescreened, screen
 from granite_lab.errors import EstimateError
 from granite_lab.inference.constants import FEW, LEAST_GAIN, RIVAL, TOLERANCE, TRIED
 from granite_lab.inference.fit import Fit, fit, with_scales
@@ -47,20 +48,25 @@ def origins(problem: Problem, result: Fit) -> list[Fit]:
 
 
 def screened(
-    problem: Problem, origin: Fit, candidates: Sequence[str], sizes: int | None, tolerance: float | None
+    problem: Problem,
+    origin: Fit,
+    candidates: Sequence[str],
+    sizes: int | None,
+    tolerance: float,
+    also_tolerated: bool,
 ) -> list[Screening]:
-    """Return the screens about a fit: with the scales as learnt, and with a tolerated discrepancy.
+    """Return the screens about a fit: with the scales as learnt, and with a tolerated discrepancy, too.
 
     In the latter trials differ as the files say: a tilt that all have alike may have widened what was learnt.
     """
     columns = screen(problem, origin, candidates, most=sizes)
-    screenings = [Screening(origin, columns, tuple(scores(problem, columns)))]
-    if tolerance is not None:
+    screenings = [Screening(origin, columns, tuple(scores(problem, columns, tolerance)))]
+    if also_tolerated:
         learnt = problem.learnt_std
         priors = {name: std for name, std in origin.scales.priors.items() if name not in learnt}
         fixed = with_scales(problem, origin, replace(tolerated(origin.scales, tolerance), priors=priors))
         other = rescreened(problem, columns, fixed)
-        screenings.append(Screening(fixed, other, tuple(scores(problem, other)), True))
+        screenings.append(Screening(fixed, other, tuple(scores(problem, other, tolerance)), True))
     return screenings
 
 

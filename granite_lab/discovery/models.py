@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from granite_lab.discovery.candidates import Score
 from granite_lab.discovery.leaders import Screening
 from granite_lab.inference.constants import EFFECT_ODDS, LEAST_GAIN
 from granite_lab.inference.fit import Fit
@@ -87,13 +88,10 @@ class Search:
         """Return the search with one of its sets as the best."""
         return replace(self, models=(model, *(m for m in self.models if m is not model)))
 
-    def screened_gains(self) -> dict[str, float]:
-        """Return candidate to what it would gain at most as the only effect, by the scales as learnt."""
-        gains: dict[str, float] = {}
-        for screening in (s for s in self.screenings.get((), ()) if not s.tolerated):
-            for score in screening.scores:
-                gains[score.candidate] = max(gains.get(score.candidate, -np.inf), score.gain)
-        return gains
+    def screened_alone(self) -> dict[str, Score]:
+        """Return candidate to the screen of it as the only effect that promises most, by scales as learnt."""
+        scores = [s for k in self.screenings.get((), ()) if not k.tolerated for s in k.scores]
+        return {s.candidate: s for s in sorted(scores, key=lambda s: s.gain)}
 
     def model(self, effects: Sequence[str]) -> Model | None:
         """Return the model of a set, None where it was not fitted."""

@@ -10,8 +10,9 @@ from statistics import NormalDist
 import numpy as np
 from scipy.optimize import brentq
 
-from granite_lab.discovery.candidates import Probe, Screen, others_of
+from granite_lab.discovery.candidates import others_of
 from granite_lab.discovery.finding import Confusion, Detectable
+from granite_lab.discovery.screens import Probe, Screen
 from granite_lab.inference.constants import CREDIBLE, DRAWS, LEAST_GAIN, SAME, TINY
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import posterior

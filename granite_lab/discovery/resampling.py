@@ -187,13 +187,14 @@ def _never_certain(weights: Array) -> Array:
 
 
 def nothing_missing(search: Search) -> float:
-    """Return the probability that no effect of the library is missing, where none that matters was found.
+    """Return the probability that no effect of the library that matters is missing, where none was found.
 
-    A candidate that was not fitted counts by what its screen promises. One that makes the model likelier, and
-    was not chosen, does not matter.
+    A candidate that was not fitted counts by what its screen promises, and each by the probability that it
+    matters if it acts. One that makes the model likelier, and was not chosen, does not matter.
     """
-    baseline = search.baseline
-    logs = {id_: np.log(EFFECT_ODDS) + gain for id_, gain in search.screened_gains().items()}
+    baseline, screened = search.baseline, search.screened_alone()
+    logs = {id_: np.log(EFFECT_ODDS) + score.gain for id_, score in screened.items()}
     for model in (m for m in search.models if len(m.effects) == 1):
         logs[model.effects[0]] = model.log_posterior - baseline.log_posterior
-    return 1 / (1 + float(np.sum([np.exp(log) for log in logs.values() if log < 0])))
+    matters = {id_: score.relevant for id_, score in screened.items()}
+    return 1 / (1 + sum(float(np.exp(log)) * matters.get(id_, 1.0) for id_, log in logs.items() if log < 0))

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import toeplitz
 
-from granite_lab.discovery.candidates import probes_of
+from granite_lab.discovery.screens import probes_of
 from granite_lab.effects.library import get
 from granite_lab.errors import EstimateError, InputError
 from granite_lab.inference.binning import Stream

@@ -4,18 +4,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
-from granite_lab.discovery.candidates import around, scores, screen, sizes
+from granite_lab.discovery.candidates import scores
 from granite_lab.discovery.fitted_sets import FittedSets
 from granite_lab.discovery.models import Model
+from granite_lab.discovery.screens import around, screen, sizes
 from granite_lab.inference.constants import FEW, LEAST_GAIN, TOLERANCE
 from granite_lab.inference.descent import LEAST_OF_ROUGH
 from granite_lab.inference.fit import fit
+from granite_lab.inference.gap import prediction_change
 from granite_lab.inference.pool import ACCURACY, Scenario, Task
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 from granite_lab.model.instants import instants
-from tests.inference.stub import EFFECTS, PLACE, MadeUp, Respond, measure, moving, problem_of
+from tests.inference.stub import EFFECTS, PLACE, MadeUp, Respond, drawn, measure, moving, problem_of
 from tests.soak import SOAK, sampled
 
 PLAY = EffectParameter("size", "N", "size", 0.0, 20.0, 0.0, 0.1, 3.0, moving=True)
@@ -64,7 +67,7 @@ def test_an_effect_that_moves_with_its_size_is_found_from_where_a_few_small_size
     rng = np.random.default_rng(3)
     measure(problem, problem.with_effect(problem.neutral(), "blow", (true,)), rng)
     base = fit(problem, problem.neutral())
-    (score,) = scores(problem, screen(problem, base, ["blow"], most=FEW))
+    (score,) = scores(problem, screen(problem, base, ["blow"], most=FEW), TOLERANCE)
     assert score.gain > LEAST_GAIN
     found = fit(problem, problem.with_effect(base.point, "blow", score.values), least=LEAST_OF_ROUGH)
     assert found.point.common[0] == pytest.approx(true, abs=0.02)
@@ -103,7 +106,7 @@ def test_a_number_of_each_trial_whose_probe_has_no_solution_stays_neutral_and_th
     measure(problem, truth, np.random.default_rng(5))
     base = fit(problem, problem.neutral())
     screened = screen(problem, base, ["sway"])
-    (score,) = scores(problem, screened)
+    (score,) = scores(problem, screened, TOLERANCE)
     assert score.gain > LEAST_GAIN
     assert score.trial_values is not None
     np.testing.assert_allclose(score.trial_values, true, atol=0.1)
@@ -113,3 +116,18 @@ def test_a_number_of_each_trial_whose_probe_has_no_solution_stays_neutral_and_th
     found = sets.models["sway",].fit.point
     values = np.array([x[t.size :] for t, x in zip(problem.trials, found.trials, strict=True)])
     np.testing.assert_allclose(values, true, atol=0.05)
+
+
+def test_a_candidate_matters_as_likely_as_its_fit_says_that_it_moves_a_channel_beyond_the_tolerance() -> None:
+    problem, rng = problem_of(channels=SEEN), np.random.default_rng(5)
+    measure(problem, problem.with_effect(drawn(problem, rng, common=0.3), "push", (0.02,)), rng)
+    base = fit(problem, problem.neutral())
+    columns = screen(problem, base, ["push"])
+    (score,) = scores(problem, columns, TOLERANCE)
+    full = fit(problem, problem.with_effect(base.point, "push", score.values), base.scales)
+    value, std = full.point.common[0], full.std[-1]
+    one = max(prediction_change(problem, base, full).values()) / abs(value)  # of a push of one
+    for tolerance in one * (abs(value) + std * np.array([-1.5, 0.0, 1.5])):
+        (score,) = scores(problem, columns, tolerance)
+        beyond = norm.sf(tolerance / one, [value, -value], std).sum()
+        assert score.relevant == pytest.approx(beyond, abs=0.1)

@@ -140,17 +140,18 @@ def test_one_speed_more_against_a_name_makes_it_less_sure() -> None:
     assert 0.6 < doubted < 0.95
 
 
-def test_nothing_missing_is_less_likely_the_more_a_candidate_promises() -> None:
+def test_nothing_missing_is_less_likely_the_more_candidates_promise_and_the_likelier_they_matter() -> None:
     found = ask(candidates=("pull", "push")).search
     assert 0.5 < nothing_missing(found) < 1
 
-    def promising(gain: float) -> Search:
+    def promising(gain: float, relevant: float = 1.0) -> Search:
         (screening,) = [k for k in found.screenings[()] if not k.tolerated][:1]
-        scores = tuple(replace(s, gain=gain) for s in screening.scores)
+        scores = tuple(replace(s, gain=gain, relevant=relevant) for s in screening.scores)
         fitted = tuple(m for m in found.models if not m.effects)
         return replace(found, models=fitted, screenings={(): (replace(screening, scores=scores),)})
 
     assert nothing_missing(promising(0.0)) == pytest.approx(1 / (1 + 2 * 0.05), rel=1e-6)
+    assert nothing_missing(promising(0.0, 0.5)) == pytest.approx(1 / (1 + 2 * 0.05 / 2), rel=1e-6)
     assert nothing_missing(promising(-9.0)) > nothing_missing(promising(2.0))
 
 

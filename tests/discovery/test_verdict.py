@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from granite_lab.discovery import verdict
-from granite_lab.discovery.candidates import Score, Screen, rescreened, rivals, scores, screen
+from granite_lab.discovery.candidates import Score, rivals, scores
 from granite_lab.discovery.finding import EffectFinding
 from granite_lab.discovery.fitted_sets import MOST, FittedSets
 from granite_lab.discovery.heldout import Equations, closed, predict
@@ -19,6 +19,7 @@ from granite_lab.discovery.power import _by_noise_per_trial, _visible
 from granite_lab.discovery.relevance import has_strained_trials, left_without
 from granite_lab.discovery.remainder import remainder
 from granite_lab.discovery.resampling import by_evidence
+from granite_lab.discovery.screens import Screen, rescreened, screen
 from granite_lab.discovery.search import reduce, search
 from granite_lab.discovery.sets import fit_sets
 from granite_lab.discovery.verdict import OPEN, EffectEvidence, Judgement, by_posterior, judge
@@ -203,7 +204,7 @@ def test_numbers_of_single_trials_must_be_needed_at_more_than_one_speed() -> Non
         own = [np.append(x[:-1], 0.6 * (-1) ** i * (i in trials)) for i, x in enumerate(point.trials)]
         measure(problem, replace(point, trials=tuple(own)), rng)
         base = fit(problem, problem.neutral())
-        (score,) = scores(problem, screen(problem, base, ["shake"]))
+        (score,) = scores(problem, screen(problem, base, ["shake"]), TOLERANCE)
         assert (score.gain > LEAST_GAIN) is wanted
 
 
@@ -216,8 +217,9 @@ def test_an_effect_that_the_discrepancy_has_taken_up_is_seen_under_a_tolerated_o
     wide = with_scales(problem, base, Scales(1.0, 0.1, base.scales.priors))
     held = with_scales(problem, base, Scales(TOLERANCE, 0.1, base.scales.priors))
     screened = screen(problem, wide, ["push"])
-    (hidden,), (seen,) = scores(problem, screened), scores(problem, rescreened(problem, screened, held))
-    (direct,) = scores(problem, screen(problem, held, ["push"]))
+    (hidden,) = scores(problem, screened, TOLERANCE)
+    (seen,) = scores(problem, rescreened(problem, screened, held), TOLERANCE)
+    (direct,) = scores(problem, screen(problem, held, ["push"]), TOLERANCE)
     assert hidden.gain < 0.1 * seen.gain
     assert seen.gain > 10 * LEAST_GAIN
     assert seen.gain == pytest.approx(direct.gain, rel=1e-9)
