@@ -197,4 +197,5 @@ def nothing_missing(search: Search) -> float:
     for model in (m for m in search.models if len(m.effects) == 1):
         logs[model.effects[0]] = model.log_posterior - baseline.log_posterior
     matters = {id_: score.relevant for id_, score in screened.items()}
-    return 1 / (1 + sum(float(np.exp(log)) * matters.get(id_, 1.0) for id_, log in logs.items() if log < 0))
+    odds = sum(float(np.exp(log)) * matters.get(id_, 1.0) for id_, log in logs.items() if log < 0)
+    return min(1 / (1 + odds), SUREST)
