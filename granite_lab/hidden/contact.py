@@ -188,7 +188,8 @@ def contact(
     if g.moved is not None:
         top = (g.ahead + g.ahead_slip * np.abs(slip)) * front
         highest = np.maximum(centre + arcs * np.cos(np.maximum(arc, top)), 0.0)
-        line = np.minimum((arc + k92 * front) / (k92 * front + top), 1.0)
+        whole = np.maximum(k92 * front + top, 1e-12)  # none where the wheel is clear of the ground
+        line = np.minimum((arc + k92 * front) / whole, 1.0)
         sigma += _on_arc(g.moved) * (k * highest**n * line - sigma)
     if g.bearing:
         sigma = g.bearing * np.tanh(sigma / g.bearing)

@@ -49,11 +49,12 @@ for larger than repetitions show: the model is wrong, its kinks are sharper than
 of its rms does not change that. Such a fit has not converged."""
 
 SHORTENED = THREE_SIGMA**2
-"""Predicted drop below which a fine fit shortens a step in place of damping it: three std."""
+"""Predicted drop below which a fine fit ends where no shortened step leads down: three std. Further from the
+optimum it damps its steps then."""
 
 LEAST_FRACTION = 1 / 8
-"""Least fraction of a step of Gauss and Newton that a fine fit tries. Damping would keep numbers of little
-influence where they are."""
+"""Least fraction of a step of Gauss and Newton that a fine fit tries. Damping keeps numbers of little influence
+where they are, and leads aside in a valley."""
 
 LEAST_DAMPED = 0.01
 """Damping below which there is none."""
@@ -123,6 +124,7 @@ class _StepLength:
 
     def damp(self) -> bool:
         """Follow any step that failed; return False where no further damping is tried."""
+        self.fraction = 1.0
         self.damping, self.growth = max(self.growth * self.damping, 10 * LEAST_DAMPED), 2 * self.growth
         return self.damping <= MOST_DAMPED
 
@@ -239,7 +241,23 @@ class Descent:
     steps: _StepLength = field(default_factory=_StepLength)
 
     def run(self, problem: Problem, goal: Goal, rounds: int) -> bool:
-        """Descend in at most so many rounds; tell whether the end is an optimum of numbers and scales."""
+        """Descend; tell whether the end is an optimum of numbers and scales.
+
+        A fine fit goes on with derivatives at each trial's own numbers, in at most so many rounds again.
+        """
+        at_optimum = self._descend(problem, goal, rounds)
+        if goal.fine and self._may_go_apart(problem):
+            self.per_trial, self.stalls, self.last_near, self.steps = True, 0, np.inf, _StepLength()
+            at_optimum = self._differentiate(problem, goal) and self._descend(problem, goal, rounds)
+        if at_optimum:
+            return True
+        if goal.fine and self.distance >= goal.near:
+            self._differentiate(problem, goal)  # those of another point do not tell how far the optimum is
+        _, _, predicted = predict_drop(problem, self.state, self.scales, 0.0)
+        return bool(goal.fine and self.distance < goal.near and predicted < NO_FURTHER * (1 + goal.private))
+
+    def _descend(self, problem: Problem, goal: Goal, rounds: int) -> bool:
+        """Descend in at most so many rounds; tell whether it ended by settling at an optimum."""
         for _ in range(rounds):
             objective, aim, predicted = predict_drop(problem, self.state, self.scales, self.steps.damping)
             if self._is_hopeless(goal, objective, predicted):
@@ -252,7 +270,7 @@ class Descent:
                     return True
                 continue
             step = self._try(problem, goal, objective, aim, predicted)
-            near, after = step.near, self._follow(goal, step)
+            near, after = step.near, self._follow(problem, goal, step)
             del step  # it holds the derivatives, which may leave memory now
             if after is _Next.END:
                 break
@@ -260,10 +278,14 @@ class Descent:
                 break
             if after is _Next.RENEW or near:
                 self.learn(problem, 1)
-        if goal.fine and self.distance >= goal.near:
-            self._differentiate(problem, goal)  # those of another point do not tell how far the optimum is
-        _, _, predicted = predict_drop(problem, self.state, self.scales, 0.0)
-        return bool(goal.fine and self.distance < goal.near and predicted < NO_FURTHER * (1 + goal.private))
+        return False
+
+    def _may_go_apart(self, problem: Problem) -> bool:
+        """Tell whether trials may have other derivatives than the centre of their input, which are not taken.
+
+        Sand differs from trial to trial, and (10) has a kink between them.
+        """
+        return not self.per_trial and len(problem.inputs) < len(problem.trials)
 
     def learn(self, problem: Problem, passes: int = UPDATES) -> None:
         """Learn the scales at the point."""
@@ -293,7 +315,7 @@ class Descent:
             drop, state = simulate_at(problem, self.state, self.scales, objective, part)
         return _Step(predicted, fraction, newton, drop, state)
 
-    def _follow(self, goal: Goal, step: _Step) -> _Next:
+    def _follow(self, problem: Problem, goal: Goal, step: _Step) -> _Next:
         """Move where a step leads, or find why it leads nowhere."""
         takes = step.drop > 0 or self._approaches(goal, step)
         self.last_near = step.predicted if step.near and step.state is not None else np.inf
@@ -301,9 +323,9 @@ class Descent:
             return self._move(goal, step.state, step)
         if self.distance > 0:
             return _Next.RENEW  # it was predicted by derivatives of another point
-        if goal.private > 0 and not self.per_trial and step.predicted > NO_RANK:
-            self.per_trial, self.gained = True, np.inf  # trials may be too far from the centre of their input
-            return _Next.RENEW
+        if self._may_go_apart(problem) and step.predicted > NO_RANK and (goal.fine or goal.private > 0):
+            self.per_trial, self.gained = not goal.fine, np.inf
+            return _Next.END if goal.fine else _Next.RENEW
         return self._shorten(goal, step)
 
     def _approaches(self, goal: Goal, step: _Step) -> bool:
@@ -322,14 +344,16 @@ class Descent:
         return _Next.STEP if keeps else _Next.RENEW
 
     def _shorten(self, goal: Goal, step: _Step) -> _Next:
-        """Shorten or damp the next step, as the derivatives are those of the point.
+        """Shorten the next step, or damp it, as the derivatives are those of the point.
 
         A rough fit ends near the optimum: what is left there changes no rank.
         """
-        if goal.fine and step.newton and step.predicted < SHORTENED:
-            goes_on = self.steps.shorten()
-        else:
-            goes_on = self.steps.damp() and (goal.fine or step.predicted >= NEAR)
+        if goal.fine and step.newton:
+            if self.steps.shorten():
+                return _Next.STEP
+            if step.predicted < SHORTENED:
+                return _Next.END
+        goes_on = self.steps.damp() and (goal.fine or step.predicted >= NEAR)
         return _Next.STEP if goes_on else _Next.END
 
     def _renew(self, problem: Problem, goal: Goal, no_gain: float) -> bool:

@@ -1,6 +1,6 @@
 """The fit finds what was put in, and learns how much trials differ and how far the model is off."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -9,22 +9,24 @@ from granite_lab.errors import EstimateError
 from granite_lab.inference import noise
 from granite_lab.inference.constants import PSEUDO_TRIALS
 from granite_lab.inference.derivatives import differentiate
-from granite_lab.inference.descent import _aim, _linear, simulated
+from granite_lab.inference.descent import State, _aim, _linear, predict_drop, simulate_at, simulated
 from granite_lab.inference.fit import Fit, fit, with_priors
 from granite_lab.inference.gap import discrepancies
 from granite_lab.inference.noise import FLOOR
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import SHARED, Point
-from granite_lab.inference.pool import SAND, SAND_PER_TRIAL
+from granite_lab.inference.pool import SAND, SAND_PER_TRIAL, Scenario, Task
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import DISCREPANCIES, FORMULAS, log_prior
 from granite_lab.inference.setup import initial_point, nominal
+from granite_lab.logs.trial import Array
 from granite_lab.parameters import load_robot, load_variants
 from tests.inference.stub import Respond, drawn, measure, measured, problem_of
 from tests.soak import SOAK
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 FOUR = (0, 0, 1, 1)
+COHESION = SAND.index("cohesion")
 PLAIN = {
     0.02: ("wheel", "wheel_split"),
     0.08: ("pitch_rate", "wheel", "wheel_split", "current_f", "current_r"),
@@ -227,6 +229,35 @@ def objective(problem: Problem, point: Point, scales: Scales) -> float:
     normal = problem.normal(begun.point, begun.derivatives, begun.residuals)
     squares = sum(normal.misfits(white, scales).values())
     return float(squares + np.sum(((point.vector - mean) / std) ** 2))
+
+
+@dataclass(frozen=True)
+class Kinked(Respond):
+    """More cohesion than the file's shows fully, less a quarter, as where another limit of (10) rules."""
+
+    def one(self, scenario: Scenario, task: Task) -> Array | None:
+        sand = np.array(task.sand)
+        sand[COHESION] *= 1.0 if sand[COHESION] > 0 else 0.25
+        return super().one(scenario, replace(task, sand=tuple(sand.tolist())))
+
+
+def test_trials_on_both_sides_of_a_kink_are_fitted_to_the_optimum() -> None:
+    """A derivative at the mean of the repetitions is that of none of them."""
+    problem, rng = problem_of(FOUR, respond=Kinked()), np.random.default_rng(2)
+    truth = drawn(problem, rng, common=0.2)
+    for x, own in zip(truth.trials, (0.3, -0.3, 0.25, -0.25), strict=True):
+        x[COHESION] = own
+    measure(problem, truth, rng)
+    found = fit(problem, problem.neutral())
+    assert found.converged
+    state = State(found.point, found.derivatives, found.residuals, problem.white(found.residuals),
+                  problem.normal(found.point, found.derivatives, found.residuals))  # fmt: skip
+    objective, *_ = predict_drop(problem, state, found.scales, 0.0)
+    sizes = np.cumsum([0, *(x.size for x in found.point.trials)])
+    for step in np.diag(0.3 * std_of(found))[sizes + COHESION]:  # of each trial, and what they share
+        for aim in (problem.stepped(found.point, step), problem.stepped(found.point, -step)):
+            drop, _ = simulate_at(problem, state, found.scales, objective, aim)
+            assert drop < 0.02
 
 
 def test_a_start_without_a_solution_is_refused() -> None:
