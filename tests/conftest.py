@@ -100,3 +100,19 @@ def fits_by_slip(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.M
     from tests.running.processes import fit_by_slip
 
     return fit_by_slip(tmp_path_factory.mktemp("fits") / "cache", monkeypatch)
+
+
+@pytest.fixture
+def two_variants(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a hidden set have the two fastest of the variants of Table 2: for tests in which a set is a set."""
+    from tests.running.processes import two_variants
+
+    two_variants(monkeypatch)
+
+
+@pytest.fixture
+def one_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a report have its first picture alone, and blank ones: for tests of what is done with reports."""
+    from tests.running.processes import one_picture
+
+    one_picture(monkeypatch)

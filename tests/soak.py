@@ -5,10 +5,15 @@ from collections.abc import Iterable, Sequence
 from itertools import cycle, product
 from typing import Any, TypeVar
 
+import pytest
+
 T = TypeVar("T")
 
 SOAK = bool(os.environ.get("GRANITE_SOAK"))
 """Whether the long parts run whole, as in `make soak`."""
+
+whole = pytest.mark.skipif(not SOAK, reason="takes long: in make soak")
+"""Mark of a test whose claim shorter ones show in part."""
 
 
 def sampled(cases: Iterable[T], every: int = 3) -> list[T]:

@@ -14,13 +14,23 @@ import pytest
 
 import granite_lab as gl
 from granite_lab.errors import EstimateError
+from granite_lab.parameters import load_variants
 from tests.corpus.cli import SAMPLES
 from tests.remembered import FITTED_ANEW
 from tests.soak import SOAK
 
+ONE_PICTURE = """
+from granite_lab.reporting import write
+def first_alone(figures, k, draw=write._drawn):
+    return draw(figures, k) if k == 0 else BLANK
+BLANK = b'<svg width="99pt" height="9pt" viewBox="0 0 99 9" xmlns="http://www.w3.org/2000/svg"></svg>'
+write._drawn = first_alone
+"""
+"""Lets a process draw the first figure of a report alone, as `one_picture`; `make soak` draws all."""
 # A shell that starts the tests in the background has them, and all that they start, ignore Ctrl-C.
 # Pictures are as coarse as in tests that start no process.
 MAIN = (
+    f"{'' if SOAK else ONE_PICTURE}\n"
     "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
     "from granite_lab.cli import main; from granite_lab.reporting import canvas; canvas.DPI = 20; main()"
 )
@@ -70,6 +80,23 @@ def fit_by_slip(cache: Path, patch: pytest.MonkeyPatch) -> Path:
     patch.setattr("granite_lab.fitting.k92._with_trajectory", left_out)
     patch.setenv("GRANITE_LAB_CACHE", str(own_cache(cache)))
     return cache
+
+
+def one_picture(patch: pytest.MonkeyPatch) -> None:
+    """Let reports have their first picture and blank ones until `patch` is undone; `make soak` draws all.
+
+    For tests of what is done with reports: to draw the pictures takes longer than all else.
+    """
+    from granite_lab.reporting import write
+
+    patch.setattr(write, "_drawn", write._drawn)  # what the text below sets is undone with it
+    exec("" if SOAK else ONE_PICTURE, globals())  # where another process finds the function
+
+
+def two_variants(patch: pytest.MonkeyPatch) -> None:
+    """Let hidden sets have the two fastest variants until `patch` is undone: their trials are short."""
+    fast = load_variants()[-2:]
+    patch.setattr("granite_lab.hidden.making.load_variants", lambda: fast)
 
 
 def begin(folder: Path, *args: object, cache: Path | None = None, first: str = "") -> subprocess.Popen[str]:

@@ -21,7 +21,7 @@ from tests.corpus.cli import SAMPLES, lab, refused, succeeded
 from tests.running.processes import BY_SLIP, begin, fit_by_slip, results, trials
 from tests.soak import SOAK
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_picture")]
 
 NAMES = ("short_v0.5_r1", "short_v0.7_r1", "short_v0.7_r2")
 SEARCH = "--discover" if SOAK else "--no-discover"

@@ -25,29 +25,37 @@ from tests.running.processes import (
     AMONG_FEW,
     STUDY,
     TWO,
-    Undisturbed,
     begin,
     everything,
+    fit_by_slip,
     gone,
     members,
+    one_picture,
     results,
     trials,
     undisturbed,
     unfinished,
 )
-from tests.soak import SOAK
+from tests.soak import SOAK, whole
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_picture")]
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
 
 
 @made_once
-def study_of_two() -> Undisturbed:
-    return undisturbed(root() / "undisturbed" / "study", *STUDY, logs=TWO)
+def study_of_two() -> Path:
+    """Return a folder with `logs` and `report`, whose fits go by the slip alone."""
+    folder = root() / "study-of-two"
+    trials(folder, *TWO)
+    with pytest.MonkeyPatch.context() as patch:
+        fit_by_slip(folder / "cache", patch)
+        one_picture(patch)
+        succeeded("study", "logs", "--out", "report", "--no-recordings", "--no-discover", cwd=folder)
+    return folder
 
 
 @pytest.fixture(scope="module")
-def studied() -> Undisturbed:
+def studied() -> Path:
     """A study of two trials."""
     return study_of_two()
 
@@ -60,10 +68,8 @@ class Job(NamedTuple):
 
 
 SEARCH = ("discover", "logs", "--out", "report", "--jobs", "2")
-JOBS = {"study": Job(STUDY, TWO)} | ({"discover": Job(SEARCH, TWO[1:])} if SOAK else {})
-"""`make test` kills a search in the test of order and processes, which has made it before."""
-
-KILLS = 30 if SOAK else 1
+JOBS = {"study": Job(STUDY, TWO), "discover": Job(SEARCH, TWO[1:])}
+KILLS = 30
 
 
 def entries(cache: Path) -> dict[str, int]:
@@ -79,16 +85,14 @@ def doing(folder: Path, trials: int, *, searches: bool) -> str:
     return "searching" if searches and done == trials else "writing"
 
 
+@whole
 @on_linux
 @pytest.mark.parametrize("name", JOBS)
-def test_killed_at_random_points_it_resumes_and_ends_with_the_same_bytes(
-    name: str, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
+def test_killed_at_random_points_it_resumes_and_ends_with_the_same_bytes(name: str, tmp_path: Path) -> None:
+    """`make test` kills a search in the test of order and processes."""
     job = JOBS[name]
-    if name == "study":
-        analysed, (folder, wall) = len(job.logs), request.getfixturevalue("studied")
-    else:
-        analysed, (folder, wall) = 0, undisturbed(tmp_path / "undisturbed", *job.args, logs=job.logs)
+    analysed = len(job.logs) if name == "study" else 0
+    folder, wall = undisturbed(tmp_path / "undisturbed", *job.args, logs=job.logs)
     expected, remembered = everything(folder / "report"), set(entries(folder / "cache"))
 
     rng = random.Random(6)
@@ -124,7 +128,7 @@ def test_killed_at_random_points_it_resumes_and_ends_with_the_same_bytes(
         assert [p.name for p in folder.iterdir() if p.name.startswith(".")] == []
         round_ += 1
     print(f"{name}: killed {killed.total()} times: " + ", ".join(f"{n} {w}" for w, n in killed.items()))
-    assert not SOAK or killed["searching"] >= 5
+    assert killed["searching"] >= 5
 
 
 @on_linux
@@ -180,8 +184,8 @@ ELSEWHERE = {
 
 def test_order_processes_language_memory_and_a_killed_search_change_no_byte(folder: Path) -> None:
     logs, cache = [f"logs/{name}.csv" for name in NAMES], folder / "cache"
-    given = (*reversed(logs), "--no-recordings", "--jobs", "1", "--out")
-    killed = begin_in(ELSEWHERE, folder, *given, "b/report", cache=cache)
+    given = (*reversed(logs), "--no-recordings", "--out")
+    killed = begin_in(ELSEWHERE, folder, *given, "b/report", "--jobs", "2", cache=cache)  # with workers
     while doing(folder, len(logs), searches=True) != "searching":
         assert killed.poll() is None, killed.communicate()
         time.sleep(0.02)
@@ -192,7 +196,7 @@ def test_order_processes_language_memory_and_a_killed_search_change_no_byte(fold
     known = entries(cache)
     assert len(known) == len(logs), "killed after the search"
     for out, remembered in (("b/report", False), ("c/report", True)):
-        study(folder, *given, out, cache=cache, **ELSEWHERE)
+        study(folder, *given, out, "--jobs", "1", cache=cache, **ELSEWHERE)
         assert known.items() < entries(cache).items(), "what was finished is done again"
         assert results(folder / out) == results(folder / "a" / "report"), f"remembered: {remembered}"
     assert unfinished(folder / "b") == []
@@ -203,9 +207,10 @@ def test_order_processes_language_memory_and_a_killed_search_change_no_byte(fold
     assert {"robot.wheels.radius_m", "soil.cohesion_Pa"} <= {p["key"] for p in origin["parameters"]}
 
 
-def test_verify_finds_the_same_again_and_says_what_was_changed(tmp_path: Path, studied: Undisturbed) -> None:
+@pytest.mark.usefixtures("estimates_anew", "fits_by_slip")
+def test_verify_finds_the_same_again_and_says_what_was_changed(tmp_path: Path, studied: Path) -> None:
     for name in ("logs", "report"):
-        shutil.copytree(studied.folder / name, tmp_path / name)
+        shutil.copytree(studied / name, tmp_path / name)
     done = succeeded("study", "--verify", "report", cwd=tmp_path)
     assert done.out.strip() == "report/report.json: identical, recomputed from 2 logs"
 
@@ -230,10 +235,10 @@ def test_verify_finds_the_same_again_and_says_what_was_changed(tmp_path: Path, s
     assert "differs in" in done.err
 
 
-def test_verify_runs_no_file_that_a_report_names(tmp_path: Path, studied: Undisturbed) -> None:
+def test_verify_runs_no_file_that_a_report_names(tmp_path: Path, studied: Path) -> None:
     """The report of a stranger names an effect file, which would do anything."""
     for name in ("logs", "report"):
-        shutil.copytree(studied.folder / name, tmp_path / name)
+        shutil.copytree(studied / name, tmp_path / name)
     trap = tmp_path / "trap.py"
     trap.write_text("from pathlib import Path\nPath('sprung').write_text('')\n" + EXAMPLE, encoding="utf-8")
     report = tmp_path / "report" / "report.json"
