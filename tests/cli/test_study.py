@@ -9,7 +9,7 @@ import pytest
 from granite_lab.effects import get
 from granite_lab.effects.model_file import load_model
 from tests.corpus.cli import Done, lab, succeeded, told
-from tests.running.processes import ALONE, fit_by_slip, short
+from tests.running.processes import ALONE, fit_by_slip, one_picture, short
 
 pytestmark = pytest.mark.usefixtures("few_effects")
 NAMES = ("short_v0.5_r2", "short_v0.7_r1")
@@ -18,10 +18,11 @@ LOGS = tuple(f"logs/{name}.csv" for name in NAMES)
 
 @pytest.fixture(scope="module")
 def few_effects(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Search for one effect and fit by the slip, with a cache of its own."""
+    """Search for one effect and fit by the slip, with a cache of its own; of pictures draw one."""
     few = {id_: get(id_) for id_ in ALONE}
     with pytest.MonkeyPatch.context() as patch:
         fit_by_slip(tmp_path_factory.mktemp("few") / "cache", patch)
+        one_picture(patch)
         patch.setattr("granite_lab.chain.library", lambda *_: few)
         yield
 
