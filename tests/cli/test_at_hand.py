@@ -10,11 +10,17 @@ import pytest
 import granite_lab as gl
 from granite_lab.api.at_hand import logs_at_hand
 from granite_lab.errors import InputError, UsageError
-from tests.corpus.cli import GRANITE, SAMPLES, lab, refused, succeeded, told
+from tests.corpus.cli import GRANITE, lab, refused, succeeded, told
+from tests.running.processes import short
 
-pytestmark = pytest.mark.usefixtures("fits_by_slip")
-A, B, C = "virtual_v0.3_r1", "virtual_v0.5_r1", "virtual_v0.7_r1"
+pytestmark = pytest.mark.usefixtures("fits_by_slip", "one_picture")
+A, B, C = "short_v0.3_r1", "short_v0.5_r1", "short_v0.7_r1"
 GOOD = [A, B]
+
+
+def write(name: str, log: Path) -> None:
+    """Write a short trial, which takes half the time of a sample."""
+    log.write_text(short(name), encoding="utf-8")
 
 
 def three_commands(folder: Path) -> str:
@@ -30,7 +36,7 @@ def three_commands(folder: Path) -> str:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    shutil.copy(SAMPLES / f"{A}.csv", tmp_path / "trial.csv")
+    write(A, tmp_path / "trial.csv")
     return tmp_path
 
 
@@ -41,7 +47,7 @@ def test_the_three_commands_work_in_a_folder_with_a_log_and_in_a_clone_which_has
     samples = folder / "data" / "samples"
     samples.mkdir(parents=True)
     for name in (A, B, C):
-        shutil.copy(SAMPLES / f"{name}.csv", samples)
+        write(name, samples / f"{name}.csv")
     done = succeeded("fit-atheta", "--json", cwd=folder)
     assert done.err.splitlines()[0] == "logs: 3 logs, samples (data/samples)"
     assert [p["trial"] for p in json.loads(done.out)["points"]] == [A, B, C]
@@ -53,7 +59,7 @@ def test_the_three_commands_work_in_a_folder_with_a_log_and_in_a_clone_which_has
 def test_the_three_commands_work_in_a_project_that_names_its_logs(folder: Path) -> None:
     (folder / "runs").mkdir()
     for name in (B, C):
-        shutil.copy(SAMPLES / f"{name}.csv", folder / "runs")
+        write(name, folder / "runs" / f"{name}.csv")
     (folder / "mine.toml").write_text(GRANITE, encoding="utf-8")
     text = f'logs = ["runs", "trial.csv"]\nrobot = "mine.toml"\n[[exclude]]\ntrial = "{C}"\nreason = "rain"\n'
     (folder / "granite-lab.toml").write_text(text, encoding="utf-8")
@@ -93,13 +99,13 @@ def test_discover_takes_them_too(folder: Path, monkeypatch: pytest.MonkeyPatch) 
     refused(done, 4, "trial", "enough")
 
 
-@pytest.mark.usefixtures("fits_by_slip")
 def test_logs_are_taken_with_what_they_were_ingested_with(folder: Path) -> None:
     (folder / "mine.toml").write_text(GRANITE, encoding="utf-8")
     text = (folder / "trial.csv").read_text(encoding="utf-8").replace("imu_gy_radps", "tilt")
     (folder / "trial.csv").write_text(text, encoding="utf-8")
     path = folder / "map.toml"
-    succeeded("inspect", SAMPLES / f"{A}.csv", "--write-map", path)
+    write(A, folder / "as-filed.txt")
+    succeeded("inspect", "as-filed.txt", "--write-map", path, cwd=folder)
     path.write_text(path.read_text(encoding="utf-8").replace("imu_gy_radps", "tilt"), encoding="utf-8")
     given = ("--robot", "mine.toml", "--map", "map.toml", "--from", 0.5)
     succeeded("ingest", "trial.csv", *given, cwd=folder)
@@ -110,19 +116,19 @@ def test_logs_are_taken_with_what_they_were_ingested_with(folder: Path) -> None:
     assert {o["name"]: o["value"] for o in document["provenance"]["options"]} == {
         "robot": "mine.toml", "map": "map.toml", "from": "0.5",
     }  # fmt: skip
-    shutil.copy(SAMPLES / f"{B}.csv", folder)
+    write(B, folder / f"{B}.csv")
     succeeded("ingest", f"{B}.csv", cwd=folder)
     refused(lab("fit-k92", cwd=folder), 2, "ingested with different options", "name the logs")
     (folder / "reports" / "ingest" / "trial.csv").unlink()  # which takes its log off the list
     assert [fit["trial"] for fit in told("fit-k92", cwd=folder)["fits"]] == [B]
-    known = ("--rest", "0:1", "--distance-measured", "2.03±0.02", "--set", "soil.cohesion_Pa=500")
+    known = ("--rest", "0:1", "--distance-measured", "0.83±0.02", "--set", "soil.cohesion_Pa=500")
     succeeded("ingest", f"{B}.csv", *known, cwd=folder)
     document = told("fit-k92", cwd=folder)
     assert {o["name"]: o["value"] for o in document["provenance"]["options"]} == {
-        "rest": "0:1", "distance-measured": "2.03±0.02", "set": "soil.cohesion_Pa=500.0",
+        "rest": "0:1", "distance-measured": "0.83±0.02", "set": "soil.cohesion_Pa=500.0",
     }  # fmt: skip
     assert document["provenance"]["command"].endswith(
-        "--distance-measured '2.03±0.02' --rest 0:1 --set soil.cohesion_Pa=500.0"
+        "--distance-measured '0.83±0.02' --rest 0:1 --set soil.cohesion_Pa=500.0"
     )
     succeeded("ingest", f"{B}.csv", "--variant", "0.7", cwd=folder)
     refused(lab("fit-k92", cwd=folder), 2, "ingested with --variant, which only ingest has", "TOML file")
@@ -147,13 +153,13 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two good logs, one without sensors, one without a standstill at its end, and a text."""
     root = tmp_path_factory.mktemp("many")
     for name in GOOD:
-        shutil.copy(SAMPLES / f"{name}.csv", root)
+        write(name, root / f"{name}.csv")
     text = (root / f"{A}.csv").read_text(encoding="utf-8")
     (root / "broken.csv").write_text("t_s,imu_ax_mps2\n0,1\n", encoding="utf-8")
     (root / "notes.csv").write_text("hello\nworld\n", encoding="utf-8")
     head, _, rows = text.partition("t_s,")
     lines = rows.splitlines(keepends=True)
-    begin = [line for line in lines[1:] if float(line.partition(",")[0]) < 6.0]
+    begin = [line for line in lines[1:] if float(line.partition(",")[0]) < 3.0]
     (root / "cut.csv").write_text("".join([head, "t_s,", lines[0], *begin]), encoding="utf-8")
     return root
 

@@ -52,9 +52,9 @@ class ReadBack:
         raise KeyError(f"{entity} has no static {component}")
 
 
-def verify(path: Path) -> str:
+def verify(*paths: Path) -> str:
     """Return what rerun's own verifier says; it returns 0 even on a file that is no recording."""
-    command = [sys.executable, "-m", "rerun", "rrd", "verify", str(path)]
+    command = [sys.executable, "-m", "rerun", "rrd", "verify", *map(str, paths)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout + done.stderr
