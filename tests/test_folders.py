@@ -140,6 +140,7 @@ def test_recordings_keep_those_of_others(tmp_path: Path, study: StudyResult) -> 
     assert (tmp_path / "mine.rrd").read_bytes() == b"mine"
 
 
+@pytest.mark.usefixtures("one_picture")
 def test_a_report_keeps_the_figures_and_tables_of_others(tmp_path: Path, study: StudyResult) -> None:
     for name in ("figures/mine.svg", "tables/mine.csv", "notes.md"):
         (tmp_path / "out" / name).parent.mkdir(parents=True, exist_ok=True)

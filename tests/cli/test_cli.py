@@ -38,7 +38,7 @@ def test_help_and_version() -> None:
 def test_a_virtual_log_is_made_again_to_the_byte(tmp_path: Path) -> None:
     logs = [tmp_path / f"{k}.csv" for k in range(3)]
     for log, run, seed in zip(logs, (lab, process, lab), (104, 104, 105), strict=True):
-        words = ("simulate", "--variant", 0.3, "--seed", seed, "--log", log)
+        words = ("simulate", "--v", 0.5, "--a", 2, "--distance", 0.3, "--seed", seed, "--log", log)
         assert run(*words, "--out", tmp_path / "run.out").code == 0
     first, again, other = (log.read_bytes() for log in logs)
     assert first == again != other

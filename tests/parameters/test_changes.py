@@ -11,6 +11,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.parameters.catalogue import in_force, load_robot
 from granite_lab.parameters.changes import checked, quantities
 from tests.corpus.cli import GRANITE, SAMPLES
+from tests.running.processes import short
 
 RADIUS, COHESION = "robot.wheels.radius_m", "soil.cohesion_Pa"
 LOG = SAMPLES / "virtual_v0.3_r1.csv"
@@ -44,8 +45,9 @@ def test_a_part_that_the_robot_lacks_cannot_be_set() -> None:
 def test_a_number_that_is_set_acts_as_in_a_file_of_ones_own(tmp_path: Path) -> None:
     own = tmp_path / "mine.toml"
     own.write_text(GRANITE.replace("radius_m = 0.0965", "radius_m = 0.106"), encoding="utf-8")
-    change = {RADIUS: 0.106}
-    filed, given = (gl.ingest(LOG, jobs=1, **said)[0] for said in ({"robot": own}, {"changes": change}))  # type: ignore[arg-type]
+    change, log = {RADIUS: 0.106}, tmp_path / "short.csv"
+    log.write_text(short("short_v0.5_r1"), encoding="utf-8")
+    filed, given = (gl.ingest(log, jobs=1, **said)[0] for said in ({"robot": own}, {"changes": change}))  # type: ignore[arg-type]
     assert given.robot.wheels.radius == 0.106
     assert given.to_frame().equals(filed.to_frame())
     assert gl.simulate(0.5, changes=change).to_frame().equals(gl.simulate(0.5, robot=own).to_frame())
