@@ -281,6 +281,7 @@ def test_an_effect_by_the_page_is_listed_and_slows_the_robot(folder: Path) -> No
     assert slip_of(with_it) > slip_of(without) + 0.5
 
 
+@pytest.mark.usefixtures("one_picture")
 def test_the_tutorial_and_what_builds_on_a_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its search is for one effect; tests/discovery searches among more."""
     few = {id_: get(id_) for id_ in ALONE}
