@@ -108,7 +108,7 @@ def one_variant(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("granite_lab.hidden.making.load_variants", lambda: (slow,))
 
 
-@pytest.mark.usefixtures("fits_by_slip", "one_variant")
+@pytest.mark.usefixtures("fits_by_slip", "one_picture", "one_variant")
 @pytest.mark.parametrize("writer", WRITERS)
 def test_a_file_in_the_way_and_a_folder_without_permission_are_one_line(writer: str, tmp_path: Path) -> None:
     out, closed = tmp_path / "out", tmp_path / "closed"

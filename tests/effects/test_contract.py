@@ -5,6 +5,7 @@ import math
 import re
 import tomllib
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,8 @@ from granite_lab.errors import InputError
 from granite_lab.estimate import Estimate
 from granite_lab.model import interpreted, simulate
 from granite_lab.model.effect import activate
-from granite_lab.parameters import load_variants
+from granite_lab.model.run import Run
+from granite_lab.parameters import Variant, load_variants
 from granite_lab.parameters.quantity import toml
 from tests.corpus.cli import ROOT, lab, succeeded
 from tests.effects.example import EXAMPLE
@@ -41,13 +43,20 @@ def test_an_effect_of_the_library_keeps_the_contract(effect_id: str) -> None:
     assert neutral_gap(get(effect_id)) == 0.0
 
 
+@cache
+def of_the_paper(variant: Variant) -> Run:
+    return simulate(variant, ROBOT, SOIL)
+
+
 @pytest.mark.parametrize("effect_id", library())
 def test_a_typical_strength_shows_in_some_channel(effect_id: str) -> None:
-    active, largest = typical(get(effect_id)), 0.0
-    for variant in load_variants():
-        plain, run = (simulate(variant, ROBOT, SOIL, effects=e) for e in ((), (active,)))
-        largest = max(largest, *(np.abs(run[c] - plain[c]).max() / NOISE[c] for c in CHANNELS))
-    assert largest > 1
+    active = typical(get(effect_id))
+
+    def largest(variant: Variant) -> float:
+        plain, run = of_the_paper(variant), simulate(variant, ROBOT, SOIL, effects=(active,))
+        return max(float(np.abs(run[c] - plain[c]).max()) / NOISE[c] for c in CHANNELS)
+
+    assert any(largest(variant) > 1 for variant in load_variants())
 
 
 def test_effects_add_up() -> None:
