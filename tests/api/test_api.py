@@ -75,6 +75,7 @@ def test_motions_fits_and_findings_are_drawn_and_shown_in_a_notebook(
         gl.plot(gl.params())
 
 
+@pytest.mark.usefixtures("one_picture")
 def test_every_record_has_a_short_repr_and_a_table_for_a_notebook(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -196,6 +197,7 @@ def test_a_table_is_stored_as_csv_or_parquet(tmp_path: Path, monkeypatch: pytest
     assert not (tmp_path / "not.parquet").exists()
 
 
+@pytest.mark.usefixtures("one_picture")
 def test_a_study_writes_only_where_it_is_told_and_keeps_failures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -263,7 +265,7 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MPLBACKEND", "agg")
 
 
-@pytest.mark.usefixtures("elsewhere")
+@pytest.mark.usefixtures("elsewhere", "one_picture")
 @pytest.mark.parametrize("block", BLOCKS)
 def test_a_block_of_the_page_runs(block: str, capsys: pytest.CaptureFixture[str]) -> None:
     Path("data").symlink_to(ROOT / "data")
@@ -271,7 +273,7 @@ def test_a_block_of_the_page_runs(block: str, capsys: pytest.CaptureFixture[str]
     assert capsys.readouterr().out
 
 
-@pytest.mark.usefixtures("elsewhere")
+@pytest.mark.usefixtures("elsewhere", "one_picture")
 def test_the_example_script_goes_from_logs_to_a_report(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

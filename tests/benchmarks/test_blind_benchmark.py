@@ -100,6 +100,7 @@ def test_a_size_stays_sensible_and_says_so() -> None:
         sizes_of(Task("single", "payload_mass", 5.0, 7), {"payload_mass.mass": None})
 
 
+@pytest.mark.usefixtures("two_variants")
 def test_a_robot_that_would_dig_in_gets_less(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("benchmarks.blind.hide", partial(hide, repetitions=1))
     task = Task("old", "bulldozing", 5.0, 9, "bench")

@@ -16,7 +16,7 @@ from tests.corpus.cli import GRANITE, SAMPLES, lab, refused, succeeded, told
 from tests.running.processes import trials
 from tests.soak import sampled
 
-pytestmark = pytest.mark.usefixtures("fits_by_slip")
+pytestmark = pytest.mark.usefixtures("fits_by_slip", "one_picture")
 A, B = "virtual_v0.3_r1", "virtual_v0.7_r1"
 
 
@@ -73,7 +73,6 @@ def test_ingest_follows_the_file_and_lists_what_it_excludes(tmp_path: Path) -> N
     assert lab("check", folder / f"{B}.csv").code == 0
 
 
-@pytest.mark.usefixtures("fits_by_slip")
 @pytest.mark.parametrize("by", sampled([FILE, "--exclude"]))
 def test_a_study_lists_excluded_trials_and_set_numbers_and_is_verified_with_both(
     tmp_path: Path, by: str

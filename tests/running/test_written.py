@@ -29,6 +29,7 @@ from tests.reporting.made_up import made_up_study
 from tests.reporting.made_up_finding import made_up_finding
 from tests.running.processes import SAMPLES
 
+pytestmark = pytest.mark.usefixtures("one_picture")
 LOG = SAMPLES / "virtual_v0.7_r1.csv"
 SAID = ("# v_desired_mps", "# a_max_mps2", "# distance_m")
 PARTS = {
