@@ -9,9 +9,9 @@ import numpy.typing as npt
 
 from benchmarks.intervals import alike, wilson
 from granite_lab.errors import LabError
-from granite_lab.estimation.motion import Health
+from granite_lab.estimation.motion import Health, Motion
 from granite_lab.parameters import load_robot
-from tests.truth import generate
+from tests.truth import TruthTrial, generate
 from tests.truth.motion import estimate
 
 Array = npt.NDArray[np.float64]
@@ -67,15 +67,25 @@ def successive_correlation(health: Health, kind: str) -> float:
     return float((z[1:] * z[:-1]).sum() / (z**2).sum())
 
 
-def score(cell: Cell, seed: int) -> Score:
-    """Draw a trial of this kind, estimate its motion and judge it."""
-    truth = generate(
+def draw(cell: Cell, seed: int) -> TruthTrial:
+    """Draw a trial of this kind."""
+    return generate(
         seed, velocity=cell.velocity, duration=cell.duration, grade=cell.grade, clock_offset=cell.offset
     )
+
+
+def score(cell: Cell, seed: int) -> Score:
+    """Draw a trial of this kind, estimate its motion and judge it."""
+    truth = draw(cell, seed)
     try:
         motion = estimate(truth.trial, load_robot("granite", cell.grade))
     except LabError as refusal:
         return Score(refused=refusal.message)
+    return judged(cell, truth, motion)
+
+
+def judged(cell: Cell, truth: TruthTrial, motion: Motion) -> Score:
+    """Judge an estimate."""
     moving = (motion.t > truth.start) & (motion.t < truth.stop + 0.5)
     error = (motion.v - truth.at(motion.t, "v"))[moving]
     z = error / motion.v_std[moving]

@@ -140,7 +140,7 @@ def test_a_scale_error_beside_what_estimation_scaled_is_stated_for_the_log() -> 
 
 def test_samples_within_their_grade_are_left_as_they_are() -> None:
     """Levelling or scaling within the grade would take a bias of the sensor for an error of mounting."""
-    for name in AHEAD:
+    for name in sampled(AHEAD):
         trial, _ = sample(name)
         _, motion = estimation.correct(trial, ROBOT)  # which other tests estimate, too
         assert motion.health.grade == "good"

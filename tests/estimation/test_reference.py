@@ -79,7 +79,7 @@ def test_a_reference_makes_the_estimate_surer_and_better(what: str) -> None:
     assert "external reference" in {part.name for part in motion.slip_parts[:3]}
 
 
-@pytest.mark.parametrize("what", ["velocity", "place"])
+@pytest.mark.parametrize("what", sampled(["place", "velocity"]))
 def test_a_reference_takes_the_place_of_standstills(what: str) -> None:
     begin, end = plain().steady
     piece = between(noisy(), begin - 0.5, end)
@@ -98,7 +98,7 @@ def test_a_reference_that_contradicts_the_sensors_is_told() -> None:
     assert "reference" in motion.health.verdict
 
 
-@pytest.mark.parametrize("what", ["velocity", "place"])
+@pytest.mark.parametrize("what", sampled(["place", "velocity"]))
 def test_of_a_reference_that_goes_farther_than_the_imu_either_may_be_right(what: str) -> None:
     v, x = (replace(s, value=1.1 * s.value) for s in (noisy().reference_v, noisy().reference_x))
     motion = run(replace(noisy(), reference_v=v, reference_x=x), use_reference=True, **KNOWN[what])
