@@ -193,6 +193,7 @@ def test_a_folder_with_a_file_a_sensor_is_one_trial(plain: Path, tmp_path: Path)
     assert sorted(file.path.name for file in trial.inputs) == ["Accelerometer.csv", "drive.toml", *names[1:]]
 
 
+@pytest.mark.usefixtures("fits_by_slip")
 def test_every_command_takes_such_a_folder(tmp_path: Path) -> None:
     make.written(tmp_path, META, "runs/drive.toml")
     make.written(tmp_path, make.only("t_s", *make.IMU), "runs/drive/imu.csv")

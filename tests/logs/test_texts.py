@@ -193,8 +193,8 @@ def test_counts_of_an_encoder_nobody_describes(tmp_path: Path) -> None:
         make.read(tmp_path, re.sub(r"(enc_..)_rad", r"\1_counts", TEXT), robot=robot)
 
 
-EXAMPLES = 3000 if SOAK else 40
-GOOD = make.text(duration=3.0).encode()
+EXAMPLES = 3000 if SOAK else 30
+GOOD = make.text(duration=2.0).encode()
 ROWS_OF_BYTES = GOOD.split(b"\n")
 
 CELLS = [

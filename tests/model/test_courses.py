@@ -76,7 +76,7 @@ def test_wheels_of_a_run_fed_back_give_its_velocity_and_its_torques(command: Cou
         ("tyre_windup", {"compliance": 2e-3}),
         ("drive_reaction", {"share": 1.0}),
         ("torque_constant_error", {"error": 0.1}),
-    ]),
+    ], 4),
 )  # fmt: skip
 def test_currents_and_motion_come_back_with_an_effect_between_motor_and_ground(
     id_: str, values: dict[str, float]
@@ -173,7 +173,7 @@ def test_effects_that_do_not_act_on_the_drive_run_and_vanish_at_their_neutral_va
     assert {e.id for e in library(None).values()} - {e.id for e in left} == {
         "encoder_eccentricity", "gear_backlash", "supply_sag", "wheel_radius_error",
     }  # fmt: skip
-    for effect in sampled(left, 3):
+    for effect in sampled(left, 5):
         run = simulate(plain.variant, ROBOT, SOIL, effects=(activate(effect, {}),))
         assert np.abs(run["v_mps"] - plain["v_mps"]).max() < 2e-4, effect.id
 
