@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granite_lab import logs
+from granite_lab import estimation, logs
 from granite_lab.comparison.compare import compare
 from granite_lab.discovery.discover import _observable
 from granite_lab.effects import library
 from granite_lab.errors import EstimateError, InputError
-from granite_lab.estimation import correct
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.outcome import find_phases
 from granite_lab.fitting import fit_a_theta, fit_k92, simulate_k92, with_drive_input
@@ -50,14 +49,14 @@ def logged(course: Course, *, gains: float = 1.0, command: bool = True, seed: in
 
 @cache
 def seen(course: Course, *, gains: float = 1.0, command: bool = True, seed: int = 1) -> tuple[Trial, Motion]:
-    return correct(logged(course, gains=gains, command=command, seed=seed)[0], ROBOT)
+    return estimation.correct(logged(course, gains=gains, command=command, seed=seed)[0], ROBOT)
 
 
 @cache
 def plain() -> tuple[Trial, Motion]:
     """Return a trial of the trapezoid of 0.5 m/s."""
     run = simulate(variant_of(0.5), ROBOT, SOIL, a_theta=A_THETA)
-    return correct(virtual_trial(run, 1, "plain")[0], ROBOT)
+    return estimation.correct(virtual_trial(run, 1, "plain")[0], ROBOT)
 
 
 def exponent(motion: Motion, trial: Trial) -> tuple[float, float]:
@@ -253,7 +252,7 @@ def test_wheels_of_repetitions_drive_simulations_of_their_own_under_one_command(
 def test_a_start_that_only_the_wheels_tell_is_put_right_by_the_fit() -> None:
     run = simulate(variant_of(0.7), ROBOT, SOIL, a_theta=A_THETA, accuracy=Accuracy(1e-6, 1e-8, 0.0025))
     written, truth = virtual_trial(run, 3, "late")
-    trial, motion = correct(written, ROBOT)
+    trial, motion = estimation.correct(written, ROBOT)
     late = dataclasses.replace(motion.t_start, value=float(truth.attrs["t_start_s"]) + 0.03)
     turned = with_drive_input(dataclasses.replace(motion, t_start=late), ROBOT, "wheels")
     assert isinstance(turned.variant, Course)
@@ -289,7 +288,7 @@ def test_a_command_stated_as_a_list_goes_through_the_log(tmp_path: Path) -> None
     write_canonical(tmp_path / "log.csv", stated)
     back = logs.read_trial(tmp_path / "log.csv")
     assert back.info.command == text
-    motion = correct(back, ROBOT)[1]
+    motion = estimation.correct(back, ROBOT)[1]
     assert motion.variant_source == "stated"
     assert isinstance(motion.variant, Course)
     assert motion.variant.path == JOYSTICK.path
@@ -337,7 +336,7 @@ def test_a_stated_trapezoid_stays_unless_the_log_contradicts_it() -> None:
     assert with_drive_input(motion, ROBOT, "auto") is motion
     other = logged(JOYSTICK)[0]
     told = TrialInfo(robot="granite", v_desired=0.5, a_max=1.2, distance=2.5)
-    motion = correct(dataclasses.replace(other, info=told), ROBOT)[1]
+    motion = estimation.correct(dataclasses.replace(other, info=told), ROBOT)[1]
     assert motion.variant_source == "logged"
     assert any("misses the stated trapezoid" in line for line in motion.warnings)
 

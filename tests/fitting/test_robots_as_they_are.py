@@ -153,19 +153,28 @@ def test_a_force_that_is_none_is_refused(text: str, tmp_path: Path) -> None:
 
 
 def test_a_list_of_forces_needs_the_start_of_the_command(tmp_path: Path) -> None:
-    trial, robot, motion = corrected(written(tmp_path, run(height=0.0), **{KEY: "0:1, 9:1"}), Options())
+    trial, robot, motion = corrected(written(tmp_path, run(height=0.0)), Options())
+    trial = dataclasses.replace(
+        trial, info=dataclasses.replace(trial.info, extra={**trial.info.extra, KEY: "0:1, 9:1"})
+    )
     lost = dataclasses.replace(motion, t_start=dataclasses.replace(motion.t_start, value=math.nan))
     with pytest.raises(EstimateError, match="the towing force has no time"):
         with_towed_load(lost, trial, robot)
 
 
-def logged_force(folder: Path, unit: str = "N", factor: float = 1.0) -> tuple[Path, float]:
-    """Write the log of a run whose load grows, with a load cell; return when its command begins, too."""
+@cache
+def growing() -> Run:
     course = hauling(variant_of(0.3), ((0.0, 2.0), (3.0, 2.0), (3.3, 12.0), (9.0, 12.0)), 0.0)
-    of = simulate(course, ROBOT, SOIL, a_theta=A_THETA, accuracy=FINE)
-    trial, truth = virtual_trial(of, 1, "growing")
+    return simulate(course, ROBOT, SOIL, a_theta=A_THETA, accuracy=FINE)
+
+
+def logged_force(folder: Path, unit: str, factor: float) -> tuple[Path, float]:
+    """Write the log of a run whose load grows, with a load cell; return when its command begins, too."""
+    course = growing().variant
+    assert isinstance(course, Course)
+    trial, truth = virtual_trial(growing(), 1, "growing")
     start = float(truth.attrs["t_start_s"])
-    t = np.arange(0.1, start + of.variant.distance / 0.3 + 2, 0.0125)
+    t = np.arange(0.1, start + course.distance / 0.3 + 2, 0.0125)
     force = np.interp(t - start, *np.array([p[:2] for p in course.tow]).T)
     force += 0.3 * np.random.default_rng(1).standard_normal(t.size)
     info = dataclasses.replace(trial.info, v_desired=0.3, a_max=1.2, distance=2.0)
@@ -194,7 +203,7 @@ def test_a_logged_force_enters_as_it_was_measured(unit: str, factor: float, tmp_
 
 
 def test_a_stated_force_counts_before_a_logged_one_and_a_logged_one_is_checked(tmp_path: Path) -> None:
-    path, _ = logged_force(tmp_path)
+    path, _ = logged_force(tmp_path, "kN", 1e-3)
     trial, robot, motion = corrected(path, Options())
     stated = dataclasses.replace(trial, info=dataclasses.replace(trial.info, extra={KEY: "7"}))
     assert "a towed load of 7 N" in with_towed_load(motion, stated, robot).warnings[-1]

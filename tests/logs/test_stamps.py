@@ -1,6 +1,7 @@
 """Stamps as loggers in the field write them, against the stamps that the sample was written with."""
 
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from granite_lab.logs.sensors.stamps import sampling_period, tidy
 from granite_lab.logs.trial import Trial
 from tests.corpus import cli
 from tests.logs import make
-from tests.soak import examples, in_turn
+from tests.soak import examples, in_turn, sampled
 
 SAMPLE = cli.SAMPLES / "virtual_v0.3_r1.csv"
 TRUE_SLIP, TRUE_DISTANCE = 0.0970, 1.809  # of the sample, by its simulator
@@ -47,9 +48,11 @@ def said(trial: Trial, text: str) -> list[str]:
     return [line for line in trial.warnings if text in line]
 
 
-@pytest.mark.parametrize("sensor", PREFIX)
-@pytest.mark.parametrize("sizes", [[2], [5], [10], [3, 8, 5, 4]], ids=str)
-@pytest.mark.parametrize("at_end", [True, False], ids=["read", "first sample"])
+# each size of both sensors, each way of either of them
+@pytest.mark.parametrize(
+    ("sensor", "sizes", "at_end"),
+    sampled(product(PREFIX, [[2], [5], [10], [3, 8, 5, 4]], [True, False]), 3),
+)
 def test_samples_of_a_fifo_get_stamps_of_their_own(
     sensor: str, sizes: list[int], at_end: bool, tmp_path: Path
 ) -> None:
@@ -150,7 +153,7 @@ ANY = [-0.02, -0.05, -0.3, -3.0, -1.7e9, 1.7e9]  # with the robot at rest a shor
 
 
 @pytest.mark.parametrize(
-    ("size", "at"), [*((size, at) for size in ANY for at in (0.5, 6.35, 12.3)), (0.3, 6.35), (5.0, 6.35)]
+    ("size", "at"), [*in_turn(ANY, (0.5, 6.35, 12.3)), (-3.0, 6.35), (0.3, 6.35), (5.0, 6.35)]
 )
 def test_a_clock_that_was_set_goes_on(size: float, at: float, tmp_path: Path) -> None:
     trial = read(tmp_path, stepped(size, at))
