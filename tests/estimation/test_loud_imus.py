@@ -108,7 +108,7 @@ def test_a_loud_imu_feigns_no_offset_of_the_clocks(tmp_path: Path, seed: int) ->
 def test_vibration_that_an_unfiltered_sensor_folds_is_in_the_std(tmp_path: Path) -> None:
     """25 of 200 samples a second: the frame rings near 25 Hz, which folds to frequencies of the motion."""
     robot, errors = load_robot("granite"), []
-    for path in sampled(field.SAMPLES, 3):
+    for path in sampled(field.SAMPLES, 4):
         source = field.of_sample(path)
         imu = pd.DataFrame(np.hstack([source.force, source.rate]), columns=[*field.FORCE, *field.TURN])
         wheels = pd.DataFrame(source.angle, columns=[f"enc_{wheel}_rad" for wheel in field.WHEELS])

@@ -15,6 +15,7 @@ from granite_lab.logs.sensors.repeats import read_once, without_blanks, without_
 from granite_lab.logs.trial import ImuStream
 from tests.corpus import cli
 from tests.logs import make
+from tests.soak import in_turn
 
 SAMPLE = cli.SAMPLES / "virtual_v0.5_r1.csv"
 TRUE_SLIP = 0.1837  # of the sample's steady part, by its simulator
@@ -148,11 +149,14 @@ def test_a_slip_from_samples_that_were_lost_and_repeated_is_not_called_good(tmp_
     assert any("that repeat the last one" in line for line in motion.warnings)
 
 
-@pytest.mark.parametrize("wheels", [make.WHEELS, make.WHEELS[1:2]], ids=["all", "one"])
-@pytest.mark.parametrize(("begin", "length"), [(3.2, 0.08), (4.1, 0.6), (6.0, 0.3)])
+@pytest.mark.parametrize(
+    ("span", "wheels"), in_turn([(3.2, 0.08), (4.1, 0.6), (6.0, 0.3)], [make.WHEELS, make.WHEELS[1:2]])
+)
 def test_counters_that_hang_and_catch_up_have_lost_no_way(
-    wheels: list[str], begin: float, length: float, tmp_path: Path
+    span: tuple[float, float], wheels: list[str], tmp_path: Path
 ) -> None:
+    begin, length = span
+
     def hang(table: pd.DataFrame) -> None:
         rows = table.index[table["t_s"].between(begin, begin + length) & table[make.WHEELS[0]].notna()]
         table.loc[rows, wheels] = table.loc[rows[0], wheels].to_numpy(dtype=float)

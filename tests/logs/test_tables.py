@@ -4,9 +4,7 @@
 
 import time
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -15,7 +13,6 @@ from hypothesis import strategies as st
 
 from granite_lab.errors import InputError
 from granite_lab.logs import inspect_logs, read_trial
-from granite_lab.logs.trial import Trial
 from tests.logs import make
 from tests.soak import SOAK, in_turn, sampled
 
@@ -53,17 +50,11 @@ def with_lists(cell: str, place: int, lines: list[str], delimiter: str = ",") ->
     return "\n".join([put(header, "covariance"), *(put(row, cell) for row in rows)]) + "\n"
 
 
-@cache
-def plain() -> Trial:
-    with TemporaryDirectory() as folder:
-        return make.read(Path(folder), make.text(), "plain.csv")
-
-
 @pytest.mark.parametrize(("name", "place"), in_turn(LISTS, [1, 11]))  # behind the stamps, at the end
 def test_lists_in_cells_are_no_columns(name: str, place: int, tmp_path: Path) -> None:
     path = make.written(tmp_path, with_lists(LISTS[name], place, [HEADER, *ROWS]))
     trial, report = read_trial(path), inspect_logs([path]).files[0]
-    make.same(trial, plain())
+    make.same(trial, make.plain())
     assert not any("left out" in line for line in trial.warnings)
     assert report.dialect.delimiter == ","
     assert report.columns[place].to == ()
@@ -80,8 +71,8 @@ def test_lists_in_cells_of_other_delimiters_and_decimal_commas(style: str, cell:
     lines = [line.replace(".", decimal).replace(",", sign) if decimal == "." else
              line.replace(",", sign).replace(".", ",") for line in [HEADER, *ROWS]]  # fmt: skip
     path = make.written(tmp_path, with_lists(cell, 1, lines, sign))
-    make.same(read_trial(path), plain())
-    make.same(make.mapped(tmp_path, path), plain())
+    make.same(read_trial(path), make.plain())
+    make.same(make.mapped(tmp_path, path), make.plain())
 
 
 def test_a_sample_with_lists_reads_as_the_sample(tmp_path: Path) -> None:
@@ -145,7 +136,7 @@ def test_columns_of_one_name_are_told_apart_by_their_number_or_by_new_names(tmp_
     for text in (a_map(numbers), a_map(renamed, f"[table]\nnames = {names}")):
         own = make.written(tmp_path, text, "map.toml")
         trial = read_trial(path, map=own)
-        make.same(trial, plain())
+        make.same(trial, make.plain())
         report = inspect_logs([path], map=own).files[0]
         assert (report.layout, report.problem) == ("twice", "")
         back = make.written(tmp_path, report.to_map_toml(), "back.toml")
@@ -163,8 +154,8 @@ def test_names_that_occur_twice_are_one_doubt_and_the_draft_of_a_map_tells_them_
     assert "'x#1' and 'x#2'" in report.hint
     assert {c.name: c.to for c in report.columns}["z#2"] == ("imu_az",)
     trial = make.mapped(tmp_path, path)
-    np.testing.assert_array_equal(trial.imu.specific_force, plain().imu.specific_force)
-    np.testing.assert_array_equal(trial.wheels.angle, plain().wheels.angle)
+    np.testing.assert_array_equal(trial.imu.specific_force, make.plain().imu.specific_force)
+    np.testing.assert_array_equal(trial.wheels.angle, make.plain().wheels.angle)
 
 
 # How a log is written otherwise, so that its map must say so.
@@ -248,7 +239,7 @@ def test_the_map_that_inspection_writes_gives_the_trial_that_inspection_saw(
         (c.name, c.to, c.unit) for c in report.columns if c.to
     ]
     if header != "none" and unit in ("as said", "g", "mg", "ms", "ns"):
-        make.same(read_trial(path, map=own), plain(), rtol=1e-9, atol=1e-9)
+        make.same(read_trial(path, map=own), make.plain(), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", sampled(sorted(path.name for path in SAMPLES.glob("*.csv"))))
@@ -274,5 +265,5 @@ def test_a_row_of_100_000_cells_and_a_line_of_20_megabytes_are_read_past_in_time
         begin = time.process_time()
         trial = read_trial(path)
         assert time.process_time() - begin < 5.0
-        make.same(trial, plain())
+        make.same(trial, make.plain())
         assert any(line.startswith("trial.csv:302: ") for line in trial.warnings)

@@ -48,14 +48,16 @@ def apart(one: Run, other: Run, name: str) -> float:
     return float(np.sqrt(np.mean(gap**2) / np.mean(other[name] ** 2)))
 
 
-@pytest.mark.parametrize("variant", load_variants(), ids=str)
+@pytest.mark.parametrize("variant", sampled(load_variants()), ids=str)
 def test_a_trapezoid_given_as_a_list_is_the_same_run(variant: Variant) -> None:
     plain, listed = simulate(variant, ROBOT, SOIL), simulate(as_course(variant), ROBOT, SOIL)
     for name, within in (("v_mps", 1e-9), ("current_f_A", 1e-6), ("s_desired_m", 1e-9), ("k92", 1e-9)):
         assert np.interp(plain.t, listed.t, listed[name]) == pytest.approx(plain[name], abs=within), name
 
 
-@pytest.mark.parametrize("command", [*map(as_course, load_variants()), JOYSTICK], ids=lambda c: f"{c.peak}")
+@pytest.mark.parametrize(
+    "command", sampled([*map(as_course, load_variants()), JOYSTICK], 4), ids=lambda c: f"{c.peak}"
+)
 def test_wheels_of_a_run_fed_back_give_its_velocity_and_its_torques(command: Course) -> None:
     run = simulate(command, ROBOT, SOIL)
     back = fed_back(run, command)

@@ -22,6 +22,7 @@ from granite_lab.model.symbols import model_parameters
 from granite_lab.parameters import Variant, load_paper, load_robot, load_soil, load_variants, variant_of
 from granite_lab.stored import FOLDER
 from tests.corpus.cli import succeeded
+from tests.soak import in_turn
 
 PAPER = model_parameters(load_robot(), load_soil(), variant_of(0.5), a_theta=4.919)
 
@@ -194,9 +195,8 @@ SETS = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("ids", SETS, ids="+".join)
-@pytest.mark.parametrize("variant", load_variants()[::3], ids=lambda v: f"{v.velocity:g}")
-def test_signals_are_those_of_cvodes_at_a_fine_tolerance(variant: Variant, ids: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(("ids", "variant"), in_turn(SETS, load_variants()[::3]))
+def test_signals_are_those_of_cvodes_at_a_fine_tolerance(ids: tuple[str, ...], variant: Variant) -> None:
     p = model_parameters(load_robot(), load_soil(), variant, a_theta=load_paper().a_theta)
     active = [
         activate(get(i), {q.name: (q.prior_low + 3 * q.prior_high) / 4 for q in get(i).parameters})
