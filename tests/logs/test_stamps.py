@@ -48,7 +48,7 @@ def said(trial: Trial, text: str) -> list[str]:
     return [line for line in trial.warnings if text in line]
 
 
-# each size of both sensors, each way of either of them
+# each size of batches, and both ways for each sensor
 @pytest.mark.parametrize(
     ("sensor", "sizes", "at_end"),
     sampled(product(PREFIX, [[2], [5], [10], [3, 8, 5, 4]], [True, False]), 3),
