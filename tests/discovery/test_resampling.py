@@ -22,7 +22,7 @@ from granite_lab.discovery.verdict import EffectEvidence, holding, judge
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import TOLERANCE
 from granite_lab.inference.fit import fit
-from tests.discovery.test_verdict import SIX, ask
+from tests.discovery.test_verdict import BOTH, SIX, ask
 from tests.inference.stub import problem_of
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
@@ -116,7 +116,7 @@ def test_commands_are_drawn_whole_where_there_are_three_speeds() -> None:
 
 
 def test_the_best_set_competes_with_those_that_lack_an_effect() -> None:
-    found = ask(push=0.3, shake=0.15, discrepancy=0.0).search
+    found = ask(**BOTH).search
     sets = {m.effects for m in competitors(found)}
     assert found.best.effects in sets
     assert {(), ("push",)} <= sets

@@ -36,7 +36,7 @@ from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.problem import SECONDS, Problem
 from granite_lab.inference.scales import FIRST
 from granite_lab.logs.trial import Array
-from tests.inference.stub import COMMANDS, TRACES, drawn, measure, problem_of, trace
+from tests.inference.stub import COMMANDS, PLACE, TRACES, drawn, measure, problem_of, trace
 from tests.inference.test_normal import linear
 from tests.soak import sampled
 
@@ -45,6 +45,10 @@ SIX = (0, 0, 1, 1, 2, 2)
 FOUR = (1, 1, 2, 2)
 """Where two speeds show what is asked."""
 CANDIDATES = ("pull", "push", "shake")
+CHANNELS = ("pitch_rate", "wheel", "current_f")
+"""One of each sensor, where these tell the effects apart: a search takes half the time."""
+BOTH: dict[str, Any] = {"push": 0.3, "shake": 0.15, "discrepancy": 0.0, "channels": CHANNELS}
+"""Two effects, as several tests search for them."""
 TOLERANCE = 0.02
 
 
@@ -64,11 +68,15 @@ class Answer:
 
 
 def trials_with(
-    commands: tuple[int, ...] = SIX, discrepancy: float = 0.004, seed: int = 0, **put_in: float
+    commands: tuple[int, ...] = SIX,
+    discrepancy: float = 0.004,
+    seed: int = 0,
+    channels: tuple[str, ...] = tuple(PLACE),
+    **put_in: float,
 ) -> Problem:
     """Return trials with effects of some sizes, in scattered sand, with a little discrepancy."""
     rng = np.random.default_rng(seed)
-    problem = problem_of(commands)
+    problem = problem_of(commands, channels)
     point = drawn(problem, rng, common=0.3)
     for id_, size in put_in.items():
         point = problem.with_effect(point, id_, (size,))
@@ -93,7 +101,7 @@ def ask(*, candidates: tuple[str, ...] = CANDIDATES, **given: Any) -> Answer:
 
 @pytest.mark.parametrize(("seed", "discrepancy"), [(0, 0.004), (1, 0.5 * TOLERANCE)])
 def test_nothing_is_named_where_no_more_than_the_tolerance_is_missing(seed: int, discrepancy: float) -> None:
-    answer = ask(seed=seed, discrepancy=discrepancy)
+    answer = ask(seed=seed, discrepancy=discrepancy, channels=CHANNELS)
     assert answer.judgement.verdict == "none"
     assert answer.named == set()
     assert answer.judgement.model.effects == ()
@@ -101,8 +109,7 @@ def test_nothing_is_named_where_no_more_than_the_tolerance_is_missing(seed: int,
 
 
 def test_a_search_whose_time_is_over_answers_with_what_it_has_found_and_says_so() -> None:
-    given = {"push": 0.3, "shake": 0.15, "discrepancy": 0.0}
-    problem, both = trials_with(**given), ("push", "shake")
+    problem, both = trials_with(**BOTH), ("push", "shake")
 
     def tell(text: str, _: int) -> None:
         if text.startswith("fitting"):
@@ -115,12 +122,14 @@ def test_a_search_whose_time_is_over_answers_with_what_it_has_found_and_says_so(
     minutes = SECONDS * len(SIX) / 60
     (note,) = [n for n in notes(problem, judgement, ()) if "minutes" in n]
     assert f"{minutes:.0f} minutes of processor time" in note
-    assert ask(**given).search.best.effects == both
+    assert ask(**BOTH).search.best.effects == both
 
 
-@pytest.mark.parametrize(("id_", "size"), [("push", 0.3), ("shake", 0.4)])
-def test_one_missing_effect_is_named_and_closes_the_gap(id_: str, size: float) -> None:
-    judgement = ask(**{id_: size}).judgement
+@pytest.mark.parametrize(
+    ("id_", "given"), [("push", {"push": 0.3}), ("shake", {"shake": 0.4, "channels": CHANNELS})]
+)
+def test_one_missing_effect_is_named_and_closes_the_gap(id_: str, given: dict[str, Any]) -> None:
+    judgement = ask(**given).judgement
     assert judgement.verdict == "named"
     (only,) = judgement.named
     assert (only.id, only.twins) == (id_, ())
@@ -132,7 +141,7 @@ def test_one_missing_effect_is_named_and_closes_the_gap(id_: str, size: float) -
 
 
 def test_effects_with_the_same_trace_are_twins() -> None:
-    answer = ask(push=0.3, candidates=("pull", "push", "shove"), commands=FOUR)
+    answer = ask(push=0.3, candidates=("pull", "push", "shove"), commands=FOUR, channels=CHANNELS)
     assert answer.judgement.verdict == "named"
     (only,) = answer.judgement.named
     assert {only.id, *only.twins} == {"push", "shove"}
@@ -151,13 +160,13 @@ def test_what_no_candidate_explains_is_unknown() -> None:
 
 
 def test_what_follows_no_law_is_unknown_and_nothing_is_named() -> None:
-    answer = ask(discrepancy=0.3, seed=2)
+    answer = ask(discrepancy=0.3, seed=2, channels=CHANNELS)
     assert answer.judgement.verdict == "unknown"
     assert answer.named == set()
 
 
 def test_what_changes_from_trial_to_trial_by_much_is_unknown_though_repetitions_share_nothing() -> None:
-    answer = ask(shake=0.4, candidates=("pull", "push"), commands=FOUR)
+    answer = ask(shake=0.4, candidates=("pull", "push"), commands=FOUR, channels=CHANNELS)
     assert (answer.judgement.verdict, answer.named) == ("unknown", set())
     assert answer.judgement.scatter
     text = sentence("unknown", (), (), answer.judgement, (), TOLERANCE)
@@ -197,7 +206,7 @@ def test_where_repetitions_differ_a_change_below_the_tolerance_does_not_stand_ou
 
 def test_numbers_of_single_trials_must_be_needed_at_more_than_one_speed() -> None:
     """A resonance coincides with an order of the wheels at one speed."""
-    problem = problem_of(SIX)
+    problem = problem_of(SIX, CHANNELS)
     rng = np.random.default_rng(7)
     for trials, wanted in ((range(6), True), (range(2, 4), False)):
         point = problem.with_effect(drawn(problem, rng, common=0.3), "shake", (0.0,))
@@ -210,7 +219,7 @@ def test_numbers_of_single_trials_must_be_needed_at_more_than_one_speed() -> Non
 
 def test_an_effect_that_the_discrepancy_has_taken_up_is_seen_under_a_tolerated_one() -> None:
     """The same equations under other scales give what a screen of a fit with those scales gives."""
-    problem, rng = problem_of(SIX), np.random.default_rng(3)
+    problem, rng = problem_of(SIX, CHANNELS), np.random.default_rng(3)
     put_in = problem.with_effect(drawn(problem, rng, common=0.3), "push", (0.15,))
     measure(problem, put_in, rng)
     base = fit(problem, problem.neutral())
@@ -237,7 +246,15 @@ def test_a_candidate_with_the_same_trace_is_a_rival_and_one_that_adds_to_it_is_n
 
 
 def test_an_effect_that_closes_little_is_small() -> None:
-    answer = ask(push=0.5, pull=0.012, discrepancy=0.0, seed=3, candidates=("pull", "push"), commands=FOUR)
+    answer = ask(
+        push=0.5,
+        pull=0.012,
+        discrepancy=0.0,
+        seed=3,
+        candidates=("pull", "push"),
+        commands=FOUR,
+        channels=CHANNELS,
+    )
     assert answer.judgement.verdict == "named"
     assert answer.named == {"push"}
     assert {n.id for n in answer.judgement.small} <= {"pull"}
@@ -294,7 +311,7 @@ def test_an_effect_matters_by_the_gap_that_it_closes_or_by_a_channel(
 
 
 def test_what_an_error_of_the_formulas_beside_it_can_do_does_not_need_an_effect() -> None:
-    answer = ask(push=0.3, shake=0.15, discrepancy=0.0)
+    answer = ask(**BOTH)
     best, without = answer.search.best, answer.search.model(("push",))
     assert without is not None
     changes, scales = {"accel_x": 0.5}, best.fit.scales
@@ -309,7 +326,7 @@ def test_what_an_error_of_the_formulas_beside_it_can_do_does_not_need_an_effect(
 
 def test_a_second_effect_is_found_where_the_first_leaves_less_than_the_tolerance() -> None:
     """Numbers that change from trial to trial leave no discrepancy that repetitions share."""
-    answer = ask(push=0.3, shake=0.15, discrepancy=0.0)
+    answer = ask(**BOTH)
     assert answer.named == {"push", "shake"}
 
 
@@ -323,7 +340,7 @@ def test_a_small_effect_that_promises_most_does_not_hide_another(monkeypatch: py
     monkeypatch.setattr("granite_lab.discovery.fitted_sets.is_adequate", lambda *_: True)
     monkeypatch.setattr("granite_lab.discovery.fitted_sets.has_strained_trials", lambda *_: False)
     monkeypatch.setattr("granite_lab.discovery.search.prediction_change", moved)
-    found = ask.__wrapped__(push=0.3, shake=0.2, candidates=("push", "shake")).search
+    found = ask.__wrapped__(push=0.3, shake=0.2, candidates=("push", "shake"), channels=CHANNELS).search
     assert (found.best.effects, found.negligible) == (("push",), ("shake",))
 
 
@@ -391,7 +408,7 @@ def test_an_amplitude_that_matters_is_not_one_by_what_other_numbers_add() -> Non
 def test_a_set_that_ends_below_a_part_is_fitted_again_from_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fit that stops before the optimum must not cost the effect."""
     rng = np.random.default_rng(4)
-    problem = problem_of((0, 0, 1, 1))
+    problem = problem_of((0, 0, 1, 1), CHANNELS)
     start = problem.with_effect(drawn(problem, rng), "push", (0.0,))
     measure(problem, replace(start, common=np.array([0.7])), rng)
     alone = fit(problem, problem.neutral())
@@ -412,7 +429,7 @@ def test_a_set_that_missed_its_optimum_is_fitted_again_from_a_larger_one_that_br
 ) -> None:
     """The second effect must not be credited with what the first one has not reached."""
     rng = np.random.default_rng(0)
-    problem = problem_of(SIX)
+    problem = problem_of(FOUR)
     point = problem.with_effect(
         problem.with_effect(drawn(problem, rng, common=0.3), "push", (1.0,)), "pull", (0.05,)
     )
@@ -436,7 +453,7 @@ def test_a_set_that_missed_its_optimum_is_fitted_again_from_a_larger_one_that_br
 
 def test_of_several_starts_the_best_fit_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(4)
-    problem = problem_of((0, 0, 1, 1))
+    problem = problem_of((0, 0, 1, 1), CHANNELS)
     start = problem.with_effect(drawn(problem, rng), "push", (0.0,))
     measure(problem, replace(start, common=np.array([0.7])), rng)
     far = replace(start, shared=start.shared + 0.5)
@@ -485,7 +502,7 @@ def test_an_effect_that_closes_less_than_a_channel_s_noise_leaves_unexplained_is
     monkeypatch: pytest.MonkeyPatch, clean: bool, closes: float, named: set[str]
 ) -> None:
     """The set leaves 3 % of the gap."""
-    answer = ask(push=0.3, shake=0.15, discrepancy=0.0)
+    answer = ask(**BOTH)
     asked, whole = verdict._evidence_of, verdict.performance_of
 
     def one(*given: Any) -> EffectEvidence:
@@ -568,7 +585,8 @@ def of_sets(problem: Problem, lost: Mapping[tuple[str, ...], float]) -> FittedSe
 
 def test_a_set_that_missed_its_optimum_is_fitted_again_from_the_end_of_the_likeliest_one() -> None:
     sets = of_sets(
-        trials_with(push=0.3, pull=0.3), {(): 0, ("push",): 300, ("pull",): 0, ("pull", "push"): 0}
+        trials_with(push=0.3, pull=0.3, channels=CHANNELS),
+        {(): 0, ("push",): 300, ("pull",): 0, ("pull", "push"): 0},
     )
     before = dict(sets.models)
     assert not reduce(sets)
@@ -577,19 +595,22 @@ def test_a_set_that_missed_its_optimum_is_fitted_again_from_the_end_of_the_likel
 
 
 def test_an_effect_that_only_a_missed_optimum_speaks_for_is_given_up() -> None:
-    sets = of_sets(trials_with(push=0.3), {(): 0, ("push",): 100, ("pull", "push"): 0})
+    sets = of_sets(trials_with(push=0.3, channels=CHANNELS), {(): 0, ("push",): 100, ("pull", "push"): 0})
     assert sets.likeliest().effects == ("pull", "push")
     assert reduce(sets)
     assert sets.likeliest().effects == ("push",)
 
 
 def test_an_effect_is_named_beside_another_cause() -> None:
-    answer = ask(push=0.5, hidden=0.2, candidates=("pull", "push"), commands=FOUR)
+    answer = ask(
+        push=0.5,
+        hidden=0.2,
+        candidates=("pull", "push"),
+        commands=FOUR,
+        channels=("accel_x", "accel_z", *CHANNELS),
+    )
     assert answer.judgement.verdict == "partly named"
     assert answer.named == {"push"}
-
-
-CHANNELS = ("pitch_rate", "wheel", "current_f")
 
 
 Row = tuple[Array, Array, Array]
