@@ -9,6 +9,7 @@ import pytest
 from granite_lab.discovery import remainder as stage
 from granite_lab.discovery import search as searching
 from granite_lab.discovery.finding import SIMULATES_WORSE
+from granite_lab.discovery.models import Search
 from granite_lab.discovery.numbers import Numbers
 from granite_lab.discovery.remainder import credited, savable
 from granite_lab.discovery.saved_model import (
@@ -19,7 +20,7 @@ from granite_lab.discovery.saved_model import (
     share_closed,
 )
 from granite_lab.discovery.search import search
-from granite_lab.discovery.verdict import judge
+from granite_lab.discovery.verdict import Judgement, judge
 from granite_lab.discovery.words import notes
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.problem import Problem
@@ -28,17 +29,27 @@ from tests.inference.stub import drawn, measure, problem_of
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 SIX = (0, 0, 1, 1, 2, 2)
+CHANNELS = ("accel_x", "accel_z", "pitch_rate", "wheel", "current_f")
+"""Those of the IMU, which tell the velocity, and one of each other sensor."""
 TOLERANCE = 0.02
 
 
 @cache
 def pushed(commands: tuple[int, ...] = SIX) -> tuple[Problem, Fit, Fit]:
     """Return trials with a push, the fit without it and that with it."""
-    rng, problem = np.random.default_rng(0), problem_of(commands)
+    rng, problem = np.random.default_rng(0), problem_of(commands, CHANNELS)
     point = problem.with_effect(drawn(problem, rng, common=0.1), "push", (0.4,))
     measure(problem, point, rng, 0.002)
     base = fit(problem, problem.neutral())
     return problem, base, fit(problem, problem.with_effect(base.point, "push", (0.1,)))
+
+
+@cache
+def searched() -> tuple[Search, Judgement]:
+    """What a search with a library of one effect finds in them, and its judgement."""
+    problem, base, _ = pushed()
+    found = search(problem, base, ("push",), TOLERANCE)
+    return found, judge(problem, found, TOLERANCE)
 
 
 def test_what_is_left_of_speeds_left_out_is_least_for_the_model_that_is_right() -> None:
@@ -98,9 +109,9 @@ def test_a_set_that_carries_worse_than_the_files_is_set_aside(monkeypatch: pytes
         found = loss_of_model(problem, of, tolerance)
         return None if found is None or "push" in of.point.effects else 0 * found
 
-    assert search(problem, base, ("push", "pull"), TOLERANCE).best.effects == ("push",)
+    assert searched()[0].best.effects == ("push",)
     monkeypatch.setattr(searching, "loss_of_model", bad)
-    found = search(problem, base, ("push", "pull"), TOLERANCE)
+    found = search(problem, base, ("push",), TOLERANCE)
     assert found.best.effects == ("push",)  # where all do, none is
     monkeypatch.setattr(
         searching, "loss_of_model", lambda p, f, t: bad(p, f, t) if len(f.point.effects) else None
@@ -113,9 +124,7 @@ def test_a_set_that_carries_worse_than_the_files_is_set_aside(monkeypatch: pytes
 def test_the_files_are_saved_where_nothing_is_named_and_all_else_predicts_worse(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    problem, base, _ = pushed()
-    found = search(problem, base, ("push",), TOLERANCE)  # a library of one effect
-    judgement = judge(problem, found, TOLERANCE)
+    problem, (found, judgement) = pushed()[0], searched()
     monkeypatch.setattr(stage, "predicts_worse", lambda *_: True)
     assert savable(problem, found, judgement, TOLERANCE) is judgement  # what is named is saved
     unsure = replace(judgement, verdict="unknown", named=(), described=judgement.named)
@@ -132,9 +141,7 @@ def test_the_files_are_saved_where_nothing_is_named_and_all_else_predicts_worse(
 def test_no_more_is_credited_than_simulations_with_the_saved_model_close(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    problem, base, _ = pushed()
-    found = search(problem, base, ("push",), TOLERANCE)
-    judgement = judge(problem, found, TOLERANCE)
+    (problem, base, _), (found, judgement) = pushed(), searched()
     assert credited(problem, found, judgement, TOLERANCE) is judgement  # its simulations close the gap
     by_files = loss_of_files(problem, base)
     assert by_files is not None
