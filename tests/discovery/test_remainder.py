@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -62,10 +63,10 @@ def simulator(scenario: Scenario, tasks: Sequence[Task]) -> list[Array | None]:
 
 
 @cache
-def measured(**hidden: float) -> tuple[Problem, Fit]:
+def measured(commands: tuple[int, ...] = (0, 0, 1, 2), **hidden: float) -> tuple[Problem, Fit]:
     """Return virtual trials of three speeds with effects, one strength each, and the fit without them."""
     rng, problem = (
-        np.random.default_rng(1), problem_of((0, 0, 1, 1, 2, 2), respond=simulator, effects=SIMULATED)
+        np.random.default_rng(1), problem_of(commands, respond=simulator, effects=SIMULATED)
     )  # fmt: skip
     point = drawn(problem, rng, common=0.2, own=0.3)
     for id_, size in hidden.items():
@@ -76,14 +77,16 @@ def measured(**hidden: float) -> tuple[Problem, Fit]:
 
 
 @cache
-def pushes_of(**hidden: float) -> ImpulseResponses:
+def pushes_of(**hidden: Any) -> ImpulseResponses:
     """What pushes at all places show about the fit of `measured`."""
     found = impulse_responses(*measured(**hidden))
     assert found is not None
     return found
 
 
-PATCH = {"soft_patch": 0.5, "drivetrain_friction": 0.15}
+PATCH: dict[str, Any] = {
+    "commands": (0, 0, 1, 1, 2, 2), "soft_patch": 0.5, "drivetrain_friction": 0.15
+}  # fmt: skip
 """The larger cause has another formula than the terms; the effect beside it is one of the library."""
 
 
