@@ -28,7 +28,7 @@ from granite_lab.model.simulator import integrate
 from granite_lab.model.symbols import model_parameters
 from granite_lab.options import Options
 from granite_lab.parameters import Robot, load_robot, load_soil, variant_of
-from tests.soak import sampled
+from tests.soak import SOAK, sampled, whole
 from tests.truth import faults
 
 OUTSIDE = Path(__file__).parent.parent / "data" / "outside"
@@ -38,6 +38,9 @@ ALONE = {"drive_reaction": FEW["drive_reaction"]}
 
 PAIR = ("0.5_1", "0.5_2")
 """Two trials of one speed, which take the least time."""
+
+FOUR = ("0.2_1", *PAIR, "0.7_1")
+"""The fewest trials whose finding is not provisional: three speeds, one of them repeated."""
 
 
 log, corrected = cache(read_trial), cache(correct)
@@ -65,10 +68,11 @@ def good() -> Finding:
 
 
 def candidates() -> dict[str, Effect]:
-    """A tenth of the library with the few; all of it in `make soak` and in `make outside`."""
-    return dict(sampled(library().items(), 10)) | FEW
+    """A twentieth of the library with the few; all of it in `make soak` and in `make outside`."""
+    return dict(sampled(library().items(), 20)) | FEW
 
 
+@whole
 @pytest.mark.slow
 def test_nothing_is_missing_from_the_trials_of_another_program() -> None:
     finding = found(logs("o01"), candidates())
@@ -84,7 +88,7 @@ def test_nothing_is_missing_from_the_trials_of_another_program() -> None:
 
 @pytest.mark.slow
 def test_what_another_program_added_is_named_among_other_effects_and_closes_the_gap() -> None:
-    finding = found(logs("o03"), candidates())
+    finding = found(logs("o03", () if SOAK else FOUR), candidates())
     assert finding.verdict == "named"
     (effect,) = finding.effects
     assert (effect.id, effect.twins) == ("drive_reaction", ())
@@ -96,7 +100,7 @@ def test_what_another_program_added_is_named_among_other_effects_and_closes_the_
     assert abs(share.estimate.value - 0.8) < 3 * share.estimate.std
     assert finding.sentence.startswith("Missing from the model: drive_reaction. On trials that were left out")
     assert finding.where
-    assert len(finding.trials_left_out) == 6
+    assert len(finding.trials_left_out) == (6 if SOAK else len(FOUR))
     assert len(finding.speeds_left_out) == 3
     assert all(row.after < row.before for row in (*finding.trials_left_out, *finding.speeds_left_out))
     assert not finding.virtual

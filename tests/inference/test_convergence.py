@@ -21,7 +21,7 @@ from granite_lab.inference.setup import baseline, trial_models
 from granite_lab.options import Options
 from granite_lab.parameters import load_robot, load_soil
 from granite_lab.processes import one_thread
-from tests.soak import SOAK
+from tests.soak import SOAK, whole
 
 pytestmark = pytest.mark.slow
 SAMPLES = Path(__file__).parents[2] / "data" / "samples"
@@ -92,6 +92,7 @@ def test_all_starts_end_at_one_optimum(case: Case, seed: int) -> None:
         assert change(best.scales, f.scales) < 0.1
 
 
+@whole
 def test_a_fit_of_a_model_that_is_wrong_does_not_pass_for_converged(case: Case) -> None:
     """Without the reaction of the drives the kinks of (10) are sharper than the noise; what the derivatives
     promise beyond the point is not credited."""
