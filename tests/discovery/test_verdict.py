@@ -429,7 +429,7 @@ def test_a_set_that_missed_its_optimum_is_fitted_again_from_a_larger_one_that_br
 ) -> None:
     """The second effect must not be credited with what the first one has not reached."""
     rng = np.random.default_rng(0)
-    problem = problem_of(FOUR)
+    problem = problem_of(SIX)
     point = problem.with_effect(
         problem.with_effect(drawn(problem, rng, common=0.3), "push", (1.0,)), "pull", (0.05,)
     )
