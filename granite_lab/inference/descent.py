@@ -53,8 +53,8 @@ SHORTENED = THREE_SIGMA**2
 optimum it damps its steps then."""
 
 LEAST_FRACTION = 1 / 8
-"""Least fraction of a step of Gauss and Newton that a fine fit tries. Damping keeps numbers of little influence
-where they are, and leads aside in a valley."""
+"""Least fraction of a step of Gauss and Newton that a fine fit tries. Damping keeps numbers of little
+influence where they are, and leads aside in a valley."""
 
 LEAST_DAMPED = 0.01
 """Damping below which there is none."""
