@@ -323,9 +323,12 @@ class Descent:
             return self._move(goal, step.state, step)
         if self.distance > 0:
             return _Next.RENEW  # it was predicted by derivatives of another point
-        if self._may_go_apart(problem) and step.predicted > NO_RANK and (goal.fine or goal.private > 0):
-            self.per_trial, self.gained = not goal.fine, np.inf
-            return _Next.END if goal.fine else _Next.RENEW
+        if self._may_go_apart(problem) and step.predicted > NO_RANK:
+            if goal.fine:
+                return _Next.END  # it goes on with the derivatives of each trial
+            if goal.private > 0:
+                self.per_trial, self.gained = True, np.inf
+                return _Next.RENEW
         return self._shorten(goal, step)
 
     def _approaches(self, goal: Goal, step: _Step) -> bool:

@@ -90,14 +90,6 @@ PATCH: dict[str, Any] = {
 """The larger cause has another formula than the terms; the effect beside it is one of the library."""
 
 
-@cache
-def patch_described() -> Fit:
-    """The fit with the terms that describe the trials with both."""
-    found = described(measured(**PATCH)[0], pushes_of(**PATCH), TOLERANCE)
-    assert found is not None
-    return found
-
-
 def test_a_term_reproduces_an_effect_whose_law_is_of_its_form() -> None:
     """The reaction of the drives is a moment in proportion to the torques; a term fades out at standstill."""
     robot, soil, variant = load_robot(), load_soil(), variant_of(0.7)
@@ -191,21 +183,20 @@ def test_a_hidden_force_is_described_by_its_formula_and_the_ceiling_shows_its_si
     assert after.speed_left_out.sum() < before.speed_left_out.sum()
 
 
-def test_a_soft_patch_is_described_by_its_place_and_closes_the_gap_at_speeds_left_out() -> None:
-    (problem, base), found = measured(**PATCH), patch_described()
-    largest = term(found.point.effects[int(np.argmax(np.abs(found.point.common)))])
+def test_a_soft_patch_is_described_by_its_place_and_an_effect_is_found_beside_the_description() -> None:
+    """The description closes the gap at speeds left out."""
+    problem, base = measured(**PATCH)
+    described_by = described(problem, pushes_of(**PATCH), TOLERANCE)
+    assert described_by is not None
+    largest = term(described_by.point.effects[int(np.argmax(np.abs(described_by.point.common)))])
     assert isinstance(largest, Term)
     chassis = load_robot().chassis
     assert chassis is not None
     place = list(PLACES).index(largest.groups[0]) * chassis.wheel_base / 4
     assert place == pytest.approx(0.35, abs=0.12)
-    before, after = (predict(problem, f, TOLERANCE) for f in (base, found))
+    before, after = (predict(problem, f, TOLERANCE) for f in (base, described_by))
     excess = [float((p.speed_left_out - p.expected).sum()) for p in (before, after)]
     assert excess[1] < excess[0] / 4
-
-
-def test_an_effect_is_found_beside_the_terms_that_describe_a_larger_cause() -> None:
-    (problem, base), described_by = measured(**PATCH), patch_described()
     terms = set(filter(is_term, described_by.point.effects))
     assert terms
     start = Model.of(tuple(sorted(described_by.point.effects)), described_by)

@@ -20,7 +20,7 @@ from granite_lab.discovery.relevance import has_strained_trials, left_without
 from granite_lab.discovery.remainder import remainder
 from granite_lab.discovery.resampling import by_evidence
 from granite_lab.discovery.screens import Screen, rescreened, screen
-from granite_lab.discovery.search import reduce, search
+from granite_lab.discovery.search import _refit_from_larger, reduce, search
 from granite_lab.discovery.sets import fit_sets
 from granite_lab.discovery.verdict import OPEN, EffectEvidence, Judgement, by_posterior, judge
 from granite_lab.discovery.words import notes, provisional, sentence
@@ -424,33 +424,6 @@ def test_a_set_that_ends_below_a_part_is_fitted_again_from_it(monkeypatch: pytes
     assert found.point.common[0] == pytest.approx(0.7, abs=0.05)
 
 
-def test_a_set_that_missed_its_optimum_is_fitted_again_from_a_larger_one_that_brings_too_much(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The second effect must not be credited with what the first one has not reached."""
-    rng = np.random.default_rng(0)
-    problem = problem_of(SIX)
-    point = problem.with_effect(
-        problem.with_effect(drawn(problem, rng, common=0.3), "push", (1.0,)), "pull", (0.05,)
-    )
-    measure(problem, point, rng, 0.004)
-    base = fit(problem, problem.neutral())
-    told: dict[tuple[str, ...], float] = {}
-
-    def missed(problem: Problem, at: Point, scales: Scales, *, rounds: int, least: float) -> Fit:
-        found = fit(problem, at, scales, rounds=rounds, least=least)
-        told.setdefault(tuple(sorted(at.effects)), found.evidence)
-        early = at.effects == ("push",) and ("pull", "push") not in told
-        return replace(found, evidence=(found.evidence + base.evidence) / 2) if early else found
-
-    monkeypatch.setattr("granite_lab.discovery.sets.fit", missed)
-    found = search(problem, base, ("pull", "push"), TOLERANCE)
-    alone = found.model(("push",))
-    assert found.best.effects == ("pull", "push")
-    assert alone is not None
-    assert alone.fit.evidence > 0.9 * told["push",] + 0.1 * base.evidence
-
-
 def test_of_several_starts_the_best_fit_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(4)
     problem = problem_of((0, 0, 1, 1), CHANNELS)
@@ -592,6 +565,23 @@ def test_a_set_that_missed_its_optimum_is_fitted_again_from_the_end_of_the_likel
     assert not reduce(sets)
     assert sets.likeliest().effects == ("pull", "push")
     assert sets.models["push",].log_posterior > before["push",].log_posterior + LEAST_GAIN
+
+
+def test_a_set_that_missed_its_optimum_is_fitted_again_from_a_larger_one_that_brings_too_much() -> None:
+    """What the first effect has not reached is not credited to the second one."""
+    sets = of_sets(
+        trials_with(push=0.3, pull=0.3, channels=CHANNELS), {(): 0, ("push",): 0, ("pull", "push"): 0}
+    )
+    alone, both = sets.models["push",], sets.models["pull", "push"]
+    sets.prospects(alone)
+    assert _refit_from_larger(sets, alone, both) is alone
+    lost = 2 * (both.fit.evidence - alone.fit.evidence)
+    missed = Model.of(("push",), replace(alone.fit, evidence=alone.fit.evidence - lost))
+    sets.models["push",] = missed
+    again = _refit_from_larger(sets, missed, both)
+    assert again.log_posterior > missed.log_posterior + 0.9 * lost
+    assert ("pull", "push") not in sets.models
+    assert _refit_from_larger(sets, again, both) is again  # once
 
 
 def test_an_effect_that_only_a_missed_optimum_speaks_for_is_given_up() -> None:
