@@ -343,7 +343,8 @@ def fit_finely(sets: FittedSets) -> None:
     """Fit the sets that can change a probability to their optimum; the others keep their rough fit.
 
     They are the first `TRIED` sets whose odds against the likeliest are not below `UNLIKELY`. A set that only
-    adds effects which do not matter is left out: it is no evidence against the likeliest.
+    adds effects which do not matter is left out: it is no evidence against the likeliest. That one alone gets
+    the derivatives of each trial, since its numbers are reported.
     """
     best = sets.likeliest()
     least = best.log_posterior + np.log(UNLIKELY)
@@ -351,7 +352,7 @@ def fit_finely(sets: FittedSets) -> None:
     others = [m for m in likely if not set(m.effects) >= set(best.effects)]
     rough = [m for m in (best, *others[: TRIED - 1]) if not m.fit.converged]
     sets.tell_fits(m.effects for m in rough)
-    fits = best_fits(sets.problem, [(m.fit.point, m.fit.scales) for m in rough], LEAST, FINE)
+    fits = best_fits(sets.problem, [(m.fit.point, m.fit.scales) for m in rough], LEAST, FINE, best.effects)
     for model in rough:
         fine = fits.get(model.effects)
         if fine is not None and (fine.converged or fine.evidence > model.fit.evidence):

@@ -62,12 +62,17 @@ def best_fits(
     starts: Sequence[tuple[Point, Scales]],
     least: float = LEAST_OF_ROUGH,
     rounds: int = ROUNDS,
+    each_trial: tuple[str, ...] | None = None,
 ) -> dict[tuple[str, ...], Fit]:
-    """Return the best fit of each set of effects from several starts, those without a solution left out."""
+    """Return the best fit of each set of effects from several starts, those without a solution left out.
+
+    Fine fits of one set alone, `each_trial`, go on with derivatives at each trial's own numbers.
+    """
 
     def attempt(k: int) -> Fit | None:
         try:
-            return fit(problem, *starts[k], rounds=rounds, least=least)
+            apart = set_of(starts[k][0]) == each_trial
+            return fit(problem, *starts[k], rounds=rounds, least=least, each_trial=apart)
         except EstimateError:
             return None
 

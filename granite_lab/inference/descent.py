@@ -138,6 +138,7 @@ class Goal:
 
     Attributes:
         fine: only such a fit takes differences to both sides.
+        each_trial: a fine fit goes on with derivatives at each trial's own numbers.
         private: how many numbers of effects all trials have of their own, as the phase of a wheel.
         least: predicted drop below which the point is an optimum.
         near: how far from a point derivatives count as its own [std].
@@ -145,19 +146,24 @@ class Goal:
     """
 
     fine: bool
+    each_trial: bool
     private: int
     least: float
     near: float
     trusted: float
 
     @classmethod
-    def of(cls, problem: Problem, point: Point, least: float) -> Goal:
-        """Return the goal of a fit of a point's effects that ends at some predicted drop."""
+    def of(cls, problem: Problem, point: Point, least: float, *, each_trial: bool) -> Goal:
+        """Return the goal of a fit of a point's effects that ends at some predicted drop.
+
+        Of trials that differ in numbers of effects, as the phase of a wheel, only their own derivatives tell.
+        """
         fine = least <= LEAST
         private = len(problem.parameters(point.effects, per_trial=True)) * len(problem.trials)
         numbers = 1 + private if fine else 1
         near, trusted = (AS_GOOD, TRUSTED) if fine else (AS_GOOD_ROUGH, TRUSTED_ROUGH)
-        return cls(fine, private, least * numbers, near * float(np.sqrt(numbers)), trusted)
+        apart = fine and (each_trial or private > 0)
+        return cls(fine, apart, private, least * numbers, near * float(np.sqrt(numbers)), trusted)
 
     def stops_poor(self, scales: Scales) -> bool:
         """Tell whether the fit ends early because its model is wrong; a fine one never does."""
@@ -246,7 +252,7 @@ class Descent:
         A fine fit goes on with derivatives at each trial's own numbers, in at most so many rounds again.
         """
         at_optimum = self._descend(problem, goal, rounds)
-        if goal.fine and self._may_go_apart(problem):
+        if goal.each_trial and self._may_go_apart(problem):
             self.per_trial, self.stalls, self.last_near, self.steps = True, 0, np.inf, _StepLength()
             at_optimum = self._differentiate(problem, goal) and self._descend(problem, goal, rounds)
         if at_optimum:
@@ -324,7 +330,7 @@ class Descent:
         if self.distance > 0:
             return _Next.RENEW  # it was predicted by derivatives of another point
         if self._may_go_apart(problem) and step.predicted > NO_RANK:
-            if goal.fine:
+            if goal.each_trial:
                 return _Next.END  # it goes on with the derivatives of each trial
             if goal.private > 0:
                 self.per_trial, self.gained = True, np.inf

@@ -90,6 +90,7 @@ def fit(
     derivatives: Derivatives | None = None,
     rounds: int = ROUNDS,
     least: float = LEAST,
+    each_trial: bool = True,
 ) -> Fit:
     """Iterate to the joint optimum of numbers and scales; a simulation without a solution shortens the step.
 
@@ -100,11 +101,15 @@ def fit(
         derivatives: derivatives near the start, if they are known.
         rounds: most steps; with none the problem is made linear at the start, under the scales as given.
         least: predicted drop of the objective below which the fit has converged.
+        each_trial: a fine fit goes on with derivatives at each trial's own numbers.
 
     Raises:
         EstimateError: a simulation at the start has no solution.
     """
-    goal, distance = Goal.of(problem, start, least), 0.0 if derivatives is None else AS_GOOD
+    goal, distance = (
+        Goal.of(problem, start, least, each_trial=each_trial),
+        0.0 if derivatives is None else AS_GOOD,
+    )
     scales = replace(scales, priors={**per_trial_scales(problem, start, start.vector), **scales.priors})
     descent = Descent(_begun(problem, start, derivatives, central=goal.fine), scales, distance)
     converged = False

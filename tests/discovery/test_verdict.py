@@ -413,8 +413,8 @@ def test_a_set_that_ends_below_a_part_is_fitted_again_from_it(monkeypatch: pytes
     measure(problem, replace(start, common=np.array([0.7])), rng)
     alone = fit(problem, problem.neutral())
 
-    def stuck(problem: Problem, at: Point, scales: Scales, *, rounds: int, least: float) -> Fit:
-        found = fit(problem, at, scales, rounds=rounds, least=least)
+    def stuck(problem: Problem, at: Point, scales: Scales, **given: Any) -> Fit:
+        found = fit(problem, at, scales, **given)
         return replace(found, evidence=alone.evidence - 1) if at is start else found
 
     monkeypatch.setattr("granite_lab.discovery.sets.fit", stuck)
