@@ -56,12 +56,6 @@ def gain(rest: Array, places: Sequence[int], variances: Array) -> tuple[float, A
     return float(0.5 * x @ x - np.log(np.diag(L)).sum()), np.asarray(mean)
 
 
-def amplitudes(rest: Array, places: Sequence[int], variances: Array) -> tuple[Array, Array]:
-    """Return posterior mean and covariance of the amplitudes of further columns; arguments as of `gain`."""
-    covariance = np.asarray(np.linalg.inv(rest[np.ix_(places, places)] + np.diag(1 / variances)), dtype=float)
-    return covariance @ rest[places, -1], covariance
-
-
 def relevant(problem: Problem, screened: Screen, places: Array, variances: Array, tolerance: float) -> float:
     """Return the probability that further columns move the prediction of a channel beyond the tolerance.
 
@@ -75,8 +69,9 @@ def relevant(problem: Problem, screened: Screen, places: Array, variances: Array
         variances: (places,) of the prior of each amplitude.
         tolerance: a share of a channel's rms in motion.
     """
-    mean, covariance = amplitudes(screened.posterior.rest, _listed(places), variances)
-    root = np.linalg.cholesky(covariance)
+    rest, listed = screened.posterior.rest, _listed(places)
+    _, mean = gain(rest, listed, variances)
+    root = np.linalg.cholesky(np.linalg.inv(rest[np.ix_(listed, listed)] + np.diag(1 / variances)))
     drawn = mean + np.random.default_rng(0).normal(size=(DRAWS, mean.size)) @ root.T
     of_trial = drawn.reshape(DRAWS, -1, places.shape[-1])  # one for all, or a row for each trial
     largest = np.zeros(DRAWS)

@@ -106,10 +106,8 @@ def fit(
     Raises:
         EstimateError: a simulation at the start has no solution.
     """
-    goal, distance = (
-        Goal.of(problem, start, least, each_trial=each_trial),
-        0.0 if derivatives is None else AS_GOOD,
-    )
+    goal = Goal.of(problem, start, least, each_trial=each_trial)
+    distance = 0.0 if derivatives is None else AS_GOOD
     scales = replace(scales, priors={**per_trial_scales(problem, start, start.vector), **scales.priors})
     descent = Descent(_begun(problem, start, derivatives, central=goal.fine), scales, distance)
     converged = False
