@@ -58,6 +58,7 @@ class Influence(Truth):
         account: how it is made here, and after whom.
         declared: its parameters.
         phased: each trial has a phase of its own [rad].
+        predictable: trials show when it acts in another one; not so of a gust.
     """
 
     id: ClassVar[str]
@@ -65,6 +66,7 @@ class Influence(Truth):
     account: ClassVar[str]
     declared: ClassVar[tuple[Size, ...]]
     phased: ClassVar[bool] = False
+    predictable: ClassVar[bool] = True
 
     @classmethod
     def altered(cls, robot: CompleteRobot, sizes: Mapping[str, float]) -> CompleteRobot:  # noqa: ARG003

@@ -100,6 +100,7 @@ class WindGust(Influence):
         Size("force", "N", "at the height of the gust", 15.0, 40.0, 0, 300),
         Size("duration", "s", "from rise to fall", 0.3, 0.6, 0.1, 3, kind="shape"),
     )
+    predictable = False
 
     @classmethod
     def of_trial(cls, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:

@@ -10,7 +10,7 @@ import pytest
 
 from granite_lab.api.hidden import hide, reveal
 from granite_lab.errors import EstimateError, UsageError
-from granite_lab.hidden.catalogue import LAWS, LIBRARY, OUTSIDE, TWINS, model_of
+from granite_lab.hidden.catalogue import LAWS, LIBRARY, OUTSIDE, TWINS, influence, model_of
 from granite_lab.hidden.command import trapezoid
 from granite_lab.hidden.lab import Filed, Lab, bench, drives, lab_of, wild
 from granite_lab.hidden.making import make_set
@@ -413,3 +413,12 @@ def test_each_cause_of_a_mixture_reopens_a_tenth_of_the_gap_and_a_speed_is_withh
     quarter = {key: 0.95 * value if key != "t_s" else value for key, value in true.items()}
     assert share_closed(withheld, half, true) == 1.0
     assert share_closed(withheld, half, quarter) == pytest.approx(0.5)
+
+
+def test_trials_do_not_tell_when_a_gust_blows_in_another_one_and_tell_all_else() -> None:
+    """What is drawn anew in each trial is a phase, which averages out, or nothing can predict it."""
+    for id_ in (*LIBRARY, *OUTSIDE):
+        sizes = {size.name: size.low for size in influence(id_).declared}
+        drawn = [influence(id_).of_trial(sizes, np.random.default_rng(seed)) for seed in (1, 2)]
+        differ = {name.split("_")[0] for name in drawn[0] if drawn[0][name] != drawn[1][name]}
+        assert bool(differ - {"phase", "cos", "sin"}) is not influence(id_).predictable, id_
