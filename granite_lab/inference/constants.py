@@ -135,16 +135,15 @@ prepared sand scatter by 5 to 10 %."""
 _BY_HAND = 0.01
 SENSOR_STD = {
     "tilt": _BY_HAND,
-    "accel_x gain": 0.005,
     "wheel offset": 0.02,
     "wheel gain": 0.002,
     "wheel_split gain": 0.003,
     "start": LATENCY_LIMIT,
     "arm": _BY_HAND,
 }
-"""First value of the std of what a data sheet or a file leaves open: mounting tilt [rad], gain of the
-accelerometer [-], angle of the wheels at rest [rad], their radius [-] and its difference between the axles
-[-], start of the command [s], place of the IMU [m]. By hand a sensor is mounted to a centimetre, and as
+"""First value of the std of what the robot's file leaves open: mounting tilt [rad], angle of the wheels at
+rest [rad], their radius [-] and its difference between the axles [-], start of the command [s], place of the
+IMU [m]. By hand a sensor is mounted to a centimetre, and as
 straight over a metre. A command is stamped as late as a sensor."""
 
 MEMORY = 4e8

@@ -273,13 +273,13 @@ def _slacks(observation: Observation, robot: Robot) -> tuple[Slack, ...]:
     """
     grade, currents = robot.imu_grade or load_grade("consumer"), robot.currents
     bias, rate_bias = grade.accel_bias, grade.gyro_bias
-    weight = SENSOR_STD["accel_x gain"] * GRAVITY  # what an error of the gain makes of it
+    weight = grade.accel_scale * GRAVITY  # what an error of the gain makes of it
     accel_z = 1.0 if observation.gravity_removed else THREE_SIGMA * bias + weight
     table = {
         "accel_x": [
             Slack("tilt", SENSOR_STD["tilt"], True),
             Slack("accel_x offset", 2 * bias),
-            Slack("accel_x gain", SENSOR_STD["accel_x gain"], True),
+            Slack("accel_x gain", grade.accel_scale, True),
         ],
         "accel_z": [Slack("accel_z offset", accel_z)],
         "pitch_rate": [Slack("pitch_rate offset", THREE_SIGMA * rate_bias)],
