@@ -148,7 +148,7 @@ def assemble(
         provisional=reasons,
         effects=terms.named,
         description=terms.described,
-        small=tuple(_small(problem, search, n, effects) for n in judgement.small),
+        small=tuple(_small(numbers, search, n, effects) for n in judgement.small),
         closed={"trials": judgement.closed, "speeds": judgement.speeds},
         ceiling=outcome.limit,
         strained=_strained(numbers, judgement),
@@ -268,10 +268,13 @@ def _effect(numbers: Numbers, named: EffectEvidence, effects: Mapping[str, Effec
 
 
 def _small(
-    problem: Problem, search: Search, named: EffectEvidence, effects: Mapping[str, Effect]
+    numbers: Numbers, search: Search, small: EffectEvidence, effects: Mapping[str, Effect]
 ) -> EffectFinding:
-    model = next(m for m in search.models if named.id in m.effects)
-    return _effect(Numbers(problem, model.fit), named, effects)
+    """Return a small effect with its numbers in the model, or in the likeliest set that holds it."""
+    if small.id in numbers.fit.point.effects:
+        return _effect(numbers, small, effects)
+    model = next(m for m in search.models if small.id in m.effects)
+    return _effect(Numbers(numbers.problem, model.fit), small, effects)
 
 
 def _strained(numbers: Numbers, judgement: Judgement) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from granite_lab.discovery.assemble import OptionalParts, Outcome, SearchedTrial
 from granite_lab.discovery.finding import USUAL, Ceiling, Confusion, Detectable, Finding, Limits
 from granite_lab.discovery.fitted_sets import MOST
 from granite_lab.discovery.ground_waves import ground_wave
+from granite_lab.discovery.masked import with_masked
 from granite_lab.discovery.models import Search
 from granite_lab.discovery.orders import lugs
 from granite_lab.discovery.power import detectable
@@ -194,6 +195,9 @@ def _judged(
         by_posterior(problem, searched),
     )
     judged = parts.attempt("what may be saved", lambda: savable(problem, searched, judged, tolerance), judged)
+    judged = parts.attempt(
+        "what gains mask", lambda: with_masked(problem, searched, judged, tolerance), judged
+    )
     nothing: tuple[Judgement, Ceiling | None] = (judged, None)
     judgement, limit = parts.attempt(
         "what the library leaves",

@@ -9,6 +9,7 @@ import pytest
 from granite_lab.discovery import remainder as stage
 from granite_lab.discovery import search as searching
 from granite_lab.discovery.finding import SIMULATES_WORSE
+from granite_lab.discovery.masked import with_masked
 from granite_lab.discovery.models import Search
 from granite_lab.discovery.numbers import Numbers
 from granite_lab.discovery.remainder import credited, savable
@@ -173,3 +174,29 @@ def test_gains_that_all_trials_have_alike_do_not_stand_in_for_what_is_missing() 
     for name in currents:
         assert best.scales.priors[name] <= problem.learnt_std[name]
         assert best.scales.discrepancies[name.removesuffix(" gain")] > 3 * TOLERANCE
+
+
+def test_the_model_holds_what_gains_of_the_sensors_mask() -> None:
+    """Six percent of motor torque: gains take it up in every trial, and a simulation lacks them."""
+    rng, problem = np.random.default_rng(0), problem_of(SIX)
+    point = problem.with_effect(drawn(problem, rng, common=0.1), "push", (0.4,))
+    measure(problem, problem.with_effect(point, "motor", (0.06,)), rng, 0.002)
+    found = search(problem, fit(problem, problem.neutral()), ("motor", "push"), TOLERANCE)
+    judgement = judge(problem, found, TOLERANCE)
+    assert judgement.model.effects == ("push",)
+    saved = with_masked(problem, found, judgement, TOLERANCE)
+    assert saved.model.effects == ("motor", "push")
+    assert saved.named == judgement.named
+    assert [e.id for e in saved.small] == ["motor"]
+    place = saved.model.fit.point.effects.index("motor")  # one number for each effect
+    size, std = saved.model.fit.point.common[place], saved.model.fit.common_std[place]
+    assert size == pytest.approx(0.06, abs=2 * std)
+    points = (problem.with_effect(point, "motor", (0.06,)), judgement.model.fit.point, saved.model.fit.point)
+    runs = problem.pool.run([problem.centre(p, number) for p in points for number in range(3)])
+    true, before, after = (np.hstack([run[5:7] for run in runs[k : k + 3]]) for k in (0, 3, 6))
+    assert np.std(after - true) < np.std(before - true) / 4
+
+
+def test_the_model_stays_where_gains_are_as_their_files_say() -> None:
+    problem, (found, judgement) = pushed()[0], searched()
+    assert with_masked(problem, found, judgement, TOLERANCE) is judgement

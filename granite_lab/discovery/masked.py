@@ -1,0 +1,64 @@
+"""Effects that the gains of the sensors mask: the trials hardly show them, and a simulation needs them.
+
+A wrong torque constant scales both motor currents, as gains of their sensors do. Where such gains are
+refitted, the effect changes no prediction, and it is not named. A simulation has no gains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from granite_lab.discovery.models import Model, Search, ranked
+from granite_lab.discovery.numbers import Numbers
+from granite_lab.discovery.resampling import by_evidence
+from granite_lab.discovery.saved_model import loss_of_model, predicts_worse
+from granite_lab.discovery.search import FINE
+from granite_lab.discovery.sets import best_fits
+from granite_lab.discovery.verdict import Judgement, small_effects
+from granite_lab.inference.constants import LEAST_GAIN, TRIED
+from granite_lab.inference.descent import LEAST
+from granite_lab.inference.problem import Problem
+
+
+def with_masked(problem: Problem, search: Search, judgement: Judgement, tolerance: float) -> Judgement:
+    """Return a judgement whose model also holds the effect that gains of the sensors mask.
+
+    Where gains that all trials share lie two std off their files, the likeliest `TRIED` sets with one more
+    effect are fitted finely. The first whose gains are less strained, that is likelier than the model, and
+    whose simulations predict what was left out better by more than a standard error, is the model. What is
+    named does not change; the further effect is listed as small.
+
+    Args:
+        problem, tolerance: as in `judge`.
+        search: the search in the library.
+        judgement: of it.
+    """
+    best = judgement.model
+    strain = _strain(problem, best)
+    if not judgement.named or strain == 0:
+        return judgement
+    larger = [m for m in ranked(search.models) if set(m.effects) > set(best.effects)]
+    tried = [m for m in larger if len(m.effects) == len(best.effects) + 1][:TRIED]
+    fits = best_fits(problem, [(m.fit.point, m.fit.scales) for m in tried], LEAST, FINE)
+    models = ranked(Model.of(key, fit) for key, fit in fits.items())
+    before = loss_of_model(problem, best.fit, tolerance)
+    for model in models:
+        likelier = model.log_posterior > best.log_posterior + LEAST_GAIN
+        if not likelier or _strain(problem, model) >= strain:
+            continue
+        if predicts_worse(before, loss_of_model(problem, model.fit, tolerance), tolerance):
+            further = tuple(e for e in model.effects if e not in best.effects)
+            others = (m for m in search.models if m.effects not in fits)
+            finely = replace(search, models=tuple(ranked((*models, *others))))
+            known = [e for e in judgement.small if e.id not in further]
+            small = small_effects(by_evidence(finely), further)
+            return replace(judgement, model=model, small=(*small, *known))
+    return judgement
+
+
+def _strain(problem: Problem, model: Model) -> float:
+    """Return the sum of squares of the gains that all trials share, in std of their files, beyond two."""
+    fit, std = model.fit, problem.learnt_std
+    means, gains = Numbers(problem, fit).own_means, fit.point.calibration
+    ratios = [abs(means[name]) / std[name] for name in means if name in gains]
+    return sum(ratio**2 for ratio in ratios if ratio > 2)
