@@ -121,14 +121,20 @@ def _largest_amplitude(probe: Probe) -> float:
 def _nearest(probes: Sequence[Probe], limits: Mapping[int, float]) -> list[tuple[int, Probe]]:
     """Return of each strength the probe nearest to the size that it says is needed, with its place.
 
-    A trace need not be proportional to the strength: the size must be probed near where it is stated.
+    A trace need not be proportional to the strength: the size must be probed near where it is stated. Of
+    several kinds of an effect it is the one that needs the largest size: which one acts is not known.
     """
-    best: dict[tuple[str, int], int] = {}
+    best: dict[tuple[str, int, tuple[float, ...]], int] = {}
     for k, limit in limits.items():
-        key = (probes[k].candidate, probes[k].place)
+        key = (probes[k].candidate, probes[k].place, probes[k].about)
         if key not in best or abs(np.log(limit)) < abs(np.log(limits[best[key]])):
             best[key] = k
-    return [(k, probes[k]) for k in best.values()]
+    hardest: dict[tuple[str, int], int] = {}
+    for (candidate, place, _), k in best.items():
+        other = hardest.setdefault((candidate, place), k)
+        if limits[k] * abs(probes[k].size) > limits[other] * abs(probes[other].size):
+            hardest[candidate, place] = k
+    return [(k, probes[k]) for k in hardest.values()]
 
 
 def _by_noise(power: float, variance: float) -> float:
