@@ -136,7 +136,7 @@ def assemble(
     before, after, power = search.baseline.fit, judgement.model.fit, outcome.power
     late = _latency(search.best.fit, problem, trials.clock_applied)
     numbers = Numbers(problem, after)
-    terms = _terms(numbers, judgement, late, limits.latency, effects)
+    terms = _terms(numbers, search, judgement, late, limits.latency, effects)
     none: list[Discrepancy] = []
     lacking = parts.attempt("the discrepancy", lambda: discrepancies(problem, before), none)
     missing = parts.attempt("what is left of it", lambda: discrepancies(problem, after), none)
@@ -148,7 +148,7 @@ def assemble(
         provisional=reasons,
         effects=terms.named,
         description=terms.described,
-        small=tuple(_small(numbers, search, n, effects) for n in judgement.small),
+        small=tuple(_effect(numbers, search, n, effects) for n in judgement.small),
         closed={"trials": judgement.closed, "speeds": judgement.speeds},
         ceiling=outcome.limit,
         strained=_strained(numbers, judgement),
@@ -210,11 +210,17 @@ class _Terms:
 
 
 def _terms(
-    numbers: Numbers, judgement: Judgement, late: Estimate, limit: float, effects: Mapping[str, Effect]
+    numbers: Numbers,
+    search: Search,
+    judgement: Judgement,
+    late: Estimate,
+    limit: float,
+    effects: Mapping[str, Effect],
 ) -> _Terms:
     """Return the terms of a judgement; a latency beyond the limit [s] is one more."""
     named, described = (
-        tuple(_effect(numbers, n, effects) for n in of) for of in (judgement.named, judgement.described)
+        tuple(_effect(numbers, search, n, effects) for n in of)
+        for of in (judgement.named, judgement.described)
     )
     verdict, active = judgement.verdict, active_of(numbers.problem, numbers.fit)
     clock = _clock(late, limit, effects)
@@ -258,23 +264,19 @@ def _clock_detectable(late: Estimate, limit: float, effects: Mapping[str, Effect
     return (Detectable("clock_offset", "offset", "s", limit + (2 + POWER) * late.std, "tolerance", ()),)
 
 
-def _effect(numbers: Numbers, named: EffectEvidence, effects: Mapping[str, Effect]) -> EffectFinding:
-    effect = numbers.problem.pool.scenario.effects.get(named.id) or effects[named.id]
-    fitted = numbers.of_effect(named.id) if named.id in numbers.fit.point.effects else ()
-    return EffectFinding(
-        named.id, effect.title, effect.equation, fitted, named.twins, named.probability, named.closes,
-        named.speeds, is_term(named.id),
-    )  # fmt: skip
-
-
-def _small(
-    numbers: Numbers, search: Search, small: EffectEvidence, effects: Mapping[str, Effect]
+def _effect(
+    numbers: Numbers, search: Search, evidence: EffectEvidence, effects: Mapping[str, Effect]
 ) -> EffectFinding:
-    """Return a small effect with its numbers in the model, or in the likeliest set that holds it."""
-    if small.id in numbers.fit.point.effects:
-        return _effect(numbers, small, effects)
-    model = next(m for m in search.models if small.id in m.effects)
-    return _effect(Numbers(numbers.problem, model.fit), small, effects)
+    """Return an effect with its numbers in the model, or in the likeliest set that holds it."""
+    id_, held = evidence.id, numbers
+    if id_ not in numbers.fit.point.effects:
+        model = next((m for m in search.models if id_ in m.effects), None)
+        held = numbers if model is None else Numbers(numbers.problem, model.fit)
+    effect = numbers.problem.pool.scenario.effects.get(id_) or effects[id_]
+    return EffectFinding(
+        id_, effect.title, effect.equation, held.of_effect(id_) if id_ in held.fit.point.effects else (),
+        evidence.twins, evidence.probability, evidence.closes, evidence.speeds, is_term(id_),
+    )  # fmt: skip
 
 
 def _strained(numbers: Numbers, judgement: Judgement) -> tuple[str, ...]:

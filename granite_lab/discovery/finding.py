@@ -27,6 +27,9 @@ SIMULATES_WORSE = "Simulations with what was found predict speeds left out worse
 UNCONVERGED = "The fit did not converge"
 """How notes begin that say so of the model with what was found."""
 
+LIKELY = 0.5
+"""Probability from which on a cause acts rather than not; convention."""
+
 Verdict = Literal["none", "named", "partly named", "unknown"]
 Status = Literal["named", "twin", "described", "small", "less likely", "screened", "at a bound"]
 
@@ -92,7 +95,7 @@ class EffectFinding:
     @property
     def is_likely(self) -> bool:
         """Whether it is a cause that acts rather than not."""
-        return not self.empirical and self.probability >= 0.5
+        return not self.empirical and self.probability >= LIKELY
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ def remainder(
 
     Terms are looked for where more is left than the errors of the formulas may leave; where nothing is named,
     those of effects that are not sure count for nothing. Terms stand beside what is named; effects that are
-    not sure stay only if they predict as well as the terms in their place.
+    not sure stay in the model only if they predict as well as the terms in their place.
 
     Args:
         problem, tolerance: as in `judge`.
@@ -123,7 +123,8 @@ def savable(problem: Problem, search: Search, judgement: Judgement, tolerance: f
     """Return a judgement whose model may be saved: simulations of what was left out are no worse for it.
 
     Where nothing is named and they are worse than those by the files, the files are the model: what the
-    trials ask of the sand then stands in for what is missing, and unsure effects do not explain it.
+    trials ask of the sand then stands in for what is missing, and unsure effects do not explain it. Those
+    that are likely are still said to be.
 
     Args:
         problem, tolerance: as in `judge`.
@@ -141,8 +142,8 @@ def savable(problem: Problem, search: Search, judgement: Judgement, tolerance: f
     return replace(
         judgement,
         model=Model((), plain, plain.evidence),
-        described=(),
-        small=(*judgement.small, *judgement.described),
+        described=tuple(n for n in judgement.described if n.is_likely()),
+        small=(*judgement.small, *(n for n in judgement.described if not n.is_likely())),
         after=judgement.before,
         closed=nothing,
         speeds=nothing,
@@ -184,7 +185,7 @@ def _with_terms(
     ids = filter(is_term, extended.point.effects)
     terms = [evidence_of_term(problem, extended, id_, whole, tolerance) for id_ in ids]
     effects = [n for n in judgement.described if not is_term(n.id)]
-    kept = tuple(n for n in effects if n.id in extended.point.effects)
+    kept = tuple(n for n in effects if n.id in extended.point.effects or n.is_likely())
     small = tuple(n for n in effects if n not in kept)
     return replace(
         judgement,

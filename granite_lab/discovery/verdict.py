@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from granite_lab.discovery.description import lacking
-from granite_lab.discovery.finding import GroundWave, Verdict
+from granite_lab.discovery.finding import LIKELY, GroundWave, Verdict
 from granite_lab.discovery.heldout import Predicted, closed, gaps
 from granite_lab.discovery.models import Model, Search
 from granite_lab.discovery.relevance import (
@@ -126,6 +126,10 @@ class EffectEvidence:
         """
         return self.probability >= CREDIBLE and len(self.twins) < TRIED
 
+    def is_likely(self) -> bool:
+        """Tell whether it is a cause that acts rather than not."""
+        return not is_term(self.id) and self.probability >= LIKELY
+
     def is_sure_beside(self, unexplained: float, scales: Scales) -> bool:
         """Tell whether it may be named although more is missing, which it could resemble.
 
@@ -158,7 +162,7 @@ class Judgement:
         probability: of the verdict: of all its names; that nothing is missing; that something is.
         model: the likeliest; the model alone where nothing is missing.
         named: what is named.
-        described: what the likeliest model holds besides and trials left out show; no cause.
+        described: what trials left out show besides: likely effects, which the model may lack, and terms.
         small: what it holds besides and does not matter.
         before, after: predictions without and with the effects.
         closed: share of the gap that is closed on trials left out.

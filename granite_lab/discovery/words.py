@@ -144,6 +144,8 @@ def _notes_on_model(
     if judgement.verdict == "unknown" and judgement.small:
         best = ", ".join(n.id for n in judgement.small)
         yield f"The likeliest candidates ({best}) do not explain enough to be named."
+    if lacks := [n.id for n in judgement.described if n.id not in judgement.model.effects]:
+        yield f"The saved model lacks {' and '.join(lacks)}: it predicts other trials better without."
     library = problem.pool.scenario.effects
     if laws := [e.id for e in effects if e.id in library and library[e.id].law]:
         yield f"The soil follows another law than the model's: {' and '.join(laws)}."

@@ -133,6 +133,10 @@ def test_the_files_are_saved_where_nothing_is_named_and_all_else_predicts_worse(
     assert kept.model.effects == ()
     assert not kept.model.fit.point.shared[:7].any()
     assert kept.closed.value == kept.speeds.value == 0.0
+    assert kept.described == unsure.described  # likely, though it is not saved
+    assert any("The saved model lacks push" in note for note in notes(problem, kept, ()))
+    doubted = tuple(replace(n, probability=0.4) for n in unsure.described)
+    kept = savable(problem, found, replace(unsure, described=doubted), TOLERANCE)
     assert kept.described == ()
     assert [n.id for n in kept.small] == ["push"]
     monkeypatch.setattr(stage, "predicts_worse", lambda *_: False)
