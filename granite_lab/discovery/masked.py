@@ -52,7 +52,7 @@ def with_masked(problem: Problem, search: Search, judgement: Judgement, toleranc
             finely = replace(search, models=tuple(ranked((*models, *others))))
             known = [e for e in judgement.small if e.id not in further]
             small = small_effects(by_evidence(finely), further)
-            return replace(judgement, model=model, small=(*small, *known))
+            return replace(judgement, model=model, small=(*small, *known), masked=further)
     return judgement
 
 

@@ -172,6 +172,7 @@ class Judgement:
         competition: how often each set wins on other speeds or trials; None where no set competes.
         ground_wave: what repeats with the position of the robot; None where nothing does.
         simulates_worse: simulations with the model predict what was left out worse than those by the files.
+        masked: small effects that the model holds because gains of the sensors mask them.
     """
 
     verdict: Verdict
@@ -188,6 +189,7 @@ class Judgement:
     competition: Competition | None = None
     ground_wave: GroundWave | None = None
     simulates_worse: bool = False
+    masked: tuple[str, ...] = ()
 
     @property
     def remainder(self) -> float:

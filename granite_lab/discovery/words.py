@@ -146,6 +146,11 @@ def _notes_on_model(
         yield f"The likeliest candidates ({best}) do not explain enough to be named."
     if lacks := [n.id for n in judgement.described if n.id not in judgement.model.effects]:
         yield f"The saved model lacks {' and '.join(lacks)}: it predicts other trials better without."
+    if judgement.masked:
+        yield (
+            f"Gains of the sensors, alike in all trials, mask {' and '.join(judgement.masked)}. The saved "
+            "model holds it, for a simulation has no gains."
+        )
     library = problem.pool.scenario.effects
     if laws := [e.id for e in effects if e.id in library and library[e.id].law]:
         yield f"The soil follows another law than the model's: {' and '.join(laws)}."

@@ -192,6 +192,7 @@ def test_the_model_holds_what_gains_of_the_sensors_mask() -> None:
     assert saved.model.effects == ("motor", "push")
     assert saved.named == judgement.named
     assert [e.id for e in saved.small] == ["motor"]
+    assert any("mask motor" in note for note in notes(problem, saved, ()))
     place = saved.model.fit.point.effects.index("motor")  # one number for each effect
     size, std = saved.model.fit.point.common[place], saved.model.fit.common_std[place]
     assert size == pytest.approx(0.06, abs=2 * std)
