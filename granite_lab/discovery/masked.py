@@ -24,36 +24,38 @@ def with_masked(problem: Problem, search: Search, judgement: Judgement, toleranc
     """Return a judgement whose model also holds the effect that gains of the sensors mask.
 
     Where gains that all trials share lie two std off their files, the likeliest `TRIED` sets with one more
-    effect are fitted finely. The first whose gains are less strained, that is likelier than the model, and
-    whose simulations predict what was left out better by more than a standard error, is the model. What is
-    named does not change; the further effect is listed as small.
+    effect are fitted finely. The model is then the set that strains the gains least, of those that are
+    likelier than it and whose simulations predict what was left out better by more than a standard error.
+    What is named does not change; the further effect is listed as small.
 
     Args:
         problem, tolerance: as in `judge`.
         search: the search in the library.
         judgement: of it.
     """
-    best = judgement.model
-    strain = _strain(problem, best)
+    best, strain = judgement.model, _strain(problem, judgement.model)
     if not judgement.named or strain == 0:
         return judgement
     larger = [m for m in ranked(search.models) if set(m.effects) > set(best.effects)]
     tried = [m for m in larger if len(m.effects) == len(best.effects) + 1][:TRIED]
     fits = best_fits(problem, [(m.fit.point, m.fit.scales) for m in tried], LEAST, FINE)
-    models = ranked(Model.of(key, fit) for key, fit in fits.items())
+    fine = ranked(Model.of(key, fit) for key, fit in fits.items())
     before = loss_of_model(problem, best.fit, tolerance)
-    for model in models:
-        likelier = model.log_posterior > best.log_posterior + LEAST_GAIN
-        if not likelier or _strain(problem, model) >= strain:
-            continue
-        if predicts_worse(before, loss_of_model(problem, model.fit, tolerance), tolerance):
-            further = tuple(e for e in model.effects if e not in best.effects)
-            others = (m for m in search.models if m.effects not in fits)
-            finely = replace(search, models=tuple(ranked((*models, *others))))
-            known = [e for e in judgement.small if e.id not in further]
-            small = small_effects(by_evidence(finely), further)
-            return replace(judgement, model=model, small=(*small, *known), masked=further)
-    return judgement
+
+    def simulates_better(model: Model) -> bool:
+        return predicts_worse(before, loss_of_model(problem, model.fit, tolerance), tolerance)
+
+    likelier = [m for m in fine if m.log_posterior > best.log_posterior + LEAST_GAIN]
+    relieved = [m for m in likelier if _strain(problem, m) < strain]
+    model = next(filter(simulates_better, sorted(relieved, key=lambda m: _strain(problem, m))), None)
+    if model is None:
+        return judgement
+    further = tuple(e for e in model.effects if e not in best.effects)
+    others = (m for m in search.models if m.effects not in fits)
+    finely = replace(search, models=tuple(ranked((*fine, *others))))
+    known = [e for e in judgement.small if e.id not in further]
+    small = small_effects(by_evidence(finely), further)
+    return replace(judgement, model=model, small=(*small, *known), masked=further)
 
 
 def _strain(problem: Problem, model: Model) -> float:
