@@ -145,7 +145,7 @@ def _notes_on_model(
         best = ", ".join(n.id for n in judgement.small)
         yield f"The likeliest candidates ({best}) do not explain enough to be named."
     if lacks := [n.id for n in judgement.described if n.id not in judgement.model.effects]:
-        yield f"The saved model lacks {' and '.join(lacks)}: it predicts other trials better without."
+        yield f"The saved model is without {' and '.join(lacks)}, and predicts other trials better so."
     if judgement.masked:
         yield (
             f"Gains of the sensors, alike in all trials, mask {' and '.join(judgement.masked)}. The saved "

@@ -134,7 +134,7 @@ def test_the_files_are_saved_where_nothing_is_named_and_all_else_predicts_worse(
     assert not kept.model.fit.point.shared[:7].any()
     assert kept.closed.value == kept.speeds.value == 0.0
     assert kept.described == unsure.described  # likely, though it is not saved
-    assert any("The saved model lacks push" in note for note in notes(problem, kept, ()))
+    assert any("The saved model is without push" in note for note in notes(problem, kept, ()))
     doubted = tuple(replace(n, probability=0.4) for n in unsure.described)
     kept = savable(problem, found, replace(unsure, described=doubted), TOLERANCE)
     assert kept.described == ()
