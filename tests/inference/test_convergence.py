@@ -76,7 +76,7 @@ def test_all_starts_end_at_one_optimum(case: Case, seed: int) -> None:
     """One prior std off in drawn directions, in `make soak` also a millionth; one that a kink of (10) holds
     says so."""
     rng, start = np.random.default_rng(seed), case.start(CHOSEN)
-    starts = [start, *(case.off(start, rng, 1.0, everything=False) for _ in range(4 if SOAK else 1))]
+    starts = [start, *(case.off(start, rng, 1.0, everything=False) for _ in range(4 if SOAK else 2))]
     starts += [case.off(start, rng, 1e-6, everything=True)] if SOAK else []
     every = [case.chosen, *(fit(case.problem, point, case.base.scales) for point in starts[1:])]
     found = [f for f in every if f.converged]
