@@ -14,7 +14,7 @@ from granite_lab.discovery.resampling import by_evidence
 from granite_lab.discovery.saved_model import loss_of_model, predicts_worse
 from granite_lab.discovery.search import FINE
 from granite_lab.discovery.sets import best_fits
-from granite_lab.discovery.verdict import Judgement, small_effects
+from granite_lab.discovery.verdict import Judgement, by_probability
 from granite_lab.inference.constants import LEAST_GAIN, TRIED
 from granite_lab.inference.descent import LEAST
 from granite_lab.inference.problem import Problem
@@ -54,7 +54,7 @@ def with_masked(problem: Problem, search: Search, judgement: Judgement, toleranc
     others = (m for m in search.models if m.effects not in fits)
     finely = replace(search, models=tuple(ranked((*fine, *others))))
     known = [e for e in judgement.small if e.id not in further]
-    small = small_effects(by_evidence(finely), further)
+    small = by_probability(by_evidence(finely), further)
     return replace(judgement, model=model, small=(*small, *known), masked=further)
 
 

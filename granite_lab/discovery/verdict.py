@@ -273,9 +273,9 @@ def _judged(
     baseline = replace(search.baseline, fit=with_priors(problem, search.baseline.fit, scales))
     predictions = Predictions(problem, scales, tolerance)
     before, after = predictions.of((baseline, best))
-    negligible = small_effects(by_evidence(search), search.negligible)
+    negligible = by_probability(by_evidence(search), search.negligible)
     if not anything_matters(problem, baseline.fit, best.fit, tolerance):
-        small = (*negligible, *small_effects(by_evidence(search), best.effects))
+        small = (*negligible, *by_probability(by_evidence(search), best.effects))
         return Judgement("none", nothing_missing(search), baseline, (), (), small, before, before)
     competition = compete(problem, search, predictions)
     if not final and (first := winner(competition, search)).effects not in ((), best.effects):
@@ -306,7 +306,7 @@ def _judged(
     )  # fmt: skip
 
 
-def small_effects(competition: Competition, effects: Sequence[str]) -> tuple[EffectEvidence, ...]:
+def by_probability(competition: Competition, effects: Sequence[str]) -> tuple[EffectEvidence, ...]:
     """Return effects with their probability alone: what they close is not known."""
     return tuple(
         EffectEvidence(e, (), competition.probability(holding(e)), Estimate(np.nan)) for e in effects
@@ -318,7 +318,7 @@ def by_posterior(problem: Problem, search: Search) -> Judgement:
     best = search.best
     unseen = Predicted.unknown(problem)
     competition = by_evidence(search)
-    named = small_effects(competition, best.effects)
+    named = by_probability(competition, best.effects)
     sure = all(n.probability >= CREDIBLE for n in named)
     verdict: Verdict = "none" if not named else "named" if sure else "unknown"
     probability = min((n.probability for n in named), default=nothing_missing(search))
