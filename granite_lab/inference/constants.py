@@ -143,8 +143,8 @@ SENSOR_STD = {
 }
 """First value of the std of what the robot's file leaves open: mounting tilt [rad], angle of the wheels at
 rest [rad], their radius [-] and its difference between the axles [-], start of the command [s], place of the
-IMU [m]. By hand a sensor is mounted to a centimetre, and as
-straight over a metre. A command is stamped as late as a sensor."""
+IMU [m]. By hand a sensor is mounted to a centimetre, and as straight over a metre. A command is stamped as
+late as a sensor."""
 
 MEMORY = 4e8
 """Bytes that one table may take: a fifth of the 2 GB that a search may. Half of it may be held of fits, an
