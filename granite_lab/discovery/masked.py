@@ -60,7 +60,6 @@ def with_masked(problem: Problem, search: Search, judgement: Judgement, toleranc
 
 def _strain(problem: Problem, model: Model) -> float:
     """Return the sum of squares of the gains that all trials share, in std of their files, beyond two."""
-    fit, std = model.fit, problem.learnt_std
-    means, gains = Numbers(problem, fit).own_means, fit.point.calibration
-    ratios = [abs(means[name]) / std[name] for name in means if name in gains]
-    return sum(ratio**2 for ratio in ratios if ratio > 2)
+    numbers, std = Numbers(problem, model.fit), problem.learnt_std
+    strained = (name for name in numbers.alike if name in model.fit.point.calibration)
+    return sum((numbers.own_means[name] / std[name]) ** 2 for name in strained)
