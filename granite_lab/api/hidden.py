@@ -15,7 +15,7 @@ from granite_lab.hidden.scoring import Score, read_finding, score
 from granite_lab.hidden.sealed import NAME, OPEN, open_answer, read_answer, seal
 from granite_lab.hidden.spec import CAUSES, COMMANDS, CONTROLS, Spec
 from granite_lab.logs import write_canonical, write_truth
-from granite_lab.parameters import load_robot, load_soil
+from granite_lab.parameters import Variant, load_robot, load_soil
 from granite_lab.shown import Shown, frame
 
 if TYPE_CHECKING:
@@ -187,24 +187,29 @@ def reveal(folder: str | Path, finding: File = None) -> Revealed:
 def _closed_withheld(answer: Mapping[str, Any], finding: Path) -> float | None:
     """Return the share of the gap at the withheld speed that the model beside a finding closes.
 
-    The paper's model and the saved one are simulated; None where the answer withholds nothing, or no model
-    was saved.
+    The paper's model and the saved one are simulated, the saved one without what has a new phase in each
+    trial; None where the answer withholds nothing, or no model was saved.
     """
     if "withheld" not in answer:
         return None
-    from granite_lab.api.model import simulate  # noqa: PLC0415, heavy
     from granite_lab.discovery.finding import MODEL  # noqa: PLC0415, heavy
     from granite_lab.effects.model_file import load_model  # noqa: PLC0415, heavy
     from granite_lab.hidden.mixture import share_closed  # noqa: PLC0415, heavy
+    from granite_lab.model import simulate  # noqa: PLC0415, heavy
 
     saved = (finding if finding.is_dir() else finding.parent) / MODEL
     if not saved.is_file():
         return None
     hidden = answer["withheld"]
-    motion = {"v": hidden["velocity"], "a": hidden["acceleration"], "distance": hidden["distance"]}
+    variant = Variant(**{key: hidden[key] for key in ("velocity", "acceleration", "distance")})
     model = load_model(saved)
-    paper = simulate(**motion, robot=model.robot, soil=model.soil)
-    runs = paper, simulate(**motion, model=saved)
+    runs = (
+        simulate(variant, load_robot(model.robot), load_soil(model.soil)),
+        simulate(
+            variant, model.machine, model.ground,
+            k92=model.k92, a_theta=model.a_theta, effects=model.mean_effects,
+        ),
+    )  # fmt: skip
     currents = (0.5 * (run["current_f_A"] + run["current_r_A"]) for run in runs)
     signals = zip(runs, currents, strict=True)
     return share_closed(hidden, *({"t_s": r.t, "v_mps": r["v_mps"], "current": i} for r, i in signals))

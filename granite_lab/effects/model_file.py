@@ -93,6 +93,16 @@ class ModelFile:
         return tuple(f.active for f in self.fitted)
 
     @property
+    def mean_effects(self) -> tuple[Active, ...]:
+        """The effects of a trial whose phases are not known: what changes from trial to trial is neutral."""
+        return tuple(
+            activate(
+                f.effect, {p.name: f.values[p.name].value for p in f.effect.parameters if not p.per_trial}
+            )
+            for f in self.fitted
+        )
+
+    @property
     def k92(self) -> float | None:
         """The constant k_92, or None under the exponential law."""
         return self.law_value.value if self.law == "constant" else None

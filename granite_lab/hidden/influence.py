@@ -90,6 +90,12 @@ class Influence(Truth):
             changed["phase"] = float(rng.uniform(0, 2 * np.pi))
         return changed
 
+    @staticmethod
+    def opposite(sizes: Mapping[str, float]) -> dict[str, float]:
+        """Return the parameters of a trial that begins half a period later."""
+        turned = {name: -x if name.startswith(("cos_", "sin_")) else x for name, x in sizes.items()}
+        return turned | ({"phase": sizes["phase"] + np.pi} if "phase" in sizes else {})
+
     def drag(self, y: Array, force: float | Array) -> Array:
         """Return the push of a resistance [N] along R's x at wheel-centre height; none on a robot at rest."""
         f = -np.sign(self.velocity(y)) * self.fade(y) * force

@@ -186,15 +186,18 @@ def _command(spec: Spec, k: int, repetition: int, variant: Variant) -> Command:
 def _of_mixture(plan: Plan, off: Mapping[str, float], counts: Mapping[str, float]) -> dict[str, Any]:
     """Return what the answer of a mixture holds beside: what each cause reopens, the withheld motion.
 
-    Nothing acts on that motion of which no trial tells when.
+    Nothing acts on that motion of which no trial tells when. Of a phase that is new in each trial the motion
+    is the mean over two opposite ones.
     """
     variant, lab = withheld_variant(plan.spec.seed, plan.spec.variants or load_variants()), plan.lab
     ground = scaled(lab.soil.real, off)
     setup = Setup(lab.robot.real, ground, exponential_k92(lab.a_theta), lab.near_rest)
     command = trapezoid(variant.velocity, variant.acceleration, variant.distance)
     sizes = {name: size for name, size in plan.sizes.items() if influence(name).predictable}
-    truth = model_of(tuple(sizes), setup, command, sizes)
-    return {"reopens": dict(counts), "withheld": motion_of(truth, variant)}
+    opposite = {name: influence(name).opposite(size) for name, size in sizes.items()}
+    phases = (sizes,) if opposite == sizes else (sizes, opposite)
+    truths = [model_of(tuple(sizes), setup, command, of_phase) for of_phase in phases]
+    return {"reopens": dict(counts), "withheld": motion_of(truths, variant)}
 
 
 def _make(plans: list[Plan], k: int) -> tuple[Trial, pd.DataFrame]:

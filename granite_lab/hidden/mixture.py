@@ -111,14 +111,16 @@ def withheld_variant(seed: int, variants: Sequence[Variant]) -> Variant:
     return replace(nearest, velocity=v)
 
 
-def motion_of(truth: Truth, variant: Variant) -> Mapping[str, Any]:
-    """Return the true motion under its command: velocity [m/s] and mean current [A] over time [s]."""
-    body, step = drive(truth, 0.5, 0.5), round(SPACING / DT)
+def motion_of(truths: Sequence[Truth], variant: Variant) -> Mapping[str, Any]:
+    """Return the mean true motion under a command: velocity [m/s] and mean current [A] over time [s]."""
+    bodies, step = [drive(truth, 0.5, 0.5) for truth in truths], round(SPACING / DT)
+    v = np.mean([body.v for body in bodies], axis=0)
+    current = np.mean([body.current.mean(axis=1) for body in bodies], axis=0)
     return {
         "velocity": variant.velocity, "acceleration": variant.acceleration, "distance": variant.distance,
-        "t": (body.t - body.start)[::step].round(3).tolist(),
-        "v": body.v[::step].round(5).tolist(),
-        "current": body.current.mean(axis=1)[::step].round(4).tolist(),
+        "t": (bodies[0].t - bodies[0].start)[::step].round(3).tolist(),
+        "v": v[::step].round(5).tolist(),
+        "current": current[::step].round(4).tolist(),
     }  # fmt: skip
 
 
@@ -129,7 +131,7 @@ def share_closed(truth: Mapping[str, Any], paper: Mapping[str, Array], model: Ma
         truth: as `motion_of` returns it.
         paper, model: ``t_s``, ``v_mps`` and ``current`` of the paper's model and of the one that was found.
 
-    Both sides are averaged over `SMOOTH`: the phase of what turns with the wheels is new in each trial.
+    Both sides are averaged over `SMOOTH`: the phase of the lugs is new in each trial.
     """
     window = np.full(round(SMOOTH / SPACING), SPACING / SMOOTH)
 

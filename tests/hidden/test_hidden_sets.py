@@ -14,7 +14,7 @@ from granite_lab.hidden.catalogue import LAWS, LIBRARY, OUTSIDE, TWINS, influenc
 from granite_lab.hidden.command import trapezoid
 from granite_lab.hidden.lab import Filed, Lab, bench, drives, lab_of, wild
 from granite_lab.hidden.making import make_set
-from granite_lab.hidden.mixture import LEAST, share_closed
+from granite_lab.hidden.mixture import LEAST, motion_of, share_closed
 from granite_lab.hidden.model import Setup
 from granite_lab.hidden.parts import exponential_k92
 from granite_lab.hidden.sealed import open_answer
@@ -422,3 +422,26 @@ def test_trials_do_not_tell_when_a_gust_blows_in_another_one_and_tell_all_else()
         drawn = [influence(id_).of_trial(sizes, np.random.default_rng(seed)) for seed in (1, 2)]
         differ = {name.split("_")[0] for name in drawn[0] if drawn[0][name] != drawn[1][name]}
         assert bool(differ - {"phase", "cos", "sin"}) is not influence(id_).predictable, id_
+
+
+def test_the_mean_of_opposite_phases_has_nothing_left_of_what_turns_with_the_wheels() -> None:
+    sizes = {size.name: size.low for size in influence("encoder_eccentricity").declared}
+    of_trial = influence("encoder_eccentricity").of_trial(sizes, np.random.default_rng(1))
+    opposite = influence("encoder_eccentricity").opposite(of_trial)
+    turning = [name for name in of_trial if name.startswith(("cos_", "sin_"))]
+    assert len(turning) == 4
+    assert all(of_trial[name] + opposite[name] == 0 != of_trial[name] for name in turning)
+    waves = influence("washboard").opposite({"height": 1e-3, "wavelength": 0.3, "phase": 1.0})
+    assert np.sin(waves["phase"]) == pytest.approx(-np.sin(1.0))
+    setup, variant = Setup(load_robot(), load_soil(), exponential_k92(4.919)), SHORT[0]
+    command, name = (
+        trapezoid(variant.velocity, variant.acceleration, variant.distance),
+        "encoder_eccentricity",
+    )
+    one_phase, other = (model_of((name,), setup, command, {name: x}) for x in (of_trial, opposite))
+    without = model_of((), setup, command, {})
+    v, mean, plain = (
+        np.array(motion_of(x, variant)["v"]) for x in ([one_phase], [one_phase, other], [without])
+    )
+    assert np.abs(v - plain).max() > 4e-4
+    assert np.abs(mean - plain).max() < 0.15 * np.abs(v - plain).max()
