@@ -30,7 +30,7 @@ class Stream:
         value: (N,) in the unit of the channel.
         weights: (8,) how the channel is composed of the simulated signals.
         is_angle: read at the edges instead of averaged over the bins.
-        window: time over which the sensor averages around each stamp [s].
+        window: time around each stamp over which the sensor averages, or its instant is not known [s].
     """
 
     t: Array
@@ -111,7 +111,7 @@ class _Group:
         at, half = self.stamps - shift, float(np.sqrt(self.window**2 + 12 * low_pass)) / 2
         if not half:
             return values(t, np.clip(at, t[0], t[-1]))
-        # accelerations jump: what the sensor shows of a corner depends on where its window lies
+        # accelerations and currents jump: what is shown of a corner depends on where the window lies
         inside = (at - half >= t[0]) & (at + half <= t[-1])
         at = np.clip(at, t[0], t[-1])
         return means(t, np.where(inside, at - half, at), np.where(inside, at + half, at))

@@ -203,7 +203,10 @@ def _streams(trial: Trial, robot: Robot) -> dict[str, Stream]:
             streams["wheel"] = streams.pop("wheel_f" if "wheel_f" in streams else "wheel_r")
     if trial.currents is not None:
         stamps, table = trial.currents.t + offset, trial.currents.current
-        streams |= _of_sides(stamps, table) if robot.motors == "side" else _axles("current", stamps, table)
+        currents = _of_sides(stamps, table) if robot.motors == "side" else _axles("current", stamps, table)
+        # currents jump at a corner of the command: of a stamp that jitters a mean is expected there
+        window = float(np.sqrt(12)) * robot.encoders.jitter
+        streams |= {name: replace(s, window=window) for name, s in currents.items()}
     return streams
 
 

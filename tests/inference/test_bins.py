@@ -112,6 +112,19 @@ def test_a_late_start_shifts_the_simulation() -> None:
     assert np.nanmax(np.abs(o.values["wheel"] - o.binned(GRID, response(), 0.0)["wheel"])) > 0.05
 
 
+def test_a_jump_of_a_current_is_expected_as_stamps_that_jitter_show_it() -> None:
+    """By drawing: the mean of what is read at many instants about each stamp."""
+    grid = np.linspace(-1.0, 7.0, 160_001)
+    jumped = np.tile((grid > 0.0123).astype(float), (len(SIGNALS), 1))
+    drawn = ROBOT.encoders.jitter * np.random.default_rng(1).normal(size=(2000, 1))
+    for start in 2.03 - 0.0123 + 1e-4 * np.arange(-5, 6):  # a stamp is about the jump
+        o = observe(trial(np.random.default_rng(1), jitter=0.0), ROBOT, VARIANT, start)
+        stream = o.streams["current_f"]
+        read = np.mean(stream.t + drawn - start > 0.0123, axis=0)
+        expected = binning.at_edges_or_between(stream, o.edges) @ read
+        assert np.abs(o.binned(grid, jumped, 0.0)["current_f"] - expected).max() < 0.04
+
+
 def test_a_gap_is_left_out_and_no_more() -> None:
     whole = trial(np.random.default_rng(1))
     keep = (whole.imu.t < 4.0) | (whole.imu.t > 4.3)

@@ -73,20 +73,17 @@ def case() -> Iterator[Case]:
 
 @pytest.mark.parametrize("seed", [1, 2] if SOAK else [1])
 def test_all_starts_end_at_one_optimum(case: Case, seed: int) -> None:
-    """One prior std off in drawn directions, in `make soak` also a millionth; one that a kink of (10) holds
-    says so."""
+    """One prior std off in drawn directions, in `make soak` also a millionth."""
     rng, start = np.random.default_rng(seed), case.start(CHOSEN)
     starts = [start, *(case.off(start, rng, 1.0, everything=False) for _ in range(4 if SOAK else 2))]
     starts += [case.off(start, rng, 1e-6, everything=True)] if SOAK else []
     every = [case.chosen, *(fit(case.problem, point, case.base.scales) for point in starts[1:])]
-    found = [f for f in every if f.converged]
-    assert len(found) >= max(len(every) - 1, 2)
-    evidence = [f.evidence for f in found]
+    evidence = [f.evidence for f in every]
     assert max(evidence) - min(evidence) < 0.5
-    best = found[int(np.argmax(evidence))]
-    assert best.evidence == max(f.evidence for f in every)
+    best = every[int(np.argmax(evidence))]
     std = np.sqrt(np.diag(best.posterior.covariance))
-    for f in found:
+    for f in every:
+        assert f.converged
         assert np.abs((f.point.vector - best.point.vector) / std).max() < 0.1
         assert f.predicted_drop < NO_FURTHER
         assert change(best.scales, f.scales) < 0.1
