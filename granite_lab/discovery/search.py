@@ -344,9 +344,11 @@ def fit_finely(sets: FittedSets) -> None:
 
     They are the first `TRIED` sets whose odds against the likeliest are not below `UNLIKELY`. A set that only
     adds effects which do not matter is left out: it is no evidence against the likeliest. That one alone gets
-    the derivatives of each trial, since its numbers are reported.
+    the derivatives of each trial, for its numbers are reported, and is fitted under the other limit of (10):
+    by other sand either limit may explain the trials, and no descent leads from one to the other.
     """
     best = sets.likeliest()
+    best = sets.refit(best, [sets.problem.under_other_limit(best.fit.point)], best.fit.scales)
     least = best.log_posterior + np.log(UNLIKELY)
     likely = [m for m in ranked(sets.models.values()) if m.log_posterior >= least]
     others = [m for m in likely if not set(m.effects) >= set(best.effects)]

@@ -50,11 +50,16 @@ class StressAhead(Effect):
                         0.0, 0.8, 0.3, 0.15, 0.35, shape=True),
     )  # fmt: skip
 
+    def corner(self, angle: Any, angles: ContactAngles, state: WheelState, sym: Symbols) -> Any:
+        """Return ϑm."""
+        share = sym.p["share"] * smoothstep(state.velocity / V_FLOOR)
+        λ = (state.slip + ca.sqrt(state.slip**2 + ROUND**2)) / 2
+        return ca.fmin(share * (sym.p["c1"] + sym.p["c2"] * λ), 1) * angles.front
+
     def bearing(self, angle: Any, angles: ContactAngles, state: WheelState, sym: Symbols) -> Any:
         """Return the angle of the front branch that bears the same stress."""
         ϑ1, share = angles.front, sym.p["share"] * smoothstep(state.velocity / V_FLOOR)
-        λ = (state.slip + ca.sqrt(state.slip**2 + ROUND**2)) / 2
-        ϑm = share * (sym.p["c1"] + sym.p["c2"] * λ) * ϑ1
+        ϑm = self.corner(angle, angles, state, sym)
         ϑe = ϑ1 + share * (angles.rear - ϑ1)
         steep = (ϑ1 - ϑm) / (ϑm + ϑe)
         behind = (ϑ1 - ϑe * steep) - angle * steep  # so grouped, exactly -ϑ for the paper's law

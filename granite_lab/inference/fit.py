@@ -11,24 +11,18 @@ from granite_lab.inference.derivatives import differentiate
 from granite_lab.inference.descent import (
     AS_GOOD,
     LEAST,
-    SHORTENED,
     Descent,
     Goal,
     State,
     predict_drop,
-    simulate_at,
     simulated,
 )
 from granite_lab.inference.normal import NormalEquations, Posterior, Scales
-from granite_lab.inference.point import SHARED, Derivatives, Point
-from granite_lab.inference.pool import SAND, SAND_PER_TRIAL
+from granite_lab.inference.point import Derivatives, Point
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FIRST, learn_discrepancy, log_prior, per_trial_scales, posterior_at
 from granite_lab.inference.spill import Spillable
 from granite_lab.logs.trial import Array
-
-STRENGTH = ("cohesion", "friction_angle")
-"""Numbers of the sand that say nothing where another limit of the shear stress rules in (10)."""
 
 ROUNDS = 40
 """Most steps of a fit; convention."""
@@ -114,8 +108,6 @@ def fit(
     if rounds:
         descent.learn(problem, 1)
         converged = descent.run(problem, goal, rounds)
-        if goal.fine and (other := _without_strength(problem, descent, goal, rounds)) is not None:
-            descent, converged = other, True
     state, scales = descent.state, descent.scales
     post = posterior_at(problem, state.point, state.normal, scales)
     evidence = post.evidence + log_prior(problem, scales, bool(state.point.effects))
@@ -150,43 +142,6 @@ def _begun(problem: Problem, start: Point, derivatives: Derivatives | None, *, c
     residuals = problem.residuals(start, responses)
     normal = problem.normal(start, derivatives, residuals)
     return State(start, derivatives, residuals, problem.white(residuals), normal)
-
-
-def _without_strength(problem: Problem, end: Descent, goal: Goal, rounds: int) -> Descent | None:
-    """Return the optimum at which the strength of the sand limits nothing, None where none is likelier.
-
-    Where the friction on the tyre rules in (10), cohesion and angle of friction say nothing. A fit that comes
-    from where they rule ends at the edge of that region, in a second optimum. The region is entered where
-    the objective rises by less than three std: the other numbers have not followed yet.
-    """
-    state, scales = end.state, end.scales
-    shared = np.where([name in STRENGTH for name in SHARED], 0.0, state.point.shared)
-    if np.array_equal(shared, state.point.shared):
-        return None
-    raked = np.array([name in STRENGTH for name in SAND[:SAND_PER_TRIAL]])
-    trials = tuple(
-        np.concatenate([np.where(raked, 0.0, x[:SAND_PER_TRIAL]), x[SAND_PER_TRIAL:]])
-        for x in state.point.trials
-    )
-    objective, _, _ = predict_drop(problem, state, scales, 0.0)
-    aim = replace(state.point, shared=shared, trials=trials)
-    drop, there = simulate_at(problem, state, scales, objective, aim)
-    derivatives = (
-        differentiate(problem, there.point, central=True) if there is not None and drop > -SHORTENED else None
-    )
-    if there is None or derivatives is None:
-        return None
-    other = Descent(replace(there, derivatives=derivatives).with_equations(problem), scales)
-    converged = other.run(problem, goal, rounds)
-    better = converged and _evidence(problem, other) > _evidence(problem, end)
-    return other if better else None
-
-
-def _evidence(problem: Problem, descent: Descent) -> float:
-    """Return the logarithm of the marginal likelihood where a descent stands."""
-    point, scales = descent.state.point, descent.scales
-    post = posterior_at(problem, point, descent.state.normal, scales)
-    return post.evidence - post.predicted_drop / 2 + log_prior(problem, scales, bool(point.effects))
 
 
 def with_priors(problem: Problem, fitted: Fit, scales: Scales) -> Fit:

@@ -8,14 +8,14 @@ from itertools import chain
 
 import numpy as np
 
-from granite_lab.inference.constants import LEAD_STD, SAND_STD, THREE_SIGMA
+from granite_lab.inference.constants import LEAD_STD, NEAR_ZERO, SAND_STD, THREE_SIGMA
 from granite_lab.inference.discrepancy import FORMULA, Basis, joined, modulated, plain_bases, sizes_of
 from granite_lab.inference.noise import Filter, Whitener, stretches
 from granite_lab.inference.normal import ChannelPart, CommandPart, NormalEquations, Places, Rows, Scales
 from granite_lab.inference.nuisances import SENSORS, SENSORS_LEAST, TrialModel, sensors_std
 from granite_lab.inference.observation import Mask
 from granite_lab.inference.point import SHARED, Derivatives, Further, Point
-from granite_lab.inference.pool import SAND_PER_TRIAL, SIMULATED, Setting, SimulationPool, Task
+from granite_lab.inference.pool import SAND, SAND_PER_TRIAL, SIMULATED, Setting, SimulationPool, Task
 from granite_lab.inference.priors import centre_of, trial_scale_name, width_of
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
@@ -132,6 +132,26 @@ class Problem:
                 for t, x in zip(self.trials, point.trials, strict=True)
             ),
         )
+
+    def under_other_limit(self, point: Point) -> Point:
+        """Return the point with the sand's strength at the files, where the other limit of (10) rules.
+
+        Where friction on the tyre limits the shear stress everywhere, c and φ show nothing and stay at the
+        files: the sand's strength limits it where μ_s is above tan φ by one std of its prior. Elsewhere the
+        friction on the tyre limits it, with μ_s at tan φ.
+        """
+        names, soil = list(SAND), self.pool.scenario.soil
+        c, φ, μ_s = (names.index(name) for name in ("cohesion", "friction_angle", "tyre_friction"))
+        shared = point.shared.copy()
+        by_tyre = not shared[[c, φ]].any()
+        shared[[c, φ]] = 0.0
+        tan_φ = max(float(np.tan(np.radians(soil.friction_angle))), NEAR_ZERO)
+        shared[μ_s] = np.log(tan_φ / soil.tyre_friction)
+        shared[μ_s] += self.sand_std[μ_s] if by_tyre else 0.0
+        trials = [x.copy() for x in point.trials]
+        for x in trials:
+            x[c] = 0.0
+        return self.stepped(replace(point, shared=shared, trials=tuple(trials)), np.zeros(point.vector.size))
 
     def bounds(self, point: Point) -> tuple[Array, Array]:
         """Return the least and the largest values of `Point.vector`."""

@@ -210,6 +210,10 @@ class Effect:
         """Rewrite the angle [rad] whose depth sets the pressure at one place of the contact arc."""
         return angle
 
+    def corner(self, angle: Any, angles: ContactAngles, state: WheelState, sym: Symbols) -> Any:
+        """Rewrite the angle [rad] at which the pressure along the contact arc has a corner."""
+        return angle
+
     def pressure(self, pressure: Any, angle: Any, state: WheelState, sym: Symbols) -> Any:
         """Rewrite the pressure [Pa] at one place of the contact arc, `angle` ϑ [rad] ahead of the lowest."""
         return pressure

@@ -286,6 +286,7 @@ def on_ground(wheel: WheelState, soil: Soil, k92: Any, damping: Any, hooks: Hook
     angles = hooks.rewritten(Effect.contact_angles, contact_angles(wheel, k92), wheel)
     laws = ArcLaws(
         bearing=lambda ϑ: hooks.rewritten(Effect.bearing, ϑ, angles, wheel),
+        corner=hooks.rewritten(Effect.corner, ArcLaws.corner, angles, wheel),
         pressure=lambda σ, ϑ: hooks.rewritten(Effect.pressure, σ, ϑ, wheel),
         shear=lambda share, j: hooks.rewritten(Effect.shear, share, j),
     )

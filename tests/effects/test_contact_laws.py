@@ -50,10 +50,10 @@ def test_stress_ahead_is_the_law_of_wong_and_reece(z: float, slip: float, k92: f
     law = activate(get("stress_ahead"), {"share": 1.0, "c1": 0.18, "c2": 0.32})
     p = SingleWheel(RIM, SOIL, [law]).at_sinkage(z, rolling(slip, R), Ratio(k92))
     load, pull, torque = wong_reece(z, slip, k92, 0.18, 0.32)
-    # 8 nodes over the corner of the stress at ϑm
-    assert p.load == pytest.approx(load, rel=0.01)
-    assert p.drawbar_pull == pytest.approx(pull, abs=0.01 * load)
-    assert p.torque == pytest.approx(torque, abs=0.01 * load * R)
+    # four places on each side of ϑm
+    assert p.load == pytest.approx(load, rel=2e-4)
+    assert p.drawbar_pull == pytest.approx(pull, abs=2e-4 * load)
+    assert p.torque == pytest.approx(torque, abs=2e-4 * load * R)
 
 
 def test_stress_ahead_leaves_a_wheel_that_does_not_move_forward_alone() -> None:

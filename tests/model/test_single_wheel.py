@@ -22,8 +22,8 @@ ROBOT, SAND = load_robot(), load_soil()
 RIM = ROBOT.wheels
 R, B = RIM.radius, RIM.width
 SLICK = dataclasses.replace(SAND, exponent=1.0, cohesion=0.0, friction_angle=0.0)
-RULE = 5e-4
-"""Error of 8 nodes on the arc as a share of the load, as docs/model.md states it."""
+RULE = 3e-4
+"""Error of four places on each branch as a share of the load, as docs/model.md states it."""
 K = SLICK.cohesive_modulus / B + SLICK.frictional_modulus
 
 
@@ -35,8 +35,8 @@ def at(sinkage: float, slip: float, k92: float, soil: Soil = SAND) -> WheelPoint
 def test_without_shear_load_and_resistance_are_the_closed_forms(z: float) -> None:
     """k_92 = 0 and n = 1: W = b r² k (ϑ/2 - sin 2ϑ/4); R is Bekker's work of compaction, b k z²/2."""
     p, front = at(z, 0.3, 0.0, SLICK), math.acos(1 - z / R)
-    assert p.load == pytest.approx(B * R**2 * K * (front / 2 - math.sin(2 * front) / 4), rel=1e-9)
-    assert p.drawbar_pull == pytest.approx(-B * K * z**2 / 2, rel=1e-9)
+    assert p.load == pytest.approx(B * R**2 * K * (front / 2 - math.sin(2 * front) / 4), rel=RULE)
+    assert p.drawbar_pull == pytest.approx(-B * K * z**2 / 2, rel=RULE)
     assert p.torque == 0
     assert (p.angle_front, p.angle_rear) == (pytest.approx(front), 0)
     assert at(z, 0.3, 1.0, SLICK).drawbar_pull == pytest.approx(0, abs=1e-9)  # a symmetric arc
