@@ -87,8 +87,8 @@ def _exchanged(sets: FittedSets, best: Model, steps: Sequence[Extension]) -> Sea
         set_aside_bad_predictors(sets)
         if sets.problem.is_exhausted:
             break
-        fit_finely(sets)
-        if not reduce(sets):
+        is_settled = fit_finely(sets)
+        if is_settled and not reduce(sets):
             break
     return Search(tuple(ranked(sets.models.values())), sets.screenings, frozenset(sets.set_aside))
 
@@ -339,13 +339,14 @@ def set_aside_bad_predictors(sets: FittedSets) -> None:
         bad.append(model.effects)
 
 
-def fit_finely(sets: FittedSets) -> None:
-    """Fit the sets that can change a probability to their optimum; the others keep their rough fit.
+def fit_finely(sets: FittedSets) -> bool:
+    """Fit the sets that can change a probability to their optimum; tell whether the likeliest one stays so.
 
-    They are the first `TRIED` sets whose odds against the likeliest are not below `UNLIKELY`. A set that only
-    adds effects which do not matter is left out: it is no evidence against the likeliest. That one alone gets
-    the derivatives of each trial, for its numbers are reported, and is fitted under the other limit of (10):
-    by other sand either limit may explain the trials, and no descent leads from one to the other.
+    They are the first `TRIED` sets whose odds against the likeliest are not below `UNLIKELY`; the others keep
+    their rough fit. A set that only adds effects which do not matter is left out: it is no evidence against
+    the likeliest. That one alone gets the derivatives of each trial, for its numbers are reported, and is
+    fitted under the other limit of (10): by other sand either limit may explain the trials, and no descent
+    leads from one to the other.
     """
     best = sets.likeliest()
     best = sets.refit(best, [sets.problem.under_other_limit(best.fit.point)], best.fit.scales)
@@ -359,6 +360,7 @@ def fit_finely(sets: FittedSets) -> None:
         fine = fits.get(model.effects)
         if fine is not None and (fine.converged or fine.evidence > model.fit.evidence):
             sets.models[model.effects] = Model.of(model.effects, fine)
+    return sets.likeliest().effects == best.effects
 
 
 def reduce(sets: FittedSets) -> bool:
