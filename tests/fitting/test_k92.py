@@ -54,7 +54,7 @@ def test_a_trial_beyond_the_models_reach_ends_at_the_bound_and_says_so(slip, sta
     motion = dataclasses.replace(motion, slip_ratio=Estimate(slip, 0.01))
     fit = fit_k92(motion, trial, ROBOT, SOIL, trajectory=False)
     assert (fit.status, fit.k92.value) == (status, k92)
-    assert "to 25.71% that the model attains" in fit.notes[0]
+    assert "to 25.72% that the model attains" in fit.notes[0]
     assert "std)." in fit.notes[0]
     assert fit.status_trajectory == "not_evaluated"
     assert math.isnan(fit.k92_trajectory.value)
