@@ -164,7 +164,7 @@ def _notes_on_model(
     if not (fit := judgement.model.fit).converged:
         yield (
             f"{UNCONVERGED}: its derivatives predict an optimum {np.sqrt(fit.predicted_drop):.1f} std away, "
-            "which no step reached. The shear stress (10) has kinks, on both sides of which they differ."
+            "which no step reached. The standard errors include this distance."
         )
 
 
