@@ -143,7 +143,7 @@ class Problem:
         names, soil = list(SAND), self.pool.scenario.soil
         c, φ, μ_s = (names.index(name) for name in ("cohesion", "friction_angle", "tyre_friction"))
         shared = point.shared.copy()
-        by_tyre = not shared[[c, φ]].any()
+        by_tyre = np.abs(shared[[c, φ]]).max() < NEAR_ZERO
         shared[[c, φ]] = 0.0
         tan_φ = max(float(np.tan(np.radians(soil.friction_angle))), NEAR_ZERO)
         shared[μ_s] = np.log(tan_φ / soil.tyre_friction)

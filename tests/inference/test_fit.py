@@ -20,7 +20,8 @@ from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import DISCREPANCIES, FORMULAS, log_prior
 from granite_lab.inference.setup import initial_point, nominal
 from granite_lab.logs.trial import Array
-from granite_lab.parameters import load_robot, load_variants
+from granite_lab.model.single_wheel import Ratio, SingleWheel, rolling
+from granite_lab.parameters import load_robot, load_soil, load_variants
 from tests.inference.stub import Respond, drawn, measure, measured, problem_of
 from tests.soak import SOAK
 
@@ -395,3 +396,28 @@ def test_a_step_that_several_bounds_hold_is_the_least_within_them(seed: int) -> 
     for size in (1e-3, 0.03, 1.0):
         other = problem.stepped(aim, size * std * rng.normal(size=std.size))
         assert least <= _linear(M, std, mean, point, other) + 1e-9 * abs(least)
+
+
+def test_the_start_under_the_other_limit_of_the_shear_stress_is_under_that_limit() -> None:
+    """By the torque of a wheel: cohesion changes it where the strength of the sand limits it."""
+    problem, _, _ = measured(1)
+    file, rim, motion = load_soil(), load_robot().wheels, rolling(0.2, load_robot().wheels.radius)
+
+    def cohesion_shows(point: Point) -> bool:
+        changed = {
+            name: getattr(file, name) * np.exp(point.shared[SAND.index(name)])
+            for name in ("cohesion", "friction_angle", "tyre_friction")
+        }
+        soil = replace(file, **changed)
+        other = replace(soil, cohesion=1.1 * soil.cohesion)
+        one, two = (SingleWheel(rim, s).at_sinkage(0.01, motion, Ratio(0.3)).torque for s in (soil, other))
+        return abs(two / one - 1) > 1e-3
+
+    limited_by_sand = problem.under_other_limit(problem.neutral())
+    assert not cohesion_shows(problem.neutral())
+    assert cohesion_shows(limited_by_sand)
+    stronger = limited_by_sand.shared.copy()
+    stronger[COHESION] = 0.1
+    again = problem.under_other_limit(replace(limited_by_sand, shared=stronger))
+    assert not cohesion_shows(again)
+    assert not again.shared[COHESION]
