@@ -51,6 +51,7 @@ that receive a quantity as a CasADi expression and return it changed.
 | `soil` | soil under a wheel |
 | `contact_angles` | ends of the contact arc |
 | `bearing` | angle whose depth sets the pressure at a point of the contact arc |
+| `corner` | angle at which the pressure along the arc has a corner |
 | `pressure` | pressure at a point of the contact arc |
 | `shear` | share of the shear strength that a shear displacement mobilises |
 | `wheel_forces` | forces and moment of the ground on a wheel |
