@@ -116,7 +116,7 @@ def median_times(works: Sequence[Callable[[], object]], repeats: int) -> list[fl
 
 def by_cvodes(work: Callable[[], T]) -> T:
     """Do something without machine code."""
-    with patch.object(simulator, "engine_of", lambda _: interpreted):
+    with patch.object(simulator, "engine_of", lambda *_: interpreted):
         return work()
 
 
