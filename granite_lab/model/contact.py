@@ -32,6 +32,8 @@ def _rule() -> tuple[Array, Array, Array]:
     return u + DENSER * u * (1 - u), w / 2 * (1 + DENSER * (1 - 2 * u)), slopes * w[:, None]
 
 
+NODES, WEIGHTS, CHANGES = _rule()
+
 _TINY = 1e-9  # sinkage [m] at which a contact begins to exist numerically
 
 
@@ -251,9 +253,8 @@ def wheel_forces(
     """
     r, b = state.arc_radius, state.width
     ϑ1, ϑ2 = angles.front, angles.rear
-    *_, changes = _rule()
-    on_both = ca.diagcat(ca.DM(changes), ca.DM(changes))
-    strength = arc_stresses(state, angles, soil, laws, lambda σ: ca.mtimes(on_both, σ))
+    changes = ca.diagcat(ca.DM(CHANGES), ca.DM(CHANGES))
+    strength = arc_stresses(state, angles, soil, laws, lambda σ: ca.mtimes(changes, σ))
 
     def stresses(ϑ: Any) -> Any:
         """Return W, R, F and M/r per area at each ϑ."""
@@ -280,7 +281,6 @@ def _over(f: Callable[[Any], Any], corner: Any, high: Any, low: Any) -> Any:
     f takes a column of places and returns a row of values for each. Places and weights of both sides are
     written alike, so that one vector instruction serves both.
     """
-    nodes, weights, _ = _rule()
     half, off = (high - low) / 2, (high + low) / 2 - corner  # the sides are half + off and half - off long
-    places = corner + off * ca.DM([*nodes, *nodes]) + half * ca.DM([*nodes, *-nodes])
-    return ca.mtimes((half * ca.DM([*weights, *weights]) + off * ca.DM([*weights, *-weights])).T, f(places))
+    places = corner + off * ca.DM([*NODES, *NODES]) + half * ca.DM([*NODES, *-NODES])
+    return ca.mtimes((half * ca.DM([*WEIGHTS, *WEIGHTS]) + off * ca.DM([*WEIGHTS, *-WEIGHTS])).T, f(places))
