@@ -208,7 +208,7 @@ def effects_table(repeats: int) -> dict[str, Any]:
             truth, *found = (
                 interpreted.outputs(effects, variant, tuple(SIGNALS), t, states, vector)
                 for states in (
-                    interpreted.run(effects, variant, fine, start, vector), works[0](), works[1](),
+                    interpreted.run(effects, variant, fine, start, vector)[0], works[0]()[0], works[1]()[0],
                 )
             )  # fmt: skip
             errors.append([np.abs(rows - truth).max(1) * list(SIGNALS.values()) for rows in found])

@@ -281,7 +281,7 @@ def _compiled(effect: Effect) -> tuple[bool | None, str]:
     active, variant = typical(effect), variant_of(0.5)
     p = model_parameters(load_robot(), load_soil(), variant, a_theta=load_paper().a_theta)
     start, vector = rest_state(p, (active,)), parameter_vector(p, (active,))
-    compiled, plain = (e.run((effect,), variant, FINE, start, vector) for e in (engine, interpreted))
+    compiled, plain = (e.run((effect,), variant, FINE, start, vector)[0] for e in (engine, interpreted))
     scale = np.abs(plain).max(axis=1) + 1e-6
     gap = float((np.abs(compiled - plain).max(axis=1) / scale).max())
     names = tuple(build_graph((effect,)).outputs)

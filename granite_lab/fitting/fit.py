@@ -46,7 +46,9 @@ class Shift:
 K92_BOUNDS = (0.0, 1.0)
 """The model needs k_92 >= 0 (section 5), and k_92 = 1 is the value at rest, below (4)."""
 
-FitStatus = Literal["ok", "at_lower_bound", "at_upper_bound", "not_converged", "not_evaluated"]
+FitStatus = Literal[
+    "ok", "at_lower_bound", "at_upper_bound", "model_misfit", "not_converged", "not_evaluated"
+]
 
 BOUNDS: tuple[FitStatus, ...] = ("at_lower_bound", "at_upper_bound")
 
@@ -60,6 +62,7 @@ STATUS_NAMES: Mapping[FitStatus, str] = {
     "ok": "fitted",
     "at_lower_bound": "at lower limit",
     "at_upper_bound": "at upper limit",
+    "model_misfit": "the model does not fit",
     "not_converged": "not converged",
     "not_evaluated": "not evaluated",
 }
@@ -97,7 +100,8 @@ class K92Fit(Shown):
         variant: the trapezoid that was simulated.
         k92: by the steady slip ratio, as in the paper; an inner optimum where `status` is "ok".
         k92_trajectory: by the whole time history of all sensors and the law (5), at the steady desired
-            velocity; its status is `status_trajectory`. It has no std where the fit did not converge.
+            velocity; its status is `status_trajectory`. It has no std where the fit did not converge, or the
+            model does not fit the sensors: what it lacks moves k_92.
         t_start: start of the command by the trajectory fit [s, the log's time, as the IMU stamps it].
         slip_measured, slip_simulated: λ_R as measured, and as simulated with `k92`.
         std_measurement: the part of the std of `k92` that comes from the measured slip ratio.
@@ -138,6 +142,10 @@ class K92Fit(Shown):
         lines = []
         if self.status_trajectory == "not_converged":
             lines.append("the fit of k_92 to the trajectory did not converge; its std is not known")
+        if self.status_trajectory == "model_misfit":
+            lines.append(
+                "the model does not fit the sensors over the trajectory; the error of k_92 by it is not known"
+            )
         if self.apart > APART:
             lines.append(
                 f"k_92 by the steady slip and by the trajectory are more than {APART:g} std apart: the model "

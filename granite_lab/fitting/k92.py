@@ -22,7 +22,8 @@ from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.plausibility import BY_RADIUS
 from granite_lab.fitting.fit import K92_BOUNDS, LEAST, FitStatus, K92Fit, Shift
-from granite_lab.inference.constants import SAND_PER_TRIAL_STD, SAND_STD, TOLERANCE
+from granite_lab.inference.constants import FORMULA_ERROR, SAND_PER_TRIAL_STD, SAND_STD, TOLERANCE
+from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import SHARED
 from granite_lab.inference.pool import SAND, SAND_PER_TRIAL, Scenario, SimulationPool
@@ -55,10 +56,6 @@ SHARED_AS = {
 
 WIDE = 1.0
 """Std of the prior of log a_θ: flat beside the few percent to which one trial determines it."""
-
-HELD = 0.25
-"""Distance from the optimum that derivatives predict [std] within which a fit counts as converged: kinks of
-(10) may hold it there, and its std holds the distance. It makes the std 3 % larger at most; convention."""
 
 COARSE = 0.05
 """Least width of a bin [s]: a seventh of the time in which slip settles."""
@@ -311,24 +308,31 @@ def _with_trajectory(
     log, start, latency = total(0, common), total(SAND_PER_TRIAL, late), total(late)
     v, a_theta = reference_velocity(by_slip.variant), load_paper().a_theta * float(np.exp(log.value))
     k92 = math.exp(-a_theta * v)  # (5)
-    at_optimum = fit.converged or fit.predicted_drop < HELD**2
-    std = k92 * v * a_theta * log.std if at_optimum else math.nan  # elsewhere the curvature is none
+    status = _status(fit)
+    std = k92 * v * a_theta * log.std if status == "ok" else math.nan
     lead = None
     if count := count_of(motion.variant):
         lead = total(*(common + SHARED.index(name) for name in LEADS[:count]))
-    notes = _trajectory_notes(fit.scales, problem.counts, latency, lead, converged=at_optimum)
+    notes = _trajectory_notes(fit.scales, problem.counts, latency, lead)
     return replace(
         by_slip,
         k92_trajectory=Estimate(k92, std),
         t_start=Estimate(problem.trials[0].observation.t_start + start.value, start.std),
         latency=latency,
-        status_trajectory="ok" if at_optimum else "not_converged",
+        status_trajectory=status,
         notes=(*by_slip.notes, *(f"Trajectory: {note}" for note in notes)),
     )
 
 
+def _status(fit: Fit) -> FitStatus:
+    """Tell whether a fit may state a std: the model is off by no more than formulas are, and it converged."""
+    if fit.scales.poor_fit or fit.scales.largest > FORMULA_ERROR[1]:
+        return "model_misfit"
+    return "ok" if fit.converged else "not_converged"
+
+
 def _trajectory_notes(
-    scales: Scales, channels: Iterable[str], latency: Estimate, lead: Estimate | None, *, converged: bool
+    scales: Scales, channels: Iterable[str], latency: Estimate, lead: Estimate | None
 ) -> Iterator[str]:
     """Yield what a fit to the trajectory leaves: discrepancy, latency [s], noise, lead of the command [s]."""
     discrepancies = {c: scales.discrepancy_of(c) for c in channels}
@@ -340,7 +344,5 @@ def _trajectory_notes(
     larger = [f"{c} {value:.2f}" for c, value in scales.noise_factor.items() if value > 1.0]
     if larger:
         yield f"residuals over the noise: {', '.join(larger)}."
-    if not converged:
-        yield "fit not converged."
     if lead is not None:
         yield f"the command leads the wheels by {1e3 * lead.value:.0f} ± {1e3 * lead.std:.0f} ms."

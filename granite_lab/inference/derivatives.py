@@ -8,22 +8,22 @@ from itertools import chain
 
 import numpy as np
 
-from granite_lab.inference.constants import LINEAR
 from granite_lab.inference.point import Derivatives, Difference, Point, stacked
 from granite_lab.inference.pool import SIMULATED, Task
-from granite_lab.inference.priors import is_central, step_of
+from granite_lab.inference.priors import step_of
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 from granite_lab.model.leading import LEADS
 
-_HALVED = ("tyre_friction", *LEADS)
-STEP = np.array([LINEAR if n == "cohesion" else 0.01 / (1 + (n in _HALVED)) for n in SIMULATED])
-"""Steps of the differences by `SIMULATED`, a tenth of their std and less: wide where little depends on a
-number, so that the integrator's errors are less than the difference, and half where a kink is near."""
+STEP = 1e-5
+"""Step of a difference of two simulations with the same integration steps, as a share of a number or of an
+effect's prior range: the derivative at the point, but for a hundred thousandth of how it changes."""
 
-KINKED = ("cohesion", "shear_modulus", "friction_angle", "tyre_friction")
-"""Sand by which differences are central: (10) has a kink where the other limit of the shear stress begins to
-rule, and a difference to one side shows one of the two."""
+OWN_STEP = 0.01
+"""The same where each simulation chooses its integration steps: large beside their errors."""
+
+LEAD_STEP = 0.005
+"""Step of the difference by a lead of the command [s]; a run that begins later has steps of its own."""
 
 
 def differentiate(
@@ -31,23 +31,21 @@ def differentiate(
     point: Point,
     sand_from: Derivatives | None = None,
     *,
-    central: bool = True,
     per_trial: bool = False,
 ) -> Derivatives | None:
     """Differentiate the responses by differences; None where a run has no solution.
 
-    Where a step leaves the region with a solution, the opposite one alone is taken.
+    Where a step leaves the region with a solution, the opposite one is taken.
 
     Args:
         problem: the trials.
         point: where.
         sand_from: derivatives at the same places; those by the sand are kept.
-        central: take differences to both sides where the model has kinks.
         per_trial: take differences at each trial's own numbers, in place of the centre of its input.
     """
     groups = [(i,) for i, _ in enumerate(problem.trials)] if per_trial else problem.inputs
     skipped = 0 if sand_from is None else len(SIMULATED)
-    differences = [_differences(problem, point, group, central)[skipped:] for group in groups]
+    differences = [_differences(problem, point, group)[skipped:] for group in groups]
     bases = [problem.mean_task(point, group) for group in groups]
     centres = [problem.centre(point, number) for number, _ in enumerate(problem.inputs)]
     without = [_without_each(problem, point, number) for number, _ in enumerate(problem.inputs)]
@@ -82,12 +80,11 @@ def _simulated(
 ) -> dict[Task, Array | None]:
     """Return the responses that derivatives need, those of differences by their sides.
 
-    The side behind is simulated only for a central difference, or where the one ahead has no solution.
+    The side behind is simulated only where the one ahead has no solution.
     """
-    sides = [task for d in differences for task in ((d.ahead, d.behind) if d.central else (d.ahead,))]
-    tasks = list(dict.fromkeys([*needed, *sides]))
+    tasks = list(dict.fromkeys([*needed, *(d.ahead for d in differences)]))
     runs = dict(zip(tasks, problem.pool.run(tasks), strict=True))
-    lost = [d.behind for d in differences if not d.central and runs[d.ahead] is None]
+    lost = [d.behind for d in differences if runs[d.ahead] is None]
     return runs | dict(zip(lost, problem.pool.run(lost) if lost else (), strict=True))
 
 
@@ -119,25 +116,29 @@ def _changes(
     return np.concatenate([directions, sand if by_sand is None else by_sand, private, common], axis=-1)
 
 
-def _differences(problem: Problem, point: Point, group: Sequence[int], central: bool) -> list[Difference]:
+def _differences(problem: Problem, point: Point, group: Sequence[int]) -> list[Difference]:
     """Return the differences by the sand and by the effects' parameters, at the mean of some trials."""
-    centre, differences = problem.mean_task(point, group), []
-    numbers, task = np.array((*centre.sand, *centre.leads)), problem.pool.scenario.task
-    for k, name in enumerate(SIMULATED):
-        step = STEP * (np.arange(STEP.size) == k)
-        sides = [task(centre.variant, x, centre.setting) for x in (numbers + step, numbers - step)]
-        differences.append(Difference(float(STEP[k]), central and name in KINKED, *sides))
+    centre = problem.mean_task(point, group)
     shared = [p for _, p in problem.parameters(point.effects, per_trial=False)]
     private = [p for _, p in problem.parameters(point.effects, per_trial=True)]
+    like = centre if problem.repeats(centre) else None
+    numbers, task = np.array((*centre.sand, *centre.leads)), problem.pool.scenario.task
+    differences = []
+    for k, name in enumerate(SIMULATED):
+        h = LEAD_STEP if name in LEADS else STEP if like else OWN_STEP
+        step = h * (np.arange(numbers.size) == k)
+        sides = [task(centre.variant, x, centre.setting) for x in (numbers + step, numbers - step)]
+        same = None if name in LEADS else like
+        differences.append(Difference(h, *(replace(side, like=same) for side in sides)))
     at = np.concatenate([point.common, problem.private_mean(point, group)])
     for k, p in enumerate([*shared, *private]):
-        step, sides = step_of(p, float(at[k])), []
+        h, sides = step_of(p, float(at[k]), STEP if like else None), []
         for sign in (1, -1):
             values = at.copy()
-            values[k] += sign * step
+            values[k] += sign * h
             setting = problem.setting(point.effects, values[: len(shared)], values[len(shared) :])
-            sides.append(replace(centre, setting=setting))
-        differences.append(Difference(step, central and is_central(p, float(at[k]), step), *sides))
+            sides.append(replace(centre, setting=setting, like=like))
+        differences.append(Difference(h, *sides))
     return differences
 
 

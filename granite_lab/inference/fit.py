@@ -7,16 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.errors import EstimateError
-from granite_lab.inference.derivatives import differentiate
-from granite_lab.inference.descent import (
-    AS_GOOD,
-    LEAST,
-    Descent,
-    Goal,
-    State,
-    predict_drop,
-    simulated,
-)
+from granite_lab.inference.descent import LEAST, NEAR, Descent, begun, predict_drop
 from granite_lab.inference.normal import NormalEquations, Posterior, Scales
 from granite_lab.inference.point import Derivatives, Point
 from granite_lab.inference.problem import Problem
@@ -95,25 +86,29 @@ def fit(
         derivatives: derivatives near the start, if they are known.
         rounds: most steps; with none the problem is made linear at the start, under the scales as given.
         least: predicted drop of the objective below which the fit has converged.
-        each_trial: a fine fit goes on with derivatives at each trial's own numbers.
+        each_trial: a fine fit takes derivatives at each trial's own numbers.
 
     Raises:
         EstimateError: a simulation at the start has no solution.
     """
-    goal = Goal.of(problem, start, least, each_trial=each_trial)
-    distance = 0.0 if derivatives is None else AS_GOOD
+    fine = least <= LEAST
     scales = replace(scales, priors={**per_trial_scales(problem, start, start.vector), **scales.priors})
-    descent = Descent(_begun(problem, start, derivatives, central=goal.fine), scales, distance)
+    state = begun(problem, start, derivatives, per_trial=fine and each_trial)
+    if state is None:
+        raise EstimateError(
+            "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
+        )
+    descent = Descent(state, scales, fine, fine and each_trial, 0.0 if derivatives is None else NEAR)
     converged = False
     if rounds:
         descent.learn(problem, 1)
-        converged = descent.run(problem, goal, rounds)
+        converged = descent.run(problem, rounds)
     state, scales = descent.state, descent.scales
     post = posterior_at(problem, state.point, state.normal, scales)
     evidence = post.evidence + log_prior(problem, scales, bool(state.point.effects))
     if rounds:  # nothing is credited beyond a bound, nor what the derivatives predict and was not reached
         evidence -= post.predicted_drop / 2
-    _, aim, predicted_drop = predict_drop(problem, state, scales, 0.0)
+    _, aim, predicted_drop = predict_drop(problem, state, scales)
     return Fit(
         point=state.point,
         scales=scales,
@@ -123,25 +118,8 @@ def fit(
         evidence=evidence,
         further=aim.vector - state.point.vector,
         predicted_drop=predicted_drop,
-        converged=converged and goal.fine,
+        converged=converged,
     )
-
-
-def _begun(problem: Problem, start: Point, derivatives: Derivatives | None, *, central: bool) -> State:
-    """Return the state at which a fit begins.
-
-    Raises:
-        EstimateError: a simulation has no solution.
-    """
-    responses = simulated(problem, start)
-    derivatives = derivatives or differentiate(problem, start, central=central)
-    if derivatives is None or responses is None:
-        raise EstimateError(
-            "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
-        )
-    residuals = problem.residuals(start, responses)
-    normal = problem.normal(start, derivatives, residuals)
-    return State(start, derivatives, residuals, problem.white(residuals), normal)
 
 
 def with_priors(problem: Problem, fitted: Fit, scales: Scales) -> Fit:

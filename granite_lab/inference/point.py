@@ -64,16 +64,14 @@ class Difference:
 
     Attributes:
         step: of the number.
-        central: of both sides.
         ahead, behind: the simulations a step further and a step back.
     """
 
     step: float
-    central: bool
     ahead: Task
     behind: Task
 
-    def derivative(self, base: Array | None, runs: Mapping[Task, Array | None]) -> Array | None:
+    def derivative(self, base: Array, runs: Mapping[Task, Array | None]) -> Array | None:
         """Return the (8, M) derivative, to the side that has a solution; None where neither has one.
 
         Args:
@@ -81,14 +79,9 @@ class Difference:
             runs: of the simulations, where they were made.
         """
         ahead, behind = runs.get(self.ahead), runs.get(self.behind)
-        if base is None or (ahead is None and behind is None):
-            return None
-        if self.central and ahead is not None and behind is not None:
-            return np.asarray((ahead - behind) / (2 * self.step))
         if ahead is not None:
             return np.asarray((ahead - base) / self.step)
-        assert behind is not None
-        return np.asarray((base - behind) / self.step)
+        return None if behind is None else np.asarray((base - behind) / self.step)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,10 +16,11 @@ import numpy as np
 from granite_lab.errors import EstimateError, InputError
 from granite_lab.inference.constants import MEMORY, SAND_PER_TRIAL_STD
 from granite_lab.logs.trial import Array
+from granite_lab.model.command import kind_of
 from granite_lab.model.effect import Active, Effect, activate
 from granite_lab.model.instants import Accuracy
 from granite_lab.model.leading import LEADS, count_of, led
-from granite_lab.model.simulator import integrate
+from granite_lab.model.simulator import integrate, moving, repeats
 from granite_lab.model.symbols import ModelParameters, model_parameters
 from granite_lab.parameters import Robot, Soil, Variant, load_paper
 from granite_lab.processes import forked_map, forked_pool, mapped
@@ -59,12 +60,16 @@ Setting = tuple[tuple[str, Values], ...]
 
 @dataclass(frozen=True)
 class Task:
-    """One simulation: number of the command, sand (logarithms, as `SAND`), effects, leads as `LEADS`."""
+    """One simulation: number of the command, sand (logarithms, as `SAND`), effects, leads as `LEADS`.
+
+    It repeats the steps of the simulation that it is `like`.
+    """
 
     variant: int
     sand: Values
     setting: Setting = ()
     leads: Values = (0.0,) * len(LEADS)
+    like: Task | None = None
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -116,11 +121,17 @@ class Scenario:
             )
         return tuple(active)
 
+    def repeats(self, task: Task) -> bool:
+        """Tell whether other simulations with the effects of one can repeat its steps."""
+        return repeats([e.effect for e in self.active(task)], kind_of(self.variants[task.variant]))
+
     def respond(self, task: Task) -> Array | None:
         """Return the (8, M) signals of a run; None where it has no solution."""
-        p = self.parameters(task)
+        p, like = self.parameters(task), None
         try:
-            signals = integrate(p, self.active(task), self.accuracy, SIGNALS)
+            if task.like is not None:
+                like = self.parameters(task.like), moving(self.active(task.like))
+            signals = integrate(p, self.active(task), self.accuracy, SIGNALS, like)
         except (EstimateError, InputError):
             return None
         return np.stack([signals[name] for name in SIGNALS])
@@ -227,6 +238,10 @@ class SimulationPool:
             self.runs, self.seconds = self.runs + runs, self.seconds + seconds
             self._tick(runs)
         return answers
+
+    def repeats(self, task: Task) -> bool:
+        """Tell whether other simulations with the effects of one can repeat its steps."""
+        return self._respond is not None or self.scenario.repeats(task)
 
     def run(self, tasks: Sequence[Task], *, keep: bool = True) -> list[Array | None]:
         """Return the (8, M) signals of each task, None where a run has no solution.

@@ -10,25 +10,23 @@ from granite_lab.model.effect import EffectParameter
 from granite_lab.parameters import Robot, Soil
 
 EFFECT_STEP = 0.05
-"""Step of a difference by an effect's parameter, as a share of its prior range. At 0.02 the errors of the
-integrator moved a number of little influence by 0.6 of its std from one point to the next."""
+"""Step of a difference by an effect's parameter, as a share of its prior range, where each simulation chooses
+its integration steps. At 0.02 the errors of the integrator moved a number of little influence by 0.6 of its
+std from one point to the next."""
 
 
-def step_of(p: EffectParameter, value: float) -> float:
-    """Return the step of the difference by an effect's parameter."""
-    width = p.prior_high - p.prior_low
-    h = EFFECT_STEP * width
+def step_of(p: EffectParameter, value: float, share: float | None = None) -> float:
+    """Return the step of the difference by an effect's parameter.
+
+    Args:
+        p: the parameter.
+        value: at which it is differentiated.
+        share: of its prior range; by default `EFFECT_STEP`.
+    """
+    h = (share or EFFECT_STEP) * (p.prior_high - p.prior_low)
     if p.moving:  # blows come at other times already with a little more of it
         h = float(np.clip(LINEAR * abs(value - p.neutral), NEGLIGIBLE * h, h))
     return h if value + h <= p.high else -h
-
-
-def is_central(p: EffectParameter, value: float, step: float) -> bool:
-    """Tell whether a difference by an effect's parameter is to be taken to both sides.
-
-    Not so where the trace is proportional to it, where blows come at other times, and at a bound.
-    """
-    return not (p.linear or p.moving) and p.low <= value - step <= p.high
 
 
 def trial_scale_name(id_: str) -> str:

@@ -160,7 +160,7 @@ def baseline(problem: Problem) -> Fit:
     """
     single = len(problem.trials) == 1
     start, _ = initial_point(problem)
-    derivatives = differentiate(problem, start, central=False)
+    derivatives = differentiate(problem, start)
     if derivatives is None:
         raise EstimateError(
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"

@@ -22,8 +22,14 @@ class Engine(Protocol):
     """What the modules `granite_lab.model.interpreted` and `granite_lab.model.native.graphs` both offer."""
 
     def run(
-        self, effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, start: Array, vector: Array
-    ) -> Array:
+        self,
+        effects: tuple[Effect, ...],
+        variant: Variant,
+        accuracy: Accuracy,
+        start: Array,
+        vector: Array,
+        steps: Array | None = None,
+    ) -> tuple[Array, Array | None]:
         """Integrate the equations of motion.
 
         Args:
@@ -32,9 +38,10 @@ class Engine(Protocol):
             accuracy: tolerances and output grid.
             start: (S,) state at the first instant.
             vector: (P,) parameters.
+            steps: of a run along as many corners, to be repeated.
 
         Returns:
-            (S, N) states.
+            (S, N) states, and the steps of the run; None where no run can repeat them.
 
         Raises:
             EstimateError: the integrator gave up.

@@ -55,14 +55,19 @@ def _integrator(effects: tuple[Effect, ...], variant: Variant, accuracy: Accurac
 
 
 def run(
-    effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, start: Array, vector: Array
-) -> Array:
+    effects: tuple[Effect, ...],
+    variant: Variant,
+    accuracy: Accuracy,
+    start: Array,
+    vector: Array,
+    steps: Array | None = None,  # noqa: ARG001, CVODES chooses its own
+) -> tuple[Array, Array | None]:
     """Integrate by CVODES; see `engine.Engine`."""
     try:
         after = _integrator(effects, variant, accuracy)(x0=start, p=vector)["xf"]
     except RuntimeError as error:
         raise not_converged(str(error)) from None
-    return np.column_stack([start, after.full()])
+    return np.column_stack([start, after.full()]), None
 
 
 @lru_cache(maxsize=128)

@@ -13,6 +13,7 @@ from scipy.linalg.lapack import dgesv
 
 from granite_lab.errors import EstimateError
 from granite_lab.logs.trial import Array
+from granite_lab.model import interpreted
 from granite_lab.model.command import Kind, kind_of, steady_part
 from granite_lab.model.effect import Active, Effect
 from granite_lab.model.engine import engine_of
@@ -95,11 +96,26 @@ def parameter_vector(p: ModelParameters, effects: Sequence[Active]) -> Array:
     return np.array(vector_of(p) + [value for e in effects for value in e.values], dtype=float)
 
 
+Like = tuple[ModelParameters, tuple[Active, ...]]
+"""Numbers of a run, and its effects that move the robot."""
+
+
+def moving(effects: Sequence[Active]) -> tuple[Active, ...]:
+    """Return the effects that move the robot; a run of these has the same steps."""
+    return tuple(e for e in effects if e.effect.moves)
+
+
+def repeats(effects: Sequence[Effect], kind: Kind = "trapezoid") -> bool:
+    """Say whether a run with effects can repeat the steps of another one."""
+    return engine_of(tuple(effects), kind) is not interpreted
+
+
 def integrate(
     p: ModelParameters,
     effects: Sequence[Active] = (),
     accuracy: Accuracy = USUAL,
     names: tuple[str, ...] | None = None,
+    like: Like | None = None,
 ) -> dict[str, Array]:
     """Integrate the model from rest, through the command, to rest.
 
@@ -108,6 +124,10 @@ def integrate(
         effects: effects added to the paper's model.
         accuracy: tolerances and output grid.
         names: which outputs of the graph are wanted; by default all.
+        like: the numbers and the effects that move the robot, of a run along the same command whose steps are
+            repeated. The difference
+            of two runs with the same steps has no error of their choice (H. G. Bock's internal numerical
+            differentiation, Springer Series in Chemical Physics 18, 1981, 102-125).
 
     Returns:
         name to (N,) array, the outputs of the graph; the first is ``t_s`` [s after command start].
@@ -117,9 +137,9 @@ def integrate(
     """
     chosen = tuple(e.effect for e in effects)
     t, vector = instants(p.variant, accuracy), parameter_vector(p, effects)
-    moving = tuple(e for e in effects if e.effect.moves)
+    movers = moving(effects)
     # sensors with other faults look at the same motion; a plain run is not kept, for it may be long
-    history = (_history if len(moving) == len(effects) else _remembered)(p, moving, accuracy)
+    history = (_history if len(movers) == len(effects) else _remembered)(p, movers, accuracy, like)
     kind = kind_of(p.variant)
     wanted = names or tuple(build_graph(chosen, kind).outputs)
     table = engine_of(chosen, kind).outputs(chosen, p.variant, wanted, t, history, vector)
@@ -190,18 +210,31 @@ def _delayed(
     return signals | late
 
 
-def _history(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy) -> Array:
-    """Return the (states, N) history.
+def _run(
+    p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy, steps: Array | None = None
+) -> tuple[Array, Array | None]:
+    """Return the (states, N) history, and the steps of the run; see `engine.Engine`.
 
     Raises:
         EstimateError: the integrator gave up, or the robot finds no rest.
     """
     chosen, vector = tuple(e.effect for e in effects), parameter_vector(p, effects)
-    states = engine_of(chosen, kind_of(p.variant)).run(
-        chosen, p.variant, accuracy, rest_state(p, effects), vector
-    )
+    engine = engine_of(chosen, kind_of(p.variant))
+    states, steps = engine.run(chosen, p.variant, accuracy, rest_state(p, effects), vector, steps)
     states.flags.writeable = False
-    return states
+    return states, steps
+
+
+@lru_cache(maxsize=16)
+def _steps(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy) -> Array | None:
+    return _run(p, effects, accuracy)[1]
+
+
+def _history(
+    p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy, like: Like | None = None
+) -> Array:
+    """Return the (states, N) history; errors as of `_run`."""
+    return _run(p, effects, accuracy, None if like is None else _steps(*like, accuracy))[0]
 
 
 _remembered = lru_cache(maxsize=8)(_history)

@@ -185,7 +185,7 @@ class Stage:
         point = self.point(problem, model)
         if (number, model) not in self._derivatives:
             near = next((s for (n, _), s in self._derivatives.items() if n == number), None)
-            if (new := differentiate(problem, point, near, central=False)) is not None:
+            if (new := differentiate(problem, point, near)) is not None:
                 self._derivatives[number, model] = new
         derivatives = self._derivatives.get((number, model))
         runs = problem.respond([problem.centre(self.point(problem, other), 0) for other in others])

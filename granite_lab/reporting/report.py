@@ -50,11 +50,11 @@ LAW = (
     "that drives it; v: speed of the robot; x: distance; x_w: place of the wheel; L: wheel base; M: torque "
     "of the ground."
 )
-NOT_CONVERGED = (
-    "A fit that did not converge stopped before its minimum, so that its value is a guess. Most often the "
-    "model lacks an effect."
+MODEL_MISFIT = (
+    "Where the model does not fit the sensors over the trajectory, an effect that it lacks moves k_92 by the "
+    "trajectory, and no std is stated. k_92 by the steady slip does not depend on the other sensors."
 )
-"""How to read the time histories, the formulas of a description, and a fit that did not converge."""
+"""How to read the time histories, the formulas of a description, and k_92 where the model does not fit."""
 
 LIBRARIES = ("numpy", "scipy", "casadi", "matplotlib")
 
@@ -323,8 +323,8 @@ def _quality(result: StudyResult, answers: Answers, looks: Looks, model: str) ->
     warnings = shared([(r.trial.name, warnings_of(r)) for r in result.trials])
     yield "Warnings:" if warnings else None
     yield list(warnings)
-    if any(r.fit.status_trajectory == "not_converged" for r in result.trials):
-        yield NOT_CONVERGED
+    if any(r.fit.status_trajectory == "model_misfit" for r in result.trials):
+        yield MODEL_MISFIT
         yield "With what was found, the fits are made again by:" if model else None
         yield Code(f"granite-lab fit-k92 TRIALS {model}") if model else None
     yield _fold("Results of each trial", tables.trial_table(result), printed=True)

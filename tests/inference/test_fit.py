@@ -9,7 +9,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.inference import noise
 from granite_lab.inference.constants import PSEUDO_TRIALS
 from granite_lab.inference.derivatives import differentiate
-from granite_lab.inference.descent import State, _aim, _linear, predict_drop, simulate_at, simulated
+from granite_lab.inference.descent import _aim, _linear, begun, predict_drop, simulate_at, simulated
 from granite_lab.inference.fit import Fit, fit, with_priors
 from granite_lab.inference.gap import discrepancies
 from granite_lab.inference.noise import FLOOR
@@ -251,9 +251,9 @@ def test_trials_on_both_sides_of_a_kink_are_fitted_to_the_optimum() -> None:
     measure(problem, truth, rng)
     found = fit(problem, problem.neutral())
     assert found.converged
-    state = State(found.point, found.derivatives, found.residuals, problem.white(found.residuals),
-                  problem.normal(found.point, found.derivatives, found.residuals))  # fmt: skip
-    objective, *_ = predict_drop(problem, state, found.scales, 0.0)
+    state = begun(problem, found.point, found.derivatives)
+    assert state is not None
+    objective, *_ = predict_drop(problem, state, found.scales)
     sizes = np.cumsum([0, *(x.size for x in found.point.trials)])
     for step in np.diag(0.3 * std_of(found))[sizes + COHESION]:  # of each trial, and what they share
         for aim in (problem.stepped(found.point, step), problem.stepped(found.point, -step)):
@@ -389,7 +389,7 @@ def test_a_step_that_several_bounds_hold_is_the_least_within_them(seed: int) -> 
     A[:, :-1] *= 10 / std
     A[:, -1] *= 300
     M = A.T @ A
-    aim = _aim(problem, point, M, std, mean - point.vector, 0.0)
+    aim = _aim(problem, point, M, std, mean - point.vector)
     assert (np.abs(aim.shared[: len(SAND)]) > 2.99 * problem.sand_std).sum() > 1
     least = _linear(M, std, mean, point, aim)
     assert least <= _linear(M, std, mean, point, point)

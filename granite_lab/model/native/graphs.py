@@ -137,8 +137,13 @@ def forget() -> None:
 
 
 def run(
-    effects: tuple[Effect, ...], variant: Variant, accuracy: Accuracy, start: Array, vector: Array
-) -> Array:
+    effects: tuple[Effect, ...],
+    variant: Variant,
+    accuracy: Accuracy,
+    start: Array,
+    vector: Array,
+    steps: Array | None = None,
+) -> tuple[Array, Array | None]:
     """Integrate, anew from each corner of the command on; see `engine.Engine`."""
     kind = kind_of(variant)
     equations = _equations(effects, kind).address
@@ -151,7 +156,7 @@ def run(
     record = rosenbrock.record(
         (start.size, grid.size, len(bends) + 1), (accuracy.relative, accuracy.absolute),
         most_steps(grid.size, len(bends)), 0 if kind == "trapezoid" else vector.shape[1],
-        smooth=kind in ("wheels", "sides"),
+        smooth=kind in ("wheels", "sides"), steps=steps,
     )  # fmt: skip
     work, out = rosenbrock.work_space(start), np.empty((start.size, grid.size))
     arrays = (array.ctypes.data for array in (record, times, vector, work, out))
@@ -161,7 +166,7 @@ def run(
         return interpreted.run(effects, variant, accuracy, start, given)
     if status < 0:
         raise not_converged(_TROUBLE[status])
-    return out
+    return out, rosenbrock.taken(record)
 
 
 _TROUBLE = {

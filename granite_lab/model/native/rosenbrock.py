@@ -69,11 +69,15 @@ FIRST = 1e-4
 
 
 N, SAMPLES, PIECES, RELATIVE, ABSOLUTE, MOST, NOW, END = range(8)
-SAMPLE, STEPS, STRIDE, SMOOTH, NEXT, COEFFICIENTS = range(8, 14)
+SAMPLE, STEPS, STRIDE, SMOOTH, NEXT, REPEATS, TAKEN, COEFFICIENTS = range(8, 16)
 """Places in the record of a run, which is an array because the machine code knows no other record: numbers of
 states, of instants and of pieces, tolerances, most steps; where the run is: t and end of the piece [s],
-instants written, steps taken; how far apart the parameters of the pieces are, 0 where all have the same;
-1 where the equations do not jump from piece to piece, else 0; the next step [s]; and behind them `TABLE`."""
+instants written, steps tried; how far apart the parameters of the pieces are, 0 where all have the same;
+1 where the equations do not jump from piece to piece, else 0; the next step [s]; 1 where the run repeats the
+steps of another one, else 0; steps taken; and behind them `TABLE` and the steps."""
+
+LENGTHS = COEFFICIENTS + TABLE.size
+"""Place of the steps in the record, each as a share of its piece."""
 
 
 def record(
@@ -82,6 +86,7 @@ def record(
     most: int,
     stride: int = 0,
     smooth: bool = False,
+    steps: Floats | None = None,
 ) -> Floats:
     """Return the record of a run that has not begun.
 
@@ -92,9 +97,16 @@ def record(
         most: steps, rejected ones included.
         stride: from the parameters of one piece to those of the next; 0 where all have the same.
         smooth: the equations do not jump from piece to piece, so that the step is kept.
+        steps: of another run with as many pieces, see `taken`, to be repeated whatever their errors are.
     """
-    head = (*sizes, *tolerances, most, 0.0, 0.0, 0.0, 0.0, stride, smooth, FIRST)
-    return np.concatenate([np.array(head, dtype=np.float64), TABLE])
+    repeats = steps is not None
+    head = (*sizes, *tolerances, most, 0.0, 0.0, 0.0, 0.0, stride, smooth, FIRST, repeats, 0.0)
+    return np.concatenate([np.array(head), TABLE, np.empty(most) if steps is None else steps])
+
+
+def taken(run: Floats) -> Floats:
+    """Return the steps of a run that has ended, each as a share of its piece."""
+    return run[LENGTHS : LENGTHS + int(run[TAKEN])].copy()
 
 
 def work_space(start: Floats) -> Floats:
@@ -272,6 +284,9 @@ def piece(
 ) -> int:
     """Integrate to the end of a piece; arguments and result are those of `integrate`."""
     jacobian = work[8 * int(run[N]) :]
+    lengths = run[LENGTHS:]
+    length = run[END] - run[NOW]
+    repeats = run[REPEATS]
     h = max(FIRST, run[SMOOTH] * run[NEXT])
     last_h = 0.0
     last_error = 1.0
@@ -282,9 +297,15 @@ def piece(
         if run[STEPS] > run[MOST]:
             return TOO_MANY
         run[NEXT] = h
-        if run[NOW] + 1.001 * h >= run[END]:
+        if repeats > 0.0:
+            h = length * lengths[int(run[TAKEN])]
+        elif run[NOW] + 1.001 * h >= run[END]:
             h = run[END] - run[NOW]
         error = step(rates, h, run, p, work)
+        if repeats > 0.0:
+            if error >= HOPELESS:
+                return NO_NUMBER
+            error = min(error, 1.0)
         grow = 0.9 * power(error, -0.25)
         if error <= 1.0:
             # the next error as the last two lead to expect it
@@ -292,6 +313,8 @@ def piece(
                 grow = min(grow, grow * (h / last_h) * power(last_error / error, 0.25))
             grow = max(0.2, min(grow, 1.0 if rejected == 1 and last_h > 0.0 else 6.0))
             accept(h, run, t, work, out)
+            lengths[int(run[TAKEN])] = h / length
+            run[TAKEN] = run[TAKEN] + 1.0
             last_h = h
             last_error = max(error, 1e-2)
             rejected = 0

@@ -206,7 +206,7 @@ def test_signals_are_those_of_cvodes_at_a_fine_tolerance(ids: tuple[str, ...], v
     fine = dataclasses.replace(LEAN, relative=1e-9, absolute=1e-11, order=5)
     start = rest_state(p, active)
     got = integrate(p, active, LEAN, tuple(WITHIN))
-    states = interpreted.run(effects, variant, fine, start, vector)
+    states, _ = interpreted.run(effects, variant, fine, start, vector)
     truth = interpreted.outputs(effects, variant, tuple(WITHIN), got["t_s"], states, vector)
     for (name, limit), row in zip(WITHIN.items(), truth, strict=True):
         assert np.abs(got[name] - row).max() < limit, name
@@ -243,12 +243,17 @@ def run(
     *,
     k: float = STIFF,
     tolerance: float = 1e-6,
+    record: Floats | None = None,
 ) -> tuple[int, Floats]:
     out = np.full((len(start), t.size), np.nan)
-    record = rosenbrock.record((len(start), t.size, 1), (tolerance, tolerance), 2000)
+    begun = record_of(t, tolerance, len(start)) if record is None else record
     times, work = np.concatenate([t, [np.inf], t[-1:]]), rosenbrock.work_space(np.array(start))
-    status = rosenbrock.integrate(rates, slopes, record, times, np.array([k]), work, out.ravel())
+    status = rosenbrock.integrate(rates, slopes, begun, times, np.array([k]), work, out.ravel())
     return status, out
+
+
+def record_of(t: Floats, tolerance: float, states: int = 2, steps: Floats | None = None) -> Floats:
+    return rosenbrock.record((states, t.size, 1), (tolerance, tolerance), 2000, steps=steps)
 
 
 @pytest.mark.parametrize("k", [1.0, STIFF])
@@ -261,6 +266,21 @@ def test_errors_are_of_the_size_of_the_tolerance_also_between_the_steps(k: float
         assert np.abs(x[0] - np.cos(t)).max() < (10 if k == 1 else 50) * tolerance
         assert np.abs(x[1] - np.exp(-np.sin(t))).max() < 10 * tolerance
         assert np.abs(x[:, -1] - [np.cos(5), np.exp(-np.sin(5))]).max() < 3 * tolerance
+
+
+def test_a_run_repeats_the_steps_of_another_one() -> None:
+    """x0 = cos t + (x0(0) - 1) exp(-k t); the difference of two runs with equal steps is its derivative."""
+    t, k, h = np.linspace(0, 5, 301), 3.0, 1e-5
+    first = record_of(t, 1e-5)
+    count, base = run(forced, forced_slopes, t, [1.0, 1.0], k=k, record=first)
+    steps = rosenbrock.taken(first)
+    assert 10 < steps.size <= count
+    assert steps.sum() == pytest.approx(1.0)
+    again = [run(forced, forced_slopes, t, [x, 1.0], k=k, record=record_of(t, 1e-5, steps=steps))
+             for x in (1.0, 1.0 + h)]  # fmt: skip
+    assert [number for number, _ in again] == [steps.size] * 2
+    assert np.abs(again[0][1] - base).max() < 1e-12
+    assert np.abs((again[1][1][0] - base[0]) / h - np.exp(-k * t)).max() < 1e-3
 
 
 def test_what_cannot_be_integrated_ends_with_a_reason() -> None:
