@@ -20,8 +20,8 @@ number is further from the optimum than 0.045 of its std. Of a rough fit, which 
 to rank sets of effects, a whole one, a third of what a further effect must bring."""
 
 NO_FURTHER = NEGLIGIBLE**2
-"""Predicted drop below which a fine fit has converged, where the integrator's errors hide that of a further
-step: no number is then further from the optimum than a tenth of its std."""
+"""Predicted drop below which a fine fit that ran out of steps has converged: no number is further from the
+optimum than a tenth of its std."""
 
 TRUSTED, TRUSTED_ROUGH = NEGLIGIBLE, 0.4
 """How far from one the ratio of the actual to the predicted drop may be for the derivatives to be kept; of a
@@ -95,7 +95,7 @@ class Descent:
         near, trusted = (NEAR, TRUSTED) if self.fine else (NEAR_ROUGH, TRUSTED_ROUGH)
         for _ in range(rounds):
             objective, aim, predicted = predict_drop(problem, self.state, self.scales)
-            if self._is_hopeless(objective, predicted):
+            if self._ends_early(objective, predicted):
                 break
             if predicted < least and self.distance < near:
                 if self._settles(problem):
@@ -120,8 +120,8 @@ class Descent:
         state = self.state
         self.scales = learn_scales(problem, state.point, state.normal, state.white, self.scales, passes)
 
-    def _is_hopeless(self, objective: float, predicted: float) -> bool:
-        """Tell whether a rough fit of a wrong model has come as far as matters, by derivatives there."""
+    def _ends_early(self, objective: float, predicted: float) -> bool:
+        """Tell whether a rough fit of a wrong model has come as far as matters."""
         is_poor = not self.fine and self.scales.poor_fit and self.distance == 0
         return is_poor and predicted < LEAST_OF_POOR * objective
 
@@ -145,10 +145,12 @@ class Descent:
     def _differentiate(self, problem: Problem) -> bool:
         """Take derivatives at the point; return False where a simulation has no solution."""
         self.state = replace(self.state, normal=NONE)  # the old ones leave memory first
-        state = begun(problem, self.state.point, per_trial=self.per_trial)
-        if state is None:
+        old, new = self.state, begun(problem, self.state.point, per_trial=self.per_trial)
+        if new is None:
+            normal = problem.normal(old.point, old.derivatives, old.residuals)
+            self.state = replace(old, normal=normal)
             return False
-        self.state, self.distance = state, 0.0
+        self.state, self.distance = new, 0.0
         return True
 
 
