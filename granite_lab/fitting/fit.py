@@ -62,7 +62,7 @@ STATUS_NAMES: Mapping[FitStatus, str] = {
     "ok": "fitted",
     "at_lower_bound": "at lower limit",
     "at_upper_bound": "at upper limit",
-    "model_misfit": "the model does not fit",
+    "model_misfit": "model misfit",
     "not_converged": "not converged",
     "not_evaluated": "not evaluated",
 }
