@@ -9,7 +9,6 @@ import numpy as np
 from granite_lab.discovery.describing import ScreenedTerms
 from granite_lab.discovery.heldout import Equations, Predicted, losses, predict, predicts_better
 from granite_lab.discovery.impulses import ImpulseResponses
-from granite_lab.discovery.search import FINE
 from granite_lab.errors import EstimateError
 from granite_lab.inference.constants import TRIED
 from granite_lab.inference.fit import Fit, fit
@@ -44,7 +43,7 @@ def described(problem: Problem, impulses: ImpulseResponses, tolerance: float) ->
         point = problem.with_effect(point, screened.terms[k].id, [float(np.clip(a, p.low, p.high))])
     while len(point.effects) > len(before.point.effects):
         try:
-            fitted = fit(problem, point, before.scales, rounds=FINE)
+            fitted = fit(problem, point, before.scales, each_trial=False)
         except EstimateError:
             return None
         stay = _staying(problem, fitted, tolerance)

@@ -21,7 +21,7 @@ from granite_lab.discovery.relevance import has_strained_trials, is_adequate
 from granite_lab.discovery.screens import around
 from granite_lab.discovery.sets import best_fits, fit_sets, set_of
 from granite_lab.inference.constants import FEW, LEAST_GAIN
-from granite_lab.inference.fit import ROUNDS, Fit
+from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
@@ -117,11 +117,11 @@ class FittedSets:
         for id_, key in new.items():
             self.refit_at_other_sizes(key, id_)
 
-    def fit_new(self, starts: Sequence[tuple[Point, Fit]], rounds: int = ROUNDS) -> None:
+    def fit_new(self, starts: Sequence[tuple[Point, Fit]]) -> None:
         """Fit the sets of some points that are not fitted yet, each with the scales of a fit nearby."""
         new = [(start, near.scales) for start, near in starts if set_of(start) not in self.models]
         self.tell_fits(set_of(start) for start, _ in new)
-        fits = fit_sets(self.problem, new, self.fits, rounds)
+        fits = fit_sets(self.problem, new, self.fits)
         self.models.update({k: Model.of(k, f) for k, f in fits.items()})
 
     def refit(self, model: Model, starts: Sequence[Point], scales: Scales) -> Model:

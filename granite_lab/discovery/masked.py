@@ -12,7 +12,6 @@ from granite_lab.discovery.models import Model, Search, ranked
 from granite_lab.discovery.numbers import Numbers
 from granite_lab.discovery.resampling import by_evidence
 from granite_lab.discovery.saved_model import loss_of_model, predicts_worse
-from granite_lab.discovery.search import FINE
 from granite_lab.discovery.sets import best_fits
 from granite_lab.discovery.verdict import Judgement, by_probability
 from granite_lab.inference.constants import LEAST_GAIN, TRIED
@@ -38,7 +37,7 @@ def with_masked(problem: Problem, search: Search, judgement: Judgement, toleranc
         return judgement
     larger = [m for m in ranked(search.models) if set(m.effects) > set(best.effects)]
     tried = [m for m in larger if len(m.effects) == len(best.effects) + 1][:TRIED]
-    fits = best_fits(problem, [(m.fit.point, m.fit.scales) for m in tried], LEAST, FINE)
+    fits = best_fits(problem, [(m.fit.point, m.fit.scales) for m in tried], LEAST)
     fine = ranked(Model.of(key, fit) for key, fit in fits.items())
     before = loss_of_model(problem, best.fit, tolerance)
 

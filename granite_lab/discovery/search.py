@@ -24,11 +24,6 @@ from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FIRST, FORMULAS
 from granite_lab.model.dictionary import is_term
 
-FINE = 12
-"""Most steps of a fit that begins where another one ended: a fine one at a rough one's end, or one of the
-best set with an effect exchanged; convention. In a valley with kinks a fine fit takes 40 steps to come from
-five std to one of its optimum, and three times as long."""
-
 UNLIKELY = 1 / DRAWS
 """Odds below which a set changes no probability: no draw shows it."""
 
@@ -316,7 +311,7 @@ def exchange(sets: FittedSets, best: Model, steps: Sequence[Extension]) -> None:
             rival = sets.models.get(step.before.with_effect(score.candidate))
             if rival and rival.log_posterior > step.before.log_posterior + RIVAL * gained:
                 points.append(with_score(sets.problem, without, score))
-    sets.fit_new([(point, best.fit) for point in points], FINE)
+    sets.fit_new([(point, best.fit) for point in points])
     for key in map(set_of, points):
         part, rival = (sets.models.get(k) for k in (tuple(e for e in key if e in best.effects), key))
         likelier = rival is not None and rival.log_posterior > best.log_posterior
@@ -355,7 +350,9 @@ def fit_finely(sets: FittedSets) -> bool:
     others = [m for m in likely if not set(m.effects) >= set(best.effects)]
     rough = [m for m in (best, *others[: TRIED - 1]) if not m.fit.converged]
     sets.tell_fits(m.effects for m in rough)
-    fits = best_fits(sets.problem, [(m.fit.point, m.fit.scales) for m in rough], LEAST, FINE, best.effects)
+    fits = best_fits(
+        sets.problem, [(m.fit.point, m.fit.scales) for m in rough], LEAST, each_trial=best.effects
+    )
     for model in rough:
         fine = fits.get(model.effects)
         if fine is not None and (fine.converged or fine.evidence > model.fit.evidence):

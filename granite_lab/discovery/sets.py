@@ -19,7 +19,6 @@ def fit_sets(
     problem: Problem,
     starts: Sequence[tuple[Point, Scales]],
     others: Mapping[tuple[str, ...], Fit],
-    rounds: int = ROUNDS,
 ) -> dict[tuple[str, ...], Fit]:
     """Return the best fit of each set of effects, those left out whose starts have no solution.
 
@@ -30,15 +29,14 @@ def fit_sets(
         problem: the trials.
         starts: where to begin, with the set switched on, and the scales to begin with; several of a set.
         others: fits of other sets.
-        rounds: most steps of a fit.
     """
-    fits = best_fits(problem, starts, rounds=rounds)
+    fits = best_fits(problem, starts)
     missed = []
     for key, effects in {set_of(start): start.effects for start, _ in starts}.items():
         part = _best_part({**others, **fits}, key)
         if part is not None and not (key in fits and fits[key].evidence > part.evidence):
             missed.append((_with_neutral(problem, part.point, effects), part.scales))
-    for key, again in best_fits(problem, missed, rounds=rounds).items():
+    for key, again in best_fits(problem, missed).items():
         if key not in fits or again.evidence > fits[key].evidence:
             fits[key] = again
     return fits
