@@ -121,7 +121,7 @@ def _differences(problem: Problem, point: Point, group: Sequence[int]) -> list[D
     centre = problem.mean_task(point, group)
     shared = [p for _, p in problem.parameters(point.effects, per_trial=False)]
     private = [p for _, p in problem.parameters(point.effects, per_trial=True)]
-    like = centre if problem.repeats(centre) else None
+    like = centre if problem.pool.repeats(centre) else None
     numbers, task = np.array((*centre.sand, *centre.leads)), problem.pool.scenario.task
     differences = []
     for k, name in enumerate(SIMULATED):

@@ -121,10 +121,6 @@ class Scenario:
             )
         return tuple(active)
 
-    def repeats(self, task: Task) -> bool:
-        """Tell whether other simulations with the effects of one can repeat its steps."""
-        return repeats([e.effect for e in self.active(task)], kind_of(self.variants[task.variant]))
-
     def respond(self, task: Task) -> Array | None:
         """Return the (8, M) signals of a run; None where it has no solution."""
         p, like = self.parameters(task), None
@@ -240,8 +236,12 @@ class SimulationPool:
         return answers
 
     def repeats(self, task: Task) -> bool:
-        """Tell whether other simulations with the effects of one can repeat its steps."""
-        return self._respond is not None or self.scenario.repeats(task)
+        """Tell whether neighbours of a simulation repeat its steps; not where blows come at other times."""
+        effects = [e.effect for e in self.scenario.active(task)]
+        if any(q.moving for e in effects for q in e.parameters):
+            return False
+        kind = kind_of(self.scenario.variants[task.variant])
+        return self._respond is not None or repeats(effects, kind)
 
     def run(self, tasks: Sequence[Task], *, keep: bool = True) -> list[Array | None]:
         """Return the (8, M) signals of each task, None where a run has no solution.

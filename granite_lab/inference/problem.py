@@ -200,12 +200,11 @@ class Problem:
         """Return the simulation of one trial at its own sand, by the steps of that at an origin."""
         task = self.mean_task(point, (trial,))
         like = None if origin is None else self.task(origin, trial)
-        return replace(task, like=like) if like and like.leads == task.leads and self.repeats(task) else task
-
-    def repeats(self, task: Task) -> bool:
-        """Tell whether neighbours of a simulation repeat its steps; not where blows come at other times."""
-        moving = any(p.moving for id_ in task.ids for p in self.parameters_of(id_))
-        return not moving and self.pool.repeats(task)
+        return (
+            replace(task, like=like)
+            if like and like.leads == task.leads and self.pool.repeats(task)
+            else task
+        )
 
     def centre(self, point: Point, number: int) -> Task:
         """Return the simulation of an input at the mean of its trials' own numbers."""

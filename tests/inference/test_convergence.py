@@ -73,15 +73,16 @@ def case() -> Iterator[Case]:
 
 @pytest.mark.parametrize("seed", [1, 2] if SOAK else [1])
 def test_all_starts_end_at_one_optimum(case: Case, seed: int) -> None:
-    """One prior std off in drawn directions, in `make soak` also a millionth. At most one fit ends lower, by
-    the other limit of (10); it is fitted from under this one, as a search does."""
+    """One prior std off in drawn directions, in `make soak` also a millionth. A fit may end lower, at the
+    optimum under the other limit of (10); it is fitted from under this one, as a search does."""
     rng, start = np.random.default_rng(seed), case.start(CHOSEN)
     starts = [start, *(case.off(start, rng, 1.0, everything=False) for _ in range(4 if SOAK else 2))]
     starts += [case.off(start, rng, 1e-6, everything=True)] if SOAK else []
     every = [case.chosen, *(fit(case.problem, point, case.base.scales) for point in starts[1:])]
+    assert all(f.converged for f in every)
     highest = max(f.evidence for f in every)
     lower = [k for k, f in enumerate(every) if f.evidence < highest - 0.5]
-    assert len(lower) < 2
+    assert 2 * len(lower) < len(every)
     for k in lower:
         start = case.problem.under_other_limit(every[k].point)
         every[k] = fit(case.problem, start, every[k].scales)
@@ -98,8 +99,8 @@ def test_all_starts_end_at_one_optimum(case: Case, seed: int) -> None:
 
 @whole
 def test_a_fit_of_a_model_that_is_wrong_does_not_pass_for_converged(case: Case) -> None:
-    """Without the reaction of the drives the kinks of (10) are sharper than the noise; what the derivatives
-    promise beyond the point is not credited."""
+    """Without the reaction of the drives a fit runs out of steps; what derivatives promise beyond the point
+    is not credited."""
     found = fit(case.problem, case.start(("tyre_windup",)), case.base.scales)
     assert not found.converged
     assert found.scales.poor_fit
