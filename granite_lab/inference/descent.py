@@ -39,6 +39,10 @@ change that."""
 LEAST_FRACTION = 1 / 1024
 """Least fraction of a step that is tried; convention."""
 
+AS_PREDICTED = 0.75
+"""Ratio of the actual to the expected drop above which the next step may be twice as long; usual for trust
+regions (Nocedal and Wright, Numerical Optimization, 2nd ed., 2006, algorithm 4.1)."""
+
 SETTLED = 0.02
 """Change of the logarithm of a scale at which scales and numbers are at their joint optimum: the numbers then
 hardly move."""
@@ -139,7 +143,8 @@ class Descent:
         ratio = drop / (predicted * self.fraction * (2 - self.fraction))
         if state is not None and drop > 0:
             self.state, self.distance = state, self.distance + self.fraction * float(np.sqrt(predicted))
-            self.fraction = min(1.0, 2 * self.fraction)
+            if ratio > AS_PREDICTED:
+                self.fraction = min(1.0, 2 * self.fraction)
         return ratio
 
     def _differentiate(self, problem: Problem) -> bool:
