@@ -125,8 +125,8 @@ def integrate(
         accuracy: tolerances and output grid.
         names: which outputs of the graph are wanted; by default all.
         like: the numbers and the effects that move the robot, of a run along the same command whose steps are
-            repeated. The difference of two runs with the same steps has no error of their choice (H. G. Bock's
-            internal numerical differentiation, Springer Series in Chemical Physics 18, 1981, 102-125).
+            repeated. The difference of two runs with the same steps has no error of their choice (H. G.
+            Bock's internal numerical differentiation, Springer Series in Chemical Physics 18, 1981, 102-125).
 
     Returns:
         name to (N,) array, the outputs of the graph; the first is ``t_s`` [s after command start].
