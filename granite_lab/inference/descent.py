@@ -150,7 +150,7 @@ class Descent:
     def _differentiate(self, problem: Problem) -> bool:
         """Take derivatives at the point; return False where a simulation has no solution."""
         self.state = replace(self.state, normal=NONE)  # the old ones leave memory first
-        old, new = self.state, begun(problem, self.state.point, per_trial=self.per_trial)
+        old, new = self.state, state_at(problem, self.state.point, per_trial=self.per_trial)
         if new is None:
             normal = problem.normal(old.point, old.derivatives, old.residuals)
             self.state = replace(old, normal=normal)
@@ -159,7 +159,7 @@ class Descent:
         return True
 
 
-def begun(
+def state_at(
     problem: Problem, point: Point, derivatives: Derivatives | None = None, *, per_trial: bool = False
 ) -> State | None:
     """Return the state at a point; None where a simulation has no solution.

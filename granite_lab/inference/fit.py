@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.errors import EstimateError
-from granite_lab.inference.descent import LEAST, NEAR, Descent, begun, predict_drop
+from granite_lab.inference.descent import LEAST, NEAR, Descent, predict_drop, state_at
 from granite_lab.inference.normal import NormalEquations, Posterior, Scales
 from granite_lab.inference.point import Derivatives, Point
 from granite_lab.inference.problem import Problem
@@ -93,7 +93,7 @@ def fit(
     """
     fine = least <= LEAST
     scales = replace(scales, priors={**per_trial_scales(problem, start, start.vector), **scales.priors})
-    state = begun(problem, start, derivatives, per_trial=fine and each_trial)
+    state = state_at(problem, start, derivatives, per_trial=fine and each_trial)
     if state is None:
         raise EstimateError(
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"

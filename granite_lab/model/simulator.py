@@ -224,7 +224,7 @@ def _run(
     return states, steps
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=256)  # those of every trial of a set, at a time
 def _steps(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy) -> Array | None:
     return _run(p, effects, accuracy)[1]
 

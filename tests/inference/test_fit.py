@@ -9,7 +9,7 @@ from granite_lab.errors import EstimateError
 from granite_lab.inference import noise
 from granite_lab.inference.constants import PSEUDO_TRIALS
 from granite_lab.inference.derivatives import differentiate
-from granite_lab.inference.descent import _aim, _linear, begun, predict_drop, simulate_at, simulated
+from granite_lab.inference.descent import _aim, _linear, predict_drop, simulate_at, simulated, state_at
 from granite_lab.inference.fit import Fit, fit, with_priors
 from granite_lab.inference.gap import discrepancies
 from granite_lab.inference.noise import FLOOR
@@ -251,7 +251,7 @@ def test_trials_on_both_sides_of_a_kink_are_fitted_to_the_optimum() -> None:
     measure(problem, truth, rng)
     found = fit(problem, problem.neutral())
     assert found.converged
-    state = begun(problem, found.point, found.derivatives)
+    state = state_at(problem, found.point, found.derivatives)
     assert state is not None
     objective, *_ = predict_drop(problem, state, found.scales)
     sizes = np.cumsum([0, *(x.size for x in found.point.trials)])
