@@ -35,6 +35,13 @@ from granite_lab.stored import machine_code
 
 _POINTER, _WHOLE = ctypes.c_void_p, ctypes.c_int64
 
+FAST, SPEED, BEST = range(3)
+"""Efforts of `machine.compiled`."""
+
+OFTEN = 200
+"""Runs of a graph in a process from which on its code is compiled for speed: that takes 0.3 s, and a run is
+1.5 ms shorter."""
+
 LARGE = 3_000_000
 """Numbers in a block of memory larger than those of any usual run."""
 
@@ -48,6 +55,14 @@ def _version() -> str:
 
 
 def _library(name: str, names: Sequence[str], text: Callable[[], str], effort: int) -> machine.Library:
+    """Return machine code, from the store where it is kept; its text is only made where it is not.
+
+    Args:
+        name: of the code in the store.
+        names: of the routines in the code.
+        text: makes the text.
+        effort: as of `machine.compiled`.
+    """
     store = machine_code()
     code = store.read(f"{name}.o")
     if code is None:
@@ -73,7 +88,7 @@ def _routines() -> machine.Library:
         )
 
     symbols = [writer.symbol(name, lanes) for name in writer.ELEMENTARY for lanes in (0, program.LANES)]
-    library = _library(machine.key(_version()), [*symbols, "integrate"], text, 2)
+    library = _library(machine.key(_version()), [*symbols, "integrate"], text, BEST)
     for name in symbols:
         binding.add_symbol(name, library.address[name])
     return library
@@ -85,37 +100,55 @@ def _places(expression: Any) -> list[int]:
     return [row + expression.size1() * column for row, column in zip(rows, columns, strict=True)]
 
 
-def _coded(
-    function: Callable[[Any], Any], of: Any, names: Sequence[str], text: Callable[[], str]
-) -> machine.Library:
-    """Return machine code of an expression; its text is only made where none is kept.
+class Equations:
+    """``rates`` and ``slopes`` of a graph; the numbers of a piece stand behind the parameters.
+
+    They are compiled fast at first, and for speed once a process has run them often. Both codes give the same
+    results to the last bit.
 
     Args:
-        function: makes a function of time, state and parameters of it.
-        of: the expression.
-        names: of the routines in the code.
-        text: of the code.
+        effects, kind: of the graph.
     """
-    _routines()
-    return _library(machine.key(_version(), function(of).serialize()), names, text, 0)
+
+    def __init__(self, effects: tuple[Effect, ...], kind: Kind) -> None:
+        self._graph, self._runs = build_graph(effects, kind), 0
+        serialized = self._function(self._graph.rates).serialize()
+        self._keys = [machine.key(_version(), str(effort), serialized) for effort in (FAST, SPEED)]
+        kept = machine_code().read(f"{self._keys[SPEED]}.o") is not None
+        self._effort = SPEED if kept else FAST
+        self._library = self._compiled()
+
+    def _function(self, of: Any) -> Any:
+        g = self._graph
+        return ca.Function("rates", [g.t, g.x, ca.vertcat(g.p, g.u)], [of])
+
+    def _text(self) -> str:
+        rates = ca.cse(self._graph.rates)
+        by_state, by_time = (ca.jacobian(rates, x) for x in (self._graph.x, self._graph.t))
+        routines = {"rates": rates, "slopes": ca.cse(ca.horzcat(by_state, by_time, rates))}
+        points = [
+            lowering.point(name, program.read(self._function(of)), _places(of))
+            for name, of in routines.items()
+        ]
+        return "\n".join([lowering.declarations(), *points])
+
+    def _compiled(self) -> machine.Library:
+        _routines()
+        return _library(self._keys[self._effort], ("rates", "slopes"), self._text, self._effort)
+
+    def addresses(self) -> tuple[int, int]:
+        """Return where ``rates`` and ``slopes`` stand, for one run."""
+        self._runs += 1
+        if self._effort == FAST and self._runs > OFTEN:
+            self._effort = SPEED
+            self._library = self._compiled()
+        return self._library.address["rates"], self._library.address["slopes"]
 
 
 @lru_cache(maxsize=64)
-def _equations(effects: tuple[Effect, ...], kind: Kind = "trapezoid") -> machine.Library:
-    """Return ``rates`` and ``slopes`` of a graph; the numbers of a piece stand behind the parameters."""
-    graph = build_graph(effects, kind)
-
-    def function(of: Any) -> Any:
-        return ca.Function("rates", [graph.t, graph.x, ca.vertcat(graph.p, graph.u)], [of])
-
-    def text() -> str:
-        rates = ca.cse(graph.rates)
-        slopes = ca.cse(ca.horzcat(ca.jacobian(rates, graph.x), ca.jacobian(rates, graph.t), rates))
-        routines = {"rates": rates, "slopes": slopes}
-        points = [lowering.point(n, program.read(function(of)), _places(of)) for n, of in routines.items()]
-        return "\n".join([lowering.declarations(), *points])
-
-    return _coded(function, graph.rates, ("rates", "slopes"), text)
+def equations(effects: tuple[Effect, ...], kind: Kind = "trapezoid") -> Equations:
+    """Return the equations of a graph."""
+    return Equations(effects, kind)
 
 
 def prepare(effects: tuple[Effect, ...], kind: Kind = "trapezoid") -> None:
@@ -126,12 +159,12 @@ def prepare(effects: tuple[Effect, ...], kind: Kind = "trapezoid") -> None:
         RuntimeError: LLVM does not accept it.
         OSError, AttributeError: the C library cannot be found.
     """
-    _equations(effects, kind)
+    equations(effects, kind)
 
 
 def forget() -> None:
     """Let the next use of a graph compile it, or load its code, anew."""
-    _equations.cache_clear()
+    equations.cache_clear()
     _columns.cache_clear()
     build_graph.cache_clear()
 
@@ -146,7 +179,7 @@ def run(
 ) -> tuple[Array, Array | None]:
     """Integrate, anew from each corner of the command on; see `engine.Engine`."""
     kind = kind_of(variant)
-    equations = _equations(effects, kind).address
+    rates, slopes = equations(effects, kind).addresses()
     grid, bends = instants(variant, accuracy), corners(variant)
     times = np.concatenate([grid, [np.inf], bends, grid[-1:]])
     given = vector
@@ -160,7 +193,7 @@ def run(
     )  # fmt: skip
     work, out = rosenbrock.work_space(start), np.empty((start.size, grid.size))
     arrays = (array.ctypes.data for array in (record, times, vector, work, out))
-    status = _integrator()(equations["rates"], equations["slopes"], *arrays)
+    status = _integrator()(rates, slopes, *arrays)
     if status == rosenbrock.TOO_MANY and not accuracy.lean:
         # a very stiff and all but rigid part, followed very closely, is easier for CVODES
         return interpreted.run(effects, variant, accuracy, start, given)
@@ -195,7 +228,9 @@ def _columns(effects: tuple[Effect, ...], kind: Kind, names: tuple[str, ...]) ->
         code = program.read(function(ca.cse(stacked)))
         return lowering.declarations() + lowering.column("columns", code, _places(stacked))
 
-    library = _coded(function, stacked, ("columns",), text)
+    _routines()
+    name = machine.key(_version(), function(stacked).serialize())
+    library = _library(name, ("columns",), text, FAST)
     return ctypes.CFUNCTYPE(None, _WHOLE, _WHOLE, *[_POINTER] * 4)(library.address["columns"])
 
 

@@ -65,8 +65,8 @@ class Writer:
         return self._known[text]
 
     def arithmetic(self, name: str, a: str, b: str) -> str:
-        """Return the result of fadd, fsub, fmul or fdiv."""
-        return self.new(f"{name} contract {self.real} {a}, {b}")
+        """Return the result of fadd, fsub, fmul or fdiv, not fused: the same bits at any effort."""
+        return self.new(f"{name} {self.real} {a}, {b}")
 
     def integer(self, name: str, a: str, b: str | int) -> str:
         """Return the result of an operation on integers."""

@@ -76,13 +76,13 @@ def test_rates_and_their_derivatives_are_those_of_the_graph(name: str) -> None:
     graph = build_graph(effects)
     by_x, by_t = (ca.densify(ca.jacobian(graph.rates, z)) for z in (graph.x, graph.t))
     truth = ca.Function("f", [graph.t, graph.x, graph.p], [ca.densify(graph.rates), by_x, by_t])
-    address, n = graphs._equations(effects).address, graph.x.numel()
+    (at_rates, at_slopes), n = graphs.equations(effects).addresses(), graph.x.numel()
     for seed, t in enumerate((-0.5, 0.1, 0.9, 3.0)):
         x, p = near_rest(effects, seed)
         rates, jacobian, by_time = (np.array(part) for part in truth(t, x, p))
         alone, together = np.zeros(n), np.zeros(n * (n + 2))
-        call(address["rates"], t, x, p, alone)
-        call(address["slopes"], t, x, p, together)
+        call(at_rates, t, x, p, alone)
+        call(at_slopes, t, x, p, together)
         scale = np.abs(rates).max()
         np.testing.assert_allclose(alone, rates[:, 0], rtol=1e-9, atol=1e-12 * scale)
         np.testing.assert_allclose(together[n * n + n :], alone, rtol=1e-11, atol=1e-13 * scale)
@@ -91,6 +91,28 @@ def test_rates_and_their_derivatives_are_those_of_the_graph(name: str) -> None:
         np.testing.assert_allclose(
             together[n * n : n * n + n], by_time[:, 0], rtol=1e-7, atol=1e-11 * (1 + np.abs(by_time).max())
         )
+
+
+@pytest.mark.parametrize("names", [(), ("stress_ahead", "multi_pass", "tyre_windup")])
+def test_code_that_is_used_often_is_compiled_anew_and_gives_the_same_bits(
+    names: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(FOLDER, str(tmp_path))
+    monkeypatch.setattr(graphs, "OFTEN", 1)
+    effects = tuple(get(name) for name in names)
+    equations, given = graphs.Equations(effects, "trapezoid"), [near_rest(effects, seed) for seed in range(8)]
+    n = given[0][0].size
+    results, addresses = [], []
+    for _ in range(2):
+        addresses.append(equations.addresses())
+        results.append(np.zeros((len(given), n * (n + 3))))
+        for (x, p), row in zip(given, results[-1], strict=True):
+            call(addresses[-1][0], 0.9, x, p, row[:n])
+            call(addresses[-1][1], 0.9, x, p, row[n:])
+    assert addresses[0] != addresses[1] == equations.addresses()
+    assert results[0].tobytes() == results[1].tobytes() != bytes(results[0].nbytes)
+    assert graphs.Equations(effects, "trapezoid").addresses()  # from what is kept
+    assert len(list((tmp_path / "machine-code").glob("*.o"))) in (2, 3)
 
 
 def test_all_operations_are_casadi_s() -> None:
