@@ -224,16 +224,26 @@ def _run(
     return states, steps
 
 
-@lru_cache(maxsize=256)  # those of every trial of a set, at a time
-def _steps(p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy) -> Array | None:
-    return _run(p, effects, accuracy)[1]
+_steps: dict[tuple[ModelParameters, tuple[Active, ...], Accuracy], Array | None] = {}
+"""The steps of the last runs that chose them."""
+
+KEPT = 256
+"""Number of runs whose steps are kept: those of every trial of a set, at a time."""
 
 
 def _history(
     p: ModelParameters, effects: tuple[Active, ...], accuracy: Accuracy, like: Like | None = None
 ) -> Array:
     """Return the (states, N) history; errors as of `_run`."""
-    return _run(p, effects, accuracy, None if like is None else _steps(*like, accuracy))[0]
+    if like is not None:
+        if (*like, accuracy) not in _steps:
+            _history(*like, accuracy)
+        return _run(p, effects, accuracy, _steps[*like, accuracy])[0]
+    states, steps = _run(p, effects, accuracy)
+    _steps[p, effects, accuracy] = steps
+    while len(_steps) > KEPT:
+        del _steps[next(iter(_steps))]
+    return states
 
 
 _remembered = lru_cache(maxsize=8)(_history)

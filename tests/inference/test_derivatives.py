@@ -1,6 +1,8 @@
 """Derivatives of the real simulator are those of runs at a fine tolerance."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,6 +10,8 @@ import pytest
 from granite_lab.effects import get
 from granite_lab.inference.pool import ACCURACY, SAND, Scenario
 from granite_lab.logs.trial import Array
+from granite_lab.model import simulator
+from granite_lab.model.native import graphs
 from granite_lab.model.simulator import integrate
 from granite_lab.parameters import load_robot, load_soil, variant_of
 
@@ -58,3 +62,23 @@ def test_neighbours_by_the_same_steps_give_the_derivative(name: str) -> None:
     ]
     assert errors[0] < 0.01
     assert errors[1] > 5 * errors[0]
+
+
+def test_a_run_whose_steps_are_repeated_is_not_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither of its own run, where that was made before, nor of the first neighbour."""
+    made = []
+
+    def counted(*given: Any) -> tuple[Array, Array | None]:
+        made.append(given)
+        return graphs.run(*given)
+
+    elsewhere = CENTRE + 0.01  # no other test has been there
+    fake = SimpleNamespace(run=counted, outputs=graphs.outputs)
+    monkeypatch.setattr(simulator, "engine_of", lambda *_: fake)
+    shown(elsewhere)
+    for k in range(3):
+        shown(elsewhere + 1e-5 * k, elsewhere)
+    assert len(made) == 4
+    assert [given[-1] is None for given in made] == [True, False, False, False]
+    shown(CENTRE + 0.02, CENTRE + 0.03)
+    assert [given[-1] is None for given in made[4:]] == [True, False]
