@@ -12,15 +12,14 @@ from granite_lab.inference.constants import LINEAR, MEMORY
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import NormalEquations, Posterior, posterior
 from granite_lab.inference.point import Further, Point, stacked
-from granite_lab.inference.pool import Task
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.spill import Spillable
 from granite_lab.logs.trial import Array
 from granite_lab.model.effect import EffectParameter
 
 TOGETHER = 10
-"""Effects without states of their own that are screened in one graph, all but one at their neutral values.
-Each makes its instructions about 5 % more, and to compile a graph takes longer than its simulations."""
+"""Effects that are screened in one graph, all but one at their neutral values. Each makes its instructions
+about 5 % more, and to compile a graph takes longer than its simulations."""
 
 
 @dataclass(frozen=True)
@@ -142,11 +141,9 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int | None =
     changes: dict[int, Array] = {}
     groups = _groups(problem, fit, ids)
     for number, everyone in enumerate(problem.inputs):  # the responses of all would take gigabytes
-        base, *stepped = problem.pool.run(_tasks(problem, fit, probes, groups, number), keep=False)
-        sound &= np.array([base is not None and run is not None for run in stepped], dtype=bool)
-        if base is None:
-            break
-        changes |= _shown(problem, fit, everyone, base, stepped)
+        pairs = _simulated(problem, fit, probes, groups, number)
+        sound &= np.array([run is not None and base is not None for run, base in pairs], dtype=bool)
+        changes |= _shown(problem, fit, everyone, pairs)
     per_trial: dict[str, list[int]] = {}
     for k in (k for k in np.flatnonzero(sound).tolist() if probes[k].parameter.per_trial):
         per_trial.setdefault(probes[k].candidate, []).append(k)
@@ -169,37 +166,61 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int | None =
     )
 
 
+def _simulated(
+    problem: Problem, fit: Fit, probes: Sequence[Probe], groups: Mapping[str, Sequence[str]], number: int
+) -> list[tuple[Array | None, Array | None]]:
+    """Return the responses of an input to each of the probes, and those of the same graph without it."""
+    tasks = []
+    for probe in probes:
+        values, group = list(probe.about), groups[probe.candidate]
+        values[probe.place] += probe.size
+        for at in ({probe.candidate: values}, {}):
+            tasks.append(problem.centre(_switched_on(problem, fit, group, at), number))
+    runs = problem.pool.run(tasks, keep=False)
+    return list(zip(runs[::2], runs[1::2], strict=True))
+
+
 def _shown(
-    problem: Problem, fit: Fit, trials: Sequence[int], base: Array, stepped: list[Array | None]
+    problem: Problem, fit: Fit, trials: Sequence[int], pairs: list[tuple[Array | None, Array | None]]
 ) -> dict[int, Array]:
-    """Return per trial of an input the (C n, k) bins of what k simulations differ by from one of it.
+    """Return per trial of an input the (C n, k) bins of what k pairs of simulations differ by.
 
     As many at a time become bins as fit into `MEMORY`, and the simulations are given up.
     """
     bins_of: dict[int, list[Array]] = {i: [] for i in trials}
-    count = max(1, int(MEMORY / base.nbytes))
-    for first in range(0, len(stepped), count):
-        part = [base * 0 if run is None else run - base for run in stepped[first : first + count]]
-        stepped[first : first + count] = [None] * len(part)
-        changes = stacked(part, base)
+    like = next((base for _, base in pairs if base is not None), None)
+    if like is None:
+        return {}
+    count = max(1, int(MEMORY / like.nbytes))
+    for first in range(0, len(pairs), count):
+        several = pairs[first : first + count]
+        pairs[first : first + count] = [(None, None)] * len(several)
+        changes = stacked(
+            [0 * like if run is None or base is None else run - base for run, base in several], like
+        )
         for i in trials:
             shown = problem.trials[i].effect_columns
             bins_of[i].append(shown(changes, fit.point.trials[i], fit.point.sensors))
-    return {i: np.hstack(tables) for i, tables in bins_of.items() if tables}
+    return {i: np.hstack(tables) for i, tables in bins_of.items()}
 
 
 def _groups(problem: Problem, fit: Fit, ids: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Return candidate to the effects of its graph: itself and others, which are neutral."""
-    plain = [id_ for id_ in ids if not problem.pool.scenario.effects[id_].states]
+    """Return candidate to the effects of its graph: itself and others, which are neutral.
+
+    Alone are those that make a simulation stiff, and those beside which the neutral ones are not inert.
+    """
+    effects = problem.pool.scenario.effects
+    plain = [id_ for id_ in ids if not any(p.moving for p in effects[id_].parameters)]
+    plain.sort(key=lambda id_: -len(effects[id_].states))
     packs = [tuple(plain[k : k + TOGETHER]) for k in range(0, len(plain), TOGETHER)]
     points = [fit.point, *(_switched_on(problem, fit, pack) for pack in packs)]
     base, *runs = problem.pool.run([problem.centre(point, 0) for point in points], keep=False)
     alone: dict[str, tuple[str, ...]] = {id_: (id_,) for id_ in ids}
     if base is None:
         return alone
-    error = problem.pool.scenario.accuracy.relative * np.abs(base).max(axis=1, keepdims=True)
-    same = [run is not None and bool((np.abs(run - base) <= error).all()) for run in runs]
-    return alone | {id_: pack for pack in itertools.compress(packs, same) for id_ in pack}
+    much = LINEAR * np.abs(base).max(axis=1, keepdims=True)
+    inert = [run is not None and bool((np.abs(run - base) <= much).all()) for run in runs]
+    return alone | {id_: pack for pack in itertools.compress(packs, inert) for id_ in pack}
 
 
 def _switched_on(
@@ -211,19 +232,6 @@ def _switched_on(
         neutral = [p.neutral for p in problem.parameters_of(id_)]
         point = problem.with_effect(point, id_, (values or {}).get(id_, neutral))
     return point
-
-
-def _tasks(
-    problem: Problem, fit: Fit, probes: Sequence[Probe], groups: Mapping[str, Sequence[str]], number: int
-) -> list[Task]:
-    """Return the simulations of an input: at a fit, and with each of the probes."""
-    tasks = [problem.centre(fit.point, number)]
-    for probe in probes:
-        values = list(probe.about)
-        values[probe.place] += probe.size
-        point = _switched_on(problem, fit, groups[probe.candidate], {probe.candidate: values})
-        tasks.append(problem.centre(point, number))
-    return tasks
 
 
 def rescreened(problem: Problem, screened: Screen, fit: Fit) -> Screen:
