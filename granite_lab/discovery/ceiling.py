@@ -16,7 +16,8 @@ from granite_lab.discovery.finding import Ceiling, Push
 from granite_lab.discovery.impulses import ImpulseResponses, Places
 from granite_lab.discovery.where import intervals
 from granite_lab.inference.constants import CREDIBLE, NEAR_ZERO, NEGLIGIBLE, TINY, UNOBSERVABLE
-from granite_lab.inference.fit import ROUNDS, Fit
+from granite_lab.inference.descent import ROUNDS
+from granite_lab.inference.fit import Fit
 from granite_lab.inference.gap import beyond, tolerated
 from granite_lab.inference.normal import NormalEquations, Posterior, posterior
 from granite_lab.inference.problem import Problem

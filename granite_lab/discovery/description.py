@@ -43,7 +43,7 @@ def described(problem: Problem, impulses: ImpulseResponses, tolerance: float) ->
         point = problem.with_effect(point, screened.terms[k].id, [float(np.clip(a, p.low, p.high))])
     while len(point.effects) > len(before.point.effects):
         try:
-            fitted = fit(problem, point, before.scales, each_trial=False)
+            fitted = fit(problem, point, before.scales)
         except EstimateError:
             return None
         stay = _staying(problem, fitted, tolerance)

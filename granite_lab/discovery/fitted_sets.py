@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 from granite_lab.discovery.candidates import Score
@@ -16,16 +16,18 @@ from granite_lab.discovery.leaders import (
     origins,
     screened,
 )
-from granite_lab.discovery.models import EffectSet, Model, ranked
+from granite_lab.discovery.models import Model, ranked
 from granite_lab.discovery.relevance import has_strained_trials, is_adequate
 from granite_lab.discovery.screens import around
-from granite_lab.discovery.sets import best_fits, fit_sets, set_of
-from granite_lab.inference.constants import FEW, LEAST_GAIN
+from granite_lab.discovery.sets import EffectSet, best_fits, fit_sets, from_best_part, set_of
+from granite_lab.inference.constants import FEW, LEAST_GAIN, NEGLIGIBLE
+from granite_lab.inference.descent import ROUGH, Goal
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
+from granite_lab.model.dictionary import is_term
 
 MOST = 6
 """Effects in a set at most."""
@@ -43,7 +45,7 @@ class FittedSets:
         models: the fitted sets.
         screenings: sets to the screens beside them.
         set_aside: sets that are not the best, see `Search.set_aside`.
-        from_files, from_larger: sets also fitted from the files' sand; from where a larger one ended.
+        from_files: sets also fitted from the files' sand.
         stage: number of effects beside which is searched; `MOST` where they are exchanged.
     """
 
@@ -55,7 +57,6 @@ class FittedSets:
     screenings: dict[EffectSet, tuple[Screening, ...]] = field(default_factory=dict)
     set_aside: set[EffectSet] = field(default_factory=set)
     from_files: set[EffectSet] = field(default_factory=set)
-    from_larger: set[EffectSet] = field(default_factory=set)
     stage: int = 0
     _losses: dict[Fit, Array] = field(default_factory=dict)
 
@@ -101,7 +102,7 @@ class FittedSets:
         starts = [model.fit] if model.effects else origins(problem, model.fit)
         hidden = scales.largest > self.tolerance or scales.poor_fit or has_strained_trials(problem, model.fit)
         screens = problem.pool.parallel(
-            lambda k: screened(problem, starts[k], others, sizes, self.tolerance, hidden), len(starts)
+            lambda start: screened(problem, start, others, sizes, self.tolerance, hidden), starts
         )
         return tuple(screening for screenings in screens for screening in screenings)
 
@@ -113,21 +114,42 @@ class FittedSets:
         }  # fmt: skip
         ids = dict.fromkeys(prospect.score.candidate for prospect in prospects)
         new = {id_: key for id_ in ids if (key := model.with_effect(id_)) not in self.models}
-        self.fit_new([(with_score(self.problem, *start), model.fit) for start in starts.values()])
+        points = [with_score(self.problem, *start) for start in starts.values()]
+        self.fit_new([(point, model.fit) for point in points], model.log_posterior)
         for id_, key in new.items():
             self.refit_at_other_sizes(key, id_)
 
-    def fit_new(self, starts: Sequence[tuple[Point, Fit]]) -> None:
-        """Fit the sets of some points that are not fitted yet, each with the scales of a fit nearby."""
+    def fit_new(
+        self, starts: Sequence[tuple[Point, Fit]], bar: float | None = None, goal: Goal = ROUGH
+    ) -> None:
+        """Fit the sets of some points that are not fitted yet, each with the scales of a fit nearby.
+
+        Where they compete with a set that is fitted already, `bar` is the logarithm of its posterior.
+        """
         new = [(start, near.scales) for start, near in starts if set_of(start) not in self.models]
         self.tell_fits(set_of(start) for start, _ in new)
-        fits = fit_sets(self.problem, new, self.fits)
+        fits = fit_sets(self.problem, new, self.fits, bar, goal)
         self.models.update({k: Model.of(k, f) for k, f in fits.items()})
+
+    def fit_parts(self, model: Model, lacking: Collection[str] = ()) -> list[Model]:
+        """Return the sets that lack one library effect of a model, of `lacking` if given; fit the new ones.
+
+        Their sand is that of the likeliest set that has a part of their effects: there it already compensates
+        for the effect that they lack. Their fits end where what they may still gain changes little of what
+        that effect closes.
+        """
+        ids = [id_ for id_ in model.effects if not is_term(id_) and (not lacking or id_ in lacking)]
+        points = [self.problem.without_effect(model.fit.point, id_) for id_ in ids]
+        new = [p for p in points if set_of(p) not in self.models]
+        goal = replace(ROUGH, evidence=model.fit.evidence, share=NEGLIGIBLE)
+        self.fit_new([(from_best_part(self.problem, p, self.fits), model.fit) for p in new], goal=goal)
+        return [m for p in points if (m := self.models.get(set_of(p)))]
 
     def refit(self, model: Model, starts: Sequence[Point], scales: Scales) -> Model:
         """Fit a set again from other starts; return the likelier fit."""
         self.tell_fits([model.effects])
-        fit = best_fits(self.problem, [(start, scales) for start in starts]).get(model.effects)
+        again = [(start, scales) for start in starts]
+        fit = best_fits(self.problem, again, ROUGH, model.log_posterior).get(model.effects)
         other = model if fit is None else Model.of(model.effects, fit)
         if other.log_posterior <= model.log_posterior + LEAST_GAIN:
             return model

@@ -11,6 +11,7 @@ from granite_lab.discovery.candidates import Score, rivals, scores
 from granite_lab.discovery.screens import Screen, rescreened, screen
 from granite_lab.errors import EstimateError
 from granite_lab.inference.constants import FEW, LEAST_GAIN, RIVAL, TOLERANCE, TRIED
+from granite_lab.inference.descent import AT_START
 from granite_lab.inference.fit import Fit, fit, with_scales
 from granite_lab.inference.gap import tolerated
 from granite_lab.inference.problem import Problem
@@ -42,7 +43,7 @@ def origins(problem: Problem, result: Fit) -> list[Fit]:
     if not result.scales.poor_fit and result.scales.largest <= 2 * TOLERANCE:
         return [result]
     try:
-        return [result, fit(problem, result.point.at_files(), result.scales, rounds=0)]
+        return [result, fit(problem, result.point.at_files(), result.scales, AT_START)]
     except EstimateError:
         return [result]
 

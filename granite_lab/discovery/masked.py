@@ -8,14 +8,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from granite_lab.discovery.models import Model, Search, ranked
+from granite_lab.discovery.models import Model, Search, finely, ranked
 from granite_lab.discovery.numbers import Numbers
 from granite_lab.discovery.resampling import by_evidence
 from granite_lab.discovery.saved_model import loss_of_model, predicts_worse
-from granite_lab.discovery.sets import best_fits
 from granite_lab.discovery.verdict import Judgement, by_probability
 from granite_lab.inference.constants import LEAST_GAIN, TRIED
-from granite_lab.inference.descent import LEAST
 from granite_lab.inference.problem import Problem
 
 
@@ -37,8 +35,7 @@ def with_masked(problem: Problem, search: Search, judgement: Judgement, toleranc
         return judgement
     larger = [m for m in ranked(search.models) if set(m.effects) > set(best.effects)]
     tried = [m for m in larger if len(m.effects) == len(best.effects) + 1][:TRIED]
-    fits = best_fits(problem, [(m.fit.point, m.fit.scales) for m in tried], LEAST)
-    fine = ranked(Model.of(key, fit) for key, fit in fits.items())
+    fine = ranked(finely(problem, tried))
     before = loss_of_model(problem, best.fit, tolerance)
 
     def simulates_better(model: Model) -> bool:
@@ -50,10 +47,10 @@ def with_masked(problem: Problem, search: Search, judgement: Judgement, toleranc
     if model is None:
         return judgement
     further = tuple(e for e in model.effects if e not in best.effects)
-    others = (m for m in search.models if m.effects not in fits)
-    finely = replace(search, models=tuple(ranked((*fine, *others))))
+    others = (m for m in search.models if m.effects not in {f.effects for f in fine})
+    search = replace(search, models=tuple(ranked((*fine, *others))))
     known = [e for e in judgement.small if e.id not in further]
-    small = by_probability(by_evidence(finely), further)
+    small = by_probability(by_evidence(search), further)
     return replace(judgement, model=model, small=(*small, *known), masked=further)
 
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from granite_lab.discovery.candidates import Score
 from granite_lab.discovery.leaders import Screening
-from granite_lab.inference.constants import EFFECT_ODDS, LEAST_GAIN
+from granite_lab.discovery.sets import EffectSet, best_fits, log_posterior
+from granite_lab.inference.constants import LEAST_GAIN
+from granite_lab.inference.descent import TO_OPTIMUM
 from granite_lab.inference.fit import Fit
-
-EffectSet = tuple[str, ...]
-"""Ids of effects, sorted."""
+from granite_lab.inference.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +30,8 @@ class Model:
 
     @classmethod
     def of(cls, effects: EffectSet, fit: Fit) -> Model:
-        """Give a fit the prior of its set: equal odds for each effect."""
-        return cls(effects, fit, fit.evidence + len(effects) * float(np.log(EFFECT_ODDS)))
+        """Give a fit the prior of its set."""
+        return cls(effects, fit, log_posterior(effects, fit))
 
     def with_effect(self, id_: str) -> EffectSet:
         """Return the set with one more effect."""
@@ -46,6 +44,19 @@ class Model:
         """
         least = self.log_posterior + LEAST_GAIN + self.fit.predicted_drop / 2
         return bool(larger.log_posterior > least)
+
+
+def finely(problem: Problem, models: Sequence[Model]) -> list[Model]:
+    """Return models at the optimum of their fits; one that is there, or comes no further, as it is."""
+    rough = [m for m in models if not m.fit.converged]
+    fits = best_fits(problem, [(m.fit.point, m.fit.scales) for m in rough], TO_OPTIMUM)
+
+    def best(model: Model) -> Model:
+        fine = None if model.fit.converged else fits.get(model.effects)
+        further = fine is not None and (fine.converged or fine.evidence > model.fit.evidence)
+        return Model.of(model.effects, fine) if fine is not None and further else model
+
+    return [best(m) for m in models]
 
 
 def ranked(models: Iterable[Model]) -> list[Model]:
@@ -85,8 +96,8 @@ class Search:
         return tuple(dict.fromkeys(e for m in likelier for e in m.effects if e not in self.best.effects))
 
     def led_by(self, model: Model) -> Search:
-        """Return the search with one of its sets as the best."""
-        return replace(self, models=(model, *(m for m in self.models if m is not model)))
+        """Return the search with a model of one of its sets as the best."""
+        return replace(self, models=(model, *(m for m in self.models if m.effects != model.effects)))
 
     def screened_alone(self) -> dict[str, Score]:
         """Return candidate to the screen of it as the only effect that promises most, by scales as learnt."""

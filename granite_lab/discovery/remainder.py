@@ -20,6 +20,7 @@ from granite_lab.discovery.sets import set_of
 from granite_lab.discovery.verdict import Judgement, evidence_of_term, judge, performance_of
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import MAX_REMAINDER
+from granite_lab.inference.descent import AT_START
 from granite_lab.inference.fit import Fit, fit, with_priors
 from granite_lab.inference.pool import SAND
 from granite_lab.inference.problem import Problem
@@ -137,7 +138,7 @@ def savable(problem: Problem, search: Search, judgement: Judgement, tolerance: f
     by_files = loss_of_files(problem, baseline.fit)
     if not predicts_worse(loss_of_model(problem, judgement.model.fit, tolerance), by_files, tolerance):
         return judgement
-    plain = fit(problem, baseline.fit.point.at_files(len(SAND)), baseline.fit.scales, rounds=0)
+    plain = fit(problem, baseline.fit.point.at_files(len(SAND)), baseline.fit.scales, AT_START)
     nothing = Estimate(0.0, 0.0) if np.isfinite(judgement.closed.value) else judgement.closed
     return replace(
         judgement,

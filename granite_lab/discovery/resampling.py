@@ -73,7 +73,7 @@ class Predictions:
     def of(self, models: Sequence[Model]) -> list[Predicted]:
         """Return the predictions of some sets."""
         new = [m for m in models if m.effects not in self.predicted]
-        predicted = self.problem.pool.parallel(lambda k: self._predict(new[k]), len(new))
+        predicted = self.problem.pool.parallel(self._predict, new)
         self.predicted |= {m.effects: p for m, p in zip(new, predicted, strict=True)}
         return [self.predicted[m.effects] for m in models]
 
@@ -82,7 +82,7 @@ class Predictions:
         fits = [self._adopted(m) for m in models]
         return np.array(
             self.problem.pool.parallel(
-                lambda k: squares_if_right(self.problem, fits[k], right.fit, self.tolerance), len(fits)
+                lambda fit: squares_if_right(self.problem, fit, right.fit, self.tolerance), fits
             )
         )
 

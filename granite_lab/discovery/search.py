@@ -11,21 +11,17 @@ from granite_lab.discovery.candidates import Score
 from granite_lab.discovery.fitted_sets import MOST, FittedSets, with_score
 from granite_lab.discovery.heldout import Equations, losses, predict, predicts_better
 from granite_lab.discovery.leaders import Fitted, Prospect
-from granite_lab.discovery.models import EffectSet, Model, Search, ranked
+from granite_lab.discovery.models import Model, Search, finely, ranked
 from granite_lab.discovery.relevance import exceeds_formula_errors, left_without, share_made, unexplained
 from granite_lab.discovery.saved_model import loss_of_files, loss_of_model, predicts_worse
-from granite_lab.discovery.sets import best_fits, from_best_part, set_of
-from granite_lab.inference.constants import DRAWS, FEW, LEAST_GAIN, MAX_REMAINDER, RIVAL, TOLERANCE, TRIED
-from granite_lab.inference.descent import LEAST
+from granite_lab.discovery.sets import UNLIKELY, EffectSet, set_of
+from granite_lab.inference.constants import FEW, LEAST_GAIN, MAX_REMAINDER, RIVAL, TOLERANCE, TRIED
 from granite_lab.inference.fit import Fit, with_priors
 from granite_lab.inference.gap import prediction_change
 from granite_lab.inference.point import Point
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FIRST, FORMULAS
 from granite_lab.model.dictionary import is_term
-
-UNLIKELY = 1 / DRAWS
-"""Odds below which a set changes no probability: no draw shows it."""
 
 
 def search(
@@ -100,44 +96,19 @@ class Extension:
 def extend_fully(sets: FittedSets, model: Model) -> tuple[Model, list[Extension]]:
     """Extend a set effect by effect; return the last set and the steps to it.
 
-    A set is fitted again, and extended anew, where its extension or what it leaves shows that its fit missed
-    the optimum.
+    A set is fitted again, and extended anew, where what it leaves shows that its fit missed the optimum.
     """
     steps: list[Extension] = []
     while sum(not is_term(e) for e in model.effects) < MOST and not sets.problem.is_exhausted:
         larger, tried = extend(sets, model)
-        extended = larger is not model
-        again = _refit_from_larger(sets, model, larger) if extended else _refit_from_files(sets, model)
-        if again is not model:
-            model = again
-        elif extended:
+        if larger is not model:
             steps.append(Extension(model, larger, tried))
             model = larger
+        elif (again := _refit_from_files(sets, model)) is not model:
+            model = again
         else:
             break
     return model, steps
-
-
-def _refit_from_larger(sets: FittedSets, model: Model, larger: Model) -> Model:
-    """Fit a set again from the end of a fit with one more effect; return the likelier fit.
-
-    Full fits change the gain of a screen by factors of up to two. An effect that brings more than that shows
-    that the set beside which it stands had missed its optimum; larger sets are then fitted anew.
-    """
-    if not model.effects or model.effects in sets.from_larger:
-        return model
-    id_ = _added(larger, model)
-    scores = (s for screening in sets.screenings[model.effects] for s in screening.scores)
-    if larger.fit.evidence - model.fit.evidence <= 2 * max(s.gain for s in scores if s.candidate == id_):
-        return model
-    sets.from_larger.add(model.effects)
-    start = sets.problem.without_effect(larger.fit.point, id_)
-    again = sets.refit(model, [start], larger.fit.scales)
-    if again is not model:
-        outdated = {k for k in sets.models if set(k) > set(model.effects)}
-        sets.models = {k: m for k, m in sets.models.items() if k not in outdated}
-        sets.set_aside -= outdated
-    return again
 
 
 def _refit_from_files(sets: FittedSets, model: Model) -> Model:
@@ -269,11 +240,8 @@ def revise(sets: FittedSets, best: Model, steps: list[Extension]) -> tuple[Model
 def _origins(sets: FittedSets, best: Model, steps: Sequence[Extension]) -> list[Model]:
     """Return the sets that lack one effect of the best one; where it has a single effect, its rivals."""
     if len(best.effects) > 1:
-        points = [sets.problem.without_effect(best.fit.point, e) for e in best.effects]
-        sets.fit_new([(point, best.fit) for point in points])
-        keys = [set_of(point) for point in points]
-    else:
-        keys = [(s.candidate,) for step in steps[-1:] for s in step.tried if s.candidate not in best.effects]
+        return sets.fit_parts(best)
+    keys = [(s.candidate,) for step in steps[-1:] for s in step.tried if s.candidate not in best.effects]
     return [m for k in keys if (m := sets.models.get(k))]
 
 
@@ -303,20 +271,18 @@ def exchange(sets: FittedSets, best: Model, steps: Sequence[Extension]) -> None:
     sets.stage = MOST
     points: list[Point] = []
     for step in steps[:-1]:  # not for the last effect: what was tried stood beside the same set
-        id_ = _added(step.after, step.before)
-        without = sets.problem.without_effect(best.fit.point, id_)
-        points.append(from_best_part(sets.problem, without, sets.fits))
+        without = sets.problem.without_effect(best.fit.point, _added(step.after, step.before))
         gained = step.after.log_posterior - step.before.log_posterior
         for score in (s for s in step.tried if s.candidate not in best.effects):
             rival = sets.models.get(step.before.with_effect(score.candidate))
             if rival and rival.log_posterior > step.before.log_posterior + RIVAL * gained:
                 points.append(with_score(sets.problem, without, score))
-    sets.fit_new([(point, best.fit) for point in points])
-    for key in map(set_of, points):
-        part, rival = (sets.models.get(k) for k in (tuple(e for e in key if e in best.effects), key))
-        likelier = rival is not None and rival.log_posterior > best.log_posterior
-        if part and rival and part is not rival and likelier and not stays(sets, part, rival):
-            sets.set_aside.add(key)
+    sets.fit_new([(point, best.fit) for point in points], best.log_posterior)
+    exchanged = (sets.models[k] for k in dict.fromkeys(map(set_of, points)) if k in sets.models)
+    for rival in [m for m in exchanged if m.log_posterior > best.log_posterior]:
+        for part in sets.fit_parts(rival, set(rival.effects) - set(best.effects)):
+            if not stays(sets, part, rival):
+                sets.set_aside.add(rival.effects)
 
 
 def set_aside_bad_predictors(sets: FittedSets) -> None:
@@ -339,9 +305,8 @@ def fit_finely(sets: FittedSets) -> bool:
 
     They are the first `TRIED` sets whose odds against the likeliest are not below `UNLIKELY`; the others keep
     their rough fit. A set that only adds effects which do not matter is left out: it is no evidence against
-    the likeliest. That one alone gets the derivatives of each trial, for its numbers are reported, and is
-    fitted under the other limit of (10): by other sand either limit may explain the trials, and no descent
-    leads from one to the other.
+    the likeliest. That one is fitted under the other limit of (10), too: by other sand either limit may
+    explain the trials, and no descent leads from one to the other.
     """
     best = sets.likeliest()
     best = sets.refit(best, [sets.problem.under_other_limit(best.fit.point)], best.fit.scales)
@@ -350,37 +315,23 @@ def fit_finely(sets: FittedSets) -> bool:
     others = [m for m in likely if not set(m.effects) >= set(best.effects)]
     rough = [m for m in (best, *others[: TRIED - 1]) if not m.fit.converged]
     sets.tell_fits(m.effects for m in rough)
-    fits = best_fits(
-        sets.problem, [(m.fit.point, m.fit.scales) for m in rough], LEAST, each_trial=best.effects
-    )
-    for model in rough:
-        fine = fits.get(model.effects)
-        if fine is not None and (fine.converged or fine.evidence > model.fit.evidence):
-            sets.models[model.effects] = Model.of(model.effects, fine)
+    sets.models.update({m.effects: m for m in finely(sets.problem, rough)})
     return sets.likeliest().effects == best.effects
 
 
 def reduce(sets: FittedSets) -> bool:
-    """Fit the likeliest set without each library effect from its own end; tell whether one is likelier.
+    """Fit the likeliest set without each library effect; tell whether one is likelier, and extend it.
 
     A set that was fitted before another effect was known may have missed its optimum: what that effect closes
-    is then too large. It is fitted again where the end of the likeliest set promises more. One that is
-    likelier is extended again.
+    is then too large. It is fitted again from the end of the likeliest set.
     """
-    problem, best = sets.problem, sets.likeliest()
+    best = sets.likeliest()
     sets.stage = MOST
-    points = [problem.without_effect(best.fit.point, id_) for id_ in best.effects if not is_term(id_)]
-    linear = best_fits(problem, [(point, best.fit.scales) for point in points], rounds=0)
-    starts = [
-        (fit.point, best.fit.scales)
-        for key, fit in linear.items()
-        if key not in sets.models
-        or with_priors(problem, fit, fit.scales).evidence > sets.models[key].fit.evidence + LEAST_GAIN
-    ]
-    sets.tell_fits(set_of(point) for point, _ in starts)
-    for key, fit in best_fits(problem, starts).items():
-        if key not in sets.models or fit.evidence > sets.models[key].fit.evidence:
-            sets.replace_fit(Model.of(key, fit))
+    known = [m for m in sets.models.values() if set(m.effects) < set(best.effects)]
+    for part in sets.fit_parts(best):
+        if part in known:
+            (id_,) = set(best.effects) - set(part.effects)
+            sets.refit(part, [sets.problem.without_effect(best.fit.point, id_)], best.fit.scales)
     if sets.likeliest() is best:
         return False
     extend_fully(sets, sets.likeliest())

@@ -10,7 +10,7 @@ import numpy as np
 from granite_lab.discovery.description import lacking
 from granite_lab.discovery.finding import LIKELY, GroundWave, Verdict
 from granite_lab.discovery.heldout import Predicted, closed, gaps
-from granite_lab.discovery.models import Model, Search
+from granite_lab.discovery.models import Model, Search, finely
 from granite_lab.discovery.relevance import (
     anything_matters,
     exceeds_formula_errors,
@@ -279,6 +279,7 @@ def _judged(
         return Judgement("none", nothing_missing(search), baseline, (), (), small, before, before)
     competition = compete(problem, search, predictions)
     if not final and (first := winner(competition, search)).effects not in ((), best.effects):
+        (first,) = finely(problem, [first])
         return _judged(problem, search.led_by(first), tolerance, differ, final=True)
     whole = performance_of(before, after)
 
@@ -287,7 +288,7 @@ def _judged(
             return evidence_of_term(problem, best.fit, id_, whole, tolerance)
         return _evidence_of(problem, search, id_, whole, competition, predictions)
 
-    evidence = problem.pool.parallel(lambda k: evidence_of(best.effects[k]), len(best.effects))
+    evidence = problem.pool.parallel(evidence_of, best.effects)
     left = _Left.of(whole, evidence, is_adequate(problem, best.fit, tolerance))
     relevant = [e for e in evidence if not is_term(e.id) and e.matters(left.share, tolerance, scales)]
     stand_out = [e for e in relevant if not differ or e.stands_out(differ, tolerance)]

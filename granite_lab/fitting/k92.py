@@ -22,7 +22,7 @@ from granite_lab.estimate import Estimate, Part
 from granite_lab.estimation.motion import Motion
 from granite_lab.estimation.plausibility import BY_RADIUS
 from granite_lab.fitting.fit import K92_BOUNDS, LEAST, FitStatus, K92Fit, Shift
-from granite_lab.inference.constants import FORMULA_ERROR, SAND_PER_TRIAL_STD, SAND_STD, TOLERANCE
+from granite_lab.inference.constants import SAND_PER_TRIAL_STD, SAND_STD, TOLERANCE
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import SHARED
@@ -326,7 +326,7 @@ def _with_trajectory(
 
 def _status(fit: Fit) -> FitStatus:
     """Tell whether a fit may state a std: the model is off by no more than formulas are, and it converged."""
-    if fit.scales.poor_fit or fit.scales.largest > FORMULA_ERROR[1]:
+    if fit.scales.is_misfit:
         return "model_misfit"
     return "ok" if fit.converged else "not_converged"
 

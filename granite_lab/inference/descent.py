@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from granite_lab.inference.constants import NEGLIGIBLE, UPDATES
 from granite_lab.inference.derivatives import differentiate
-from granite_lab.inference.normal import NormalEquations, Scales, least_within
+from granite_lab.inference.normal import NormalEquations, Posterior, Scales, least_within
 from granite_lab.inference.point import Derivatives, Point
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.scales import change, learn_scales
+from granite_lab.inference.scales import change, learn_scales, log_prior, posterior_at
 from granite_lab.logs.trial import Array
 
 LEAST, LEAST_OF_ROUGH = 0.002, 2.0
@@ -32,9 +32,8 @@ NEAR, NEAR_ROUGH = NEGLIGIBLE, 1.0
 fit."""
 
 LEAST_OF_POOR = 0.01
-"""Predicted drop, as a share of the objective, below which a rough fit ends where the noise had to be taken
-for larger than repetitions show: the model is wrong, and half a percent of the rms of what it leaves does not
-change that."""
+"""Predicted drop, as a share of the objective, below which a rough fit ends where the model is off by more
+than formulas are: it is wrong, and half a percent of the rms of what it leaves does not change that."""
 
 LEAST_FRACTION = 1 / 1024
 """Least fraction of a step that is tried; convention."""
@@ -47,8 +46,33 @@ SETTLED = 0.02
 """Change of the logarithm of a scale at which scales and numbers are at their joint optimum: the numbers then
 hardly move."""
 
+ROUNDS = 40
+"""Most steps of a fit; convention."""
+
 NONE = NormalEquations((), 0, 0)
 """Normal equations of a state whose derivatives are new."""
+
+
+@dataclass(frozen=True)
+class Goal:
+    """How far a fit goes.
+
+    Attributes:
+        fine: to the optimum, with derivatives at each trial's own numbers. A rough fit serves to learn the
+            noise or to rank sets of effects, and takes them at the centre of each input.
+        rounds: most steps; with none the problem is made linear at the start, under the scales as given.
+        evidence: of another model. A fit ends where it promises to make up for less than a share of what it
+            lacks of it, see `Descent`.
+        share: all by default: a fit that stays below is of no use. Less for one whose distance is reported.
+    """
+
+    fine: bool = True
+    rounds: int = ROUNDS
+    evidence: float = -np.inf
+    share: float = 1.0
+
+
+TO_OPTIMUM, ROUGH, AT_START = Goal(), Goal(fine=False), Goal(fine=False, rounds=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,29 +101,33 @@ class State:
 class Descent:
     """A descent under way; it alone holds its state, so that derivatives leave memory when they are renewed.
 
+    It ends early where neither its derivatives promise what `Goal.evidence` asks for, nor the rate at which
+    the evidence grew in the last `UPDATES` steps. Far from an optimum derivatives promise far too little.
+
     Attributes:
         state: where it stands.
         scales: learnt there.
-        fine: go on to the optimum.
-        per_trial: take derivatives at each trial's own numbers, not at the centre of its input.
+        goal: how far it goes.
         distance: how far the point is from where its derivatives were taken [std].
         fraction: of a step that is taken.
+        reached: evidence before each step, where the goal asks for some.
     """
 
     state: State
     scales: Scales
-    fine: bool
-    per_trial: bool
+    goal: Goal
     distance: float = 0.0
     fraction: float = 1.0
+    reached: list[float] = field(default_factory=list)
 
-    def run(self, problem: Problem, rounds: int) -> bool:
-        """Take at most so many steps; tell whether the end is an optimum of numbers and scales."""
-        least = LEAST if self.fine else LEAST_OF_ROUGH
-        near, trusted = (NEAR, TRUSTED) if self.fine else (NEAR_ROUGH, TRUSTED_ROUGH)
-        for _ in range(rounds):
+    def run(self, problem: Problem) -> bool:
+        """Go towards the goal; tell whether the end is an optimum of numbers and scales."""
+        fine = self.goal.fine
+        least = LEAST if fine else LEAST_OF_ROUGH
+        near, trusted = (NEAR, TRUSTED) if fine else (NEAR_ROUGH, TRUSTED_ROUGH)
+        for _ in range(self.goal.rounds):
             objective, aim, predicted = predict_drop(problem, self.state, self.scales)
-            if self._ends_early(objective, predicted):
+            if self._ends_early(objective, predicted) or self._is_beaten(problem, predicted):
                 break
             if predicted < least and self.distance < near:
                 if self._settles(problem):
@@ -114,7 +142,7 @@ class Descent:
                 if not self._differentiate(problem):
                     break
                 self.learn(problem, 1)
-        if not self.fine or (self.distance > near and not self._differentiate(problem)):
+        if not fine or (self.distance > near and not self._differentiate(problem)):
             return False
         _, _, predicted = predict_drop(problem, self.state, self.scales)
         return bool(predicted < NO_FURTHER)
@@ -126,14 +154,26 @@ class Descent:
 
     def _ends_early(self, objective: float, predicted: float) -> bool:
         """Tell whether a rough fit of a wrong model has come as far as matters."""
-        is_poor = not self.fine and self.scales.poor_fit and self.distance == 0
+        is_poor = not self.goal.fine and self.scales.is_misfit and self.distance == 0
         return is_poor and predicted < LEAST_OF_POOR * objective
+
+    def _is_beaten(self, problem: Problem, predicted: float) -> bool:
+        """Tell whether the fit promises too little of the evidence that the goal asks for."""
+        if np.isneginf(self.goal.evidence):
+            return False
+        _, evidence = evidence_at(problem, self.state, self.scales)
+        self.reached.append(evidence)
+        if len(self.reached) <= UPDATES:
+            return False
+        growth = (evidence - self.reached[-1 - UPDATES]) / UPDATES
+        further = max(predicted / 2, growth * (self.goal.rounds - len(self.reached)))
+        return bool(further < self.goal.share * (self.goal.evidence - evidence))
 
     def _settles(self, problem: Problem) -> bool:
         """Learn the scales at an optimum of the numbers; tell whether they stay."""
         before = self.scales
         self.learn(problem)
-        return change(before, self.scales) < (SETTLED if self.fine else NEGLIGIBLE)
+        return change(before, self.scales) < (SETTLED if self.goal.fine else NEGLIGIBLE)
 
     def _step(self, problem: Problem, objective: float, aim: Point, predicted: float) -> float:
         """Take a fraction of a step if it leads down; return the ratio of the actual to the expected drop."""
@@ -150,7 +190,7 @@ class Descent:
     def _differentiate(self, problem: Problem) -> bool:
         """Take derivatives at the point; return False where a simulation has no solution."""
         self.state = replace(self.state, normal=NONE)  # the old ones leave memory first
-        old, new = self.state, state_at(problem, self.state.point, per_trial=self.per_trial)
+        old, new = self.state, state_at(problem, self.state.point, per_trial=self.goal.fine)
         if new is None:
             normal = problem.normal(old.point, old.derivatives, old.residuals)
             self.state = replace(old, normal=normal)
@@ -177,6 +217,16 @@ def state_at(
     residuals = problem.residuals(point, responses)
     normal = problem.normal(point, derivatives, residuals)
     return State(point, point, derivatives, residuals, problem.white(residuals), normal)
+
+
+def evidence_at(problem: Problem, state: State, scales: Scales) -> tuple[Posterior, float]:
+    """Return the posterior, linear about a point, and the logarithm of the evidence that the point reaches.
+
+    Nothing is credited that the derivatives promise further on, beyond a bound or not.
+    """
+    post = posterior_at(problem, state.point, state.normal, scales)
+    prior = log_prior(problem, scales, bool(state.point.effects))
+    return post, post.evidence + prior - post.predicted_drop / 2
 
 
 def predict_drop(problem: Problem, state: State, scales: Scales) -> tuple[float, Point, float]:

@@ -7,16 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.errors import EstimateError
-from granite_lab.inference.descent import LEAST, NEAR, Descent, predict_drop, state_at
+from granite_lab.inference.descent import NEAR, TO_OPTIMUM, Descent, Goal, evidence_at, predict_drop, state_at
 from granite_lab.inference.normal import NormalEquations, Posterior, Scales
 from granite_lab.inference.point import Derivatives, Point
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import FIRST, learn_discrepancy, log_prior, per_trial_scales, posterior_at
 from granite_lab.inference.spill import Spillable
 from granite_lab.logs.trial import Array
-
-ROUNDS = 40
-"""Most steps of a fit; convention."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +68,8 @@ def fit(
     problem: Problem,
     start: Point,
     scales: Scales = FIRST,
-    *,
+    goal: Goal = TO_OPTIMUM,
     derivatives: Derivatives | None = None,
-    rounds: int = ROUNDS,
-    least: float = LEAST,
-    each_trial: bool = True,
 ) -> Fit:
     """Iterate to the joint optimum of numbers and scales; a simulation without a solution shortens the step.
 
@@ -83,31 +77,27 @@ def fit(
         problem: the trials, with the noise.
         start: where to begin.
         scales: to begin with.
+        goal: how far to go.
         derivatives: derivatives near the start, if they are known.
-        rounds: most steps; with none the problem is made linear at the start, under the scales as given.
-        least: predicted drop of the objective below which the fit has converged.
-        each_trial: a fine fit takes derivatives at each trial's own numbers.
 
     Raises:
         EstimateError: a simulation at the start has no solution.
     """
-    fine = least <= LEAST
     scales = replace(scales, priors={**per_trial_scales(problem, start, start.vector), **scales.priors})
-    state = state_at(problem, start, derivatives, per_trial=fine and each_trial)
+    state = state_at(problem, start, derivatives, per_trial=goal.fine)
     if state is None:
         raise EstimateError(
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
         )
-    descent = Descent(state, scales, fine, fine and each_trial, 0.0 if derivatives is None else NEAR)
+    descent = Descent(state, scales, goal, 0.0 if derivatives is None else NEAR)
     converged = False
-    if rounds:
+    if goal.rounds:
         descent.learn(problem, 1)
-        converged = descent.run(problem, rounds)
+        converged = descent.run(problem)
     state, scales = descent.state, descent.scales
-    post = posterior_at(problem, state.point, state.normal, scales)
-    evidence = post.evidence + log_prior(problem, scales, bool(state.point.effects))
-    if rounds:  # nothing is credited beyond a bound, nor what the derivatives predict and was not reached
-        evidence -= post.predicted_drop / 2
+    post, evidence = evidence_at(problem, state, scales)
+    if not goal.rounds:  # what the optimum of the linear problem would reach
+        evidence += post.predicted_drop / 2
     _, aim, predicted_drop = predict_drop(problem, state, scales)
     return Fit(
         point=state.point,

@@ -12,7 +12,7 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 from scipy.optimize import lsq_linear
 
-from granite_lab.inference.constants import POOR_FIT, TINY
+from granite_lab.inference.constants import FORMULA_ERROR, POOR_FIT, TINY
 from granite_lab.inference.discrepancy import variances
 from granite_lab.logs.trial import Array
 
@@ -63,6 +63,11 @@ class Scales:
     def poor_fit(self) -> bool:
         """Whether the noise of a channel is so much larger than its repetitions show that the fit is bad."""
         return max(self.noise_factor.values(), default=1.0) > POOR_FIT
+
+    @property
+    def is_misfit(self) -> bool:
+        """Whether the model is off by more than formulas are, in the noise or as a share of a channel."""
+        return self.poor_fit or self.largest > FORMULA_ERROR[1]
 
 
 @dataclass(frozen=True, eq=False)

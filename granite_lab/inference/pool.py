@@ -25,6 +25,7 @@ from granite_lab.model.symbols import ModelParameters, model_parameters
 from granite_lab.parameters import Robot, Soil, Variant, load_paper
 from granite_lab.processes import forked_map, forked_pool, mapped
 
+X = TypeVar("X")
 Y = TypeVar("Y")
 
 SIGNALS = (
@@ -169,12 +170,12 @@ def _batches(tasks: Sequence[Task]) -> list[list[Task]]:
     return sorted(batches, key=len, reverse=True)
 
 
-def _forked_call(task: tuple[SimulationPool, Callable[[int], Y]], k: int) -> tuple[Y, int, float]:
-    """Return ``call(k)``, the number of its simulations and their time, in a process that was forked off."""
-    pool, call = task
+def _forked_call(task: tuple[SimulationPool, Callable[[X], Y], Sequence[X]], k: int) -> tuple[Y, int, float]:
+    """Return ``call(items[k])``, the number of its simulations and their time, in a forked process."""
+    pool, call, items = task
     pool.use_this_process()
     runs, seconds = pool.runs, pool.seconds
-    return call(k), pool.runs - runs, pool.seconds - seconds
+    return call(items[k]), pool.runs - runs, pool.seconds - seconds
 
 
 class SimulationPool:
@@ -216,19 +217,19 @@ class SimulationPool:
         """Simulate in this process from now on, without reports of progress."""
         self._pool, self._tick = None, lambda _: None
 
-    def parallel(self, call: Callable[[int], Y], count: int) -> list[Y]:
-        """Return ``call(k)`` for k from 0 to `count` - 1, each in a process that simulates what it needs.
+    def parallel(self, call: Callable[[X], Y], items: Sequence[X]) -> list[Y]:
+        """Return ``call(item)`` for each of some items, each in a process that simulates what it needs.
 
         What they simulate is not remembered here.
 
         Raises:
             LabError: a process died.
         """
-        if count < 2 or self._pool is None:
-            return [call(k) for k in range(count)]
+        if len(items) < 2 or self._pool is None:
+            return [call(item) for item in items]
         answers = []
         for answer, runs, seconds in forked_map(
-            _forked_call, (self, call), count, "searched", jobs=self._jobs
+            _forked_call, (self, call, items), len(items), "searched", jobs=self._jobs
         ):
             answers.append(answer)
             self.runs, self.seconds = self.runs + runs, self.seconds + seconds

@@ -18,7 +18,7 @@ from granite_lab.inference.constants import (
     UPDATES,
 )
 from granite_lab.inference.derivatives import differentiate
-from granite_lab.inference.descent import LEAST, LEAST_OF_ROUGH
+from granite_lab.inference.descent import ROUGH, TO_OPTIMUM
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.noise import FAST, FLOOR, NOMINAL, Whitener, at_rest, errors, identify, white
 from granite_lab.inference.nuisances import TrialModel
@@ -166,14 +166,13 @@ def baseline(problem: Problem) -> Fit:
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
         )
     problem.set_noise(nominal(problem), start, derivatives)
-    fitted = fit(
-        problem, start, derivatives=derivatives, rounds=QUICK if single else UPDATES, least=LEAST_OF_ROUGH
-    )
-    least = LEAST if single else LEAST_OF_ROUGH
+    first = replace(ROUGH, rounds=QUICK if single else UPDATES)
+    fitted = fit(problem, start, goal=first, derivatives=derivatives)
+    goal = TO_OPTIMUM if single else ROUGH
     for _ in range(TIMES if single else 2):
         before = fitted.point.vector
         problem.set_noise(learnt(problem, fitted.residuals), fitted.point, fitted.derivatives)
-        fitted = fit(problem, fitted.point, fitted.scales, derivatives=fitted.derivatives, least=least)
+        fitted = fit(problem, fitted.point, fitted.scales, goal, fitted.derivatives)
         std = np.sqrt(np.diag(fitted.posterior.covariance))
         if single and np.all(np.abs(fitted.point.vector - before) < FAR * std):
             break

@@ -11,7 +11,7 @@ from granite_lab.discovery.fitted_sets import FittedSets
 from granite_lab.discovery.models import Model
 from granite_lab.discovery.screens import around, screen, sizes
 from granite_lab.inference.constants import FEW, LEAST_GAIN, TOLERANCE
-from granite_lab.inference.descent import LEAST_OF_ROUGH
+from granite_lab.inference.descent import ROUGH
 from granite_lab.inference.fit import fit
 from granite_lab.inference.gap import prediction_change
 from granite_lab.inference.pool import ACCURACY, Scenario, Task
@@ -69,7 +69,7 @@ def test_an_effect_that_moves_with_its_size_is_found_from_where_a_few_small_size
     base = fit(problem, problem.neutral())
     (score,) = scores(problem, screen(problem, base, ["blow"], most=FEW), TOLERANCE)
     assert score.gain > LEAST_GAIN
-    found = fit(problem, problem.with_effect(base.point, "blow", score.values), least=LEAST_OF_ROUGH)
+    found = fit(problem, problem.with_effect(base.point, "blow", score.values), goal=ROUGH)
     assert found.point.common[0] == pytest.approx(true, abs=0.02)
 
 
@@ -85,7 +85,7 @@ def test_from_a_size_that_leads_to_another_optimum_the_sizes_next_to_it_lead_to_
     base = fit(problem, problem.neutral())
     larger = [size for size in sizes(PLAY) if size > true + 0.2]
     start = problem.with_effect(base.point, "blow", (larger[0],))
-    missed = fit(problem, start, least=LEAST_OF_ROUGH)
+    missed = fit(problem, start, goal=ROUGH)
     assert abs(missed.point.common[0] - true) > 0.1
     models = {(): Model((), base, base.evidence), ("blow",): Model(("blow",), missed, missed.evidence)}
     sets = FittedSets(problem, ("blow",), TOLERANCE, lambda *_: None, models)

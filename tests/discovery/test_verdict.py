@@ -20,14 +20,14 @@ from granite_lab.discovery.relevance import has_strained_trials, left_without
 from granite_lab.discovery.remainder import remainder
 from granite_lab.discovery.resampling import by_evidence
 from granite_lab.discovery.screens import Screen, rescreened, screen
-from granite_lab.discovery.search import _refit_from_larger, reduce, search
-from granite_lab.discovery.sets import fit_sets
+from granite_lab.discovery.search import reduce, search
+from granite_lab.discovery.sets import UNLIKELY, best_fits, fit_sets
 from granite_lab.discovery.verdict import OPEN, EffectEvidence, Judgement, by_posterior, judge
 from granite_lab.discovery.words import notes, provisional, sentence
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import LEAST_GAIN, REST_SHARE
 from granite_lab.inference.derivatives import differentiate
-from granite_lab.inference.descent import LEAST_OF_ROUGH
+from granite_lab.inference.descent import AT_START, ROUGH, Goal
 from granite_lab.inference.discrepancy import MOTION, REST
 from granite_lab.inference.fit import Fit, fit, with_scales
 from granite_lab.inference.noise import white
@@ -393,7 +393,7 @@ def test_an_amplitude_that_matters_is_not_one_by_what_other_numbers_add() -> Non
     wide = Scales(0.04, 0.1, {s.name: 10.0 for t in problem.trials for s in t.slacks})
     derivatives = differentiate(problem, point)
     problem.set_noise(problem.whiteners, point, derivatives)
-    base = fit(problem, point, wide, derivatives=derivatives, rounds=0)
+    base = fit(problem, point, wide, derivatives=derivatives, goal=AT_START)
     screened = screen(problem, base, ["shake"])
     places, size = screened.places_per_trial("shake")[:, 0], screened.per_trial["shake"][0].size
     shares = _visible(problem, base, screened)[places]
@@ -405,6 +405,22 @@ def test_an_amplitude_that_matters_is_not_one_by_what_other_numbers_add() -> Non
         assert 0 < shares[i] < 1.02 * worst
 
 
+def test_a_set_that_predicts_best_is_judged_at_its_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its numbers are reported, and a search fits only the likeliest sets finely."""
+    answer = ask(push=0.3)
+    problem, key = answer.problem, ("pull", "push")
+    start = problem.with_effect(answer.search.best.fit.point, "pull", (0.0,))
+    rough = Model.of(key, fit(problem, start, answer.search.best.fit.scales, ROUGH))
+    assert answer.search.best.effects == ("push",)
+    assert not rough.fit.converged
+    monkeypatch.setattr("granite_lab.discovery.verdict.winner", lambda *_: rough)
+    others = tuple(m for m in answer.search.models if m.effects != key)
+    judged = judge(problem, replace(answer.search, models=(*others, rough)), TOLERANCE).model
+    assert judged.effects == key
+    assert judged.fit.converged
+    assert judged.fit.evidence >= rough.fit.evidence
+
+
 def test_a_set_that_ends_below_a_part_is_fitted_again_from_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fit that stops before the optimum must not cost the effect."""
     rng = np.random.default_rng(4)
@@ -413,8 +429,8 @@ def test_a_set_that_ends_below_a_part_is_fitted_again_from_it(monkeypatch: pytes
     measure(problem, replace(start, common=np.array([0.7])), rng)
     alone = fit(problem, problem.neutral())
 
-    def stuck(problem: Problem, at: Point, scales: Scales, **given: Any) -> Fit:
-        found = fit(problem, at, scales, **given)
+    def stuck(problem: Problem, at: Point, scales: Scales, goal: Goal) -> Fit:
+        found = fit(problem, at, scales, goal)
         return replace(found, evidence=alone.evidence - 1) if at is start else found
 
     monkeypatch.setattr("granite_lab.discovery.sets.fit", stuck)
@@ -424,6 +440,32 @@ def test_a_set_that_ends_below_a_part_is_fitted_again_from_it(monkeypatch: pytes
     assert found.point.common[0] == pytest.approx(0.7, abs=0.05)
 
 
+@pytest.mark.parametrize("competing", [True, False])
+def test_sets_that_compete_know_the_best_of_those_before(
+    competing: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = problem_of((0, 0, 1, 1), CHANNELS)
+    measure(problem, problem.neutral(), np.random.default_rng(4))
+    plain = fit(problem, problem.neutral())
+    at = {id_: problem.with_effect(problem.neutral(), id_, (0.0,)) for id_ in ("push", "pull", "lift")}
+    evidence, asked = {"push": 10.0, "pull": 30.0, "lift": 20.0}, {}
+
+    def known(_: Problem, at: Point, __: Scales, goal: Goal) -> Fit:
+        asked[at.effects[0]] = goal.evidence
+        return replace(plain, evidence=evidence[at.effects[0]])
+
+    monkeypatch.setattr("granite_lab.discovery.sets.fit", known)
+    found = best_fits(problem, [(p, FIRST) for p in at.values()], ROUGH, 5.0 if competing else None)
+    assert {key[0]: f.evidence for key, f in found.items()} == evidence
+    least = np.log(UNLIKELY)  # the prior odds of the sets are alike
+    if competing:
+        assert asked == pytest.approx(
+            {"push": 5 + LEAST_GAIN + least, "pull": 5 + LEAST_GAIN + least, "lift": 30 + least}
+        )
+    else:
+        assert set(asked.values()) == {-np.inf}
+
+
 def test_of_several_starts_the_best_fit_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(4)
     problem = problem_of((0, 0, 1, 1), CHANNELS)
@@ -431,7 +473,7 @@ def test_of_several_starts_the_best_fit_is_kept(monkeypatch: pytest.MonkeyPatch)
     measure(problem, replace(start, common=np.array([0.7])), rng)
     far = replace(start, shared=start.shared + 0.5)
     starts = [(far, FIRST), (start, FIRST), (problem.neutral(), FIRST)]
-    fits = [fit(problem, point, scales, least=LEAST_OF_ROUGH) for point, scales in starts]
+    fits = [fit(problem, point, scales, goal=ROUGH) for point, scales in starts]
     ends = [f.evidence for f in fits]
     assert abs(ends[0] - ends[1]) > 0.01  # they end apart, so that it matters which is kept
 
@@ -551,7 +593,7 @@ def of_sets(problem: Problem, lost: Mapping[tuple[str, ...], float]) -> FittedSe
         start = problem.neutral()
         for id_ in effects:
             start = problem.with_effect(start, id_, (0.1,))
-        fitted = fit(problem, start, least=LEAST_OF_ROUGH)
+        fitted = fit(problem, start, goal=ROUGH)
         models[effects] = Model.of(effects, replace(fitted, evidence=fitted.evidence - missed))
     return FittedSets(problem, CANDIDATES, TOLERANCE, lambda *_: None, models)
 
@@ -565,23 +607,6 @@ def test_a_set_that_missed_its_optimum_is_fitted_again_from_the_end_of_the_likel
     assert not reduce(sets)
     assert sets.likeliest().effects == ("pull", "push")
     assert sets.models["push",].log_posterior > before["push",].log_posterior + LEAST_GAIN
-
-
-def test_a_set_that_missed_its_optimum_is_fitted_again_from_a_larger_one_that_brings_too_much() -> None:
-    """What the first effect has not reached is not credited to the second one."""
-    sets = of_sets(
-        trials_with(push=0.3, pull=0.3, channels=CHANNELS), {(): 0, ("push",): 0, ("pull", "push"): 0}
-    )
-    alone, both = sets.models["push",], sets.models["pull", "push"]
-    sets.prospects(alone)
-    assert _refit_from_larger(sets, alone, both) is alone
-    lost = 2 * (both.fit.evidence - alone.fit.evidence)
-    missed = Model.of(("push",), replace(alone.fit, evidence=alone.fit.evidence - lost))
-    sets.models["push",] = missed
-    again = _refit_from_larger(sets, missed, both)
-    assert again.log_posterior > missed.log_posterior + 0.9 * lost
-    assert ("pull", "push") not in sets.models
-    assert _refit_from_larger(sets, again, both) is again  # once
 
 
 def test_an_effect_that_only_a_missed_optimum_speaks_for_is_given_up() -> None:

@@ -7,9 +7,20 @@ import pytest
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference import noise
-from granite_lab.inference.constants import PSEUDO_TRIALS
+from granite_lab.inference.constants import PSEUDO_TRIALS, UPDATES
 from granite_lab.inference.derivatives import differentiate
-from granite_lab.inference.descent import _aim, _linear, predict_drop, simulate_at, simulated, state_at
+from granite_lab.inference.descent import (
+    AT_START,
+    Descent,
+    Goal,
+    _aim,
+    _linear,
+    evidence_at,
+    predict_drop,
+    simulate_at,
+    simulated,
+    state_at,
+)
 from granite_lab.inference.fit import Fit, fit, with_priors
 from granite_lab.inference.gap import discrepancies
 from granite_lab.inference.noise import FLOOR
@@ -17,7 +28,7 @@ from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.pool import SAND, SAND_PER_TRIAL, Scenario, Task
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.scales import DISCREPANCIES, FORMULAS, log_prior
+from granite_lab.inference.scales import DISCREPANCIES, FIRST, FORMULAS, log_prior
 from granite_lab.inference.setup import initial_point, nominal
 from granite_lab.logs.trial import Array
 from granite_lab.model.single_wheel import Ratio, SingleWheel, rolling
@@ -57,7 +68,7 @@ def test_the_std_of_a_fit_that_has_not_arrived_holds_the_way_to_the_optimum() ->
     problem, _, rng = measured(1)
     found = fit(problem, problem.neutral())
     off = 3 * std_of(found) * rng.normal(size=found.point.vector.size)
-    stopped = fit(problem, problem.stepped(found.point, off), found.scales, rounds=0)
+    stopped = fit(problem, problem.stepped(found.point, off), found.scales, goal=AT_START)
     away = np.abs(stopped.point.vector - found.point.vector)
     assert np.mean(away > 2 * std_of(stopped)) > 0.4
     assert np.mean(away < 2 * stopped.std) > 0.95
@@ -223,7 +234,7 @@ def test_a_fit_ends_within_the_region_that_has_solutions(bound: float) -> None:
 
 def objective(problem: Problem, point: Point, scales: Scales) -> float:
     """Return the misfit, simulated anew, and the priors."""
-    begun = fit(problem, problem.neutral(), rounds=0)
+    begun = fit(problem, problem.neutral(), goal=AT_START)
     responses = simulated(problem, point)
     std, mean = problem.prior(point, scales)
     white = problem.white(problem.residuals(point, responses))
@@ -421,3 +432,28 @@ def test_the_start_under_the_other_limit_of_the_shear_stress_is_under_that_limit
     again = problem.under_other_limit(replace(limited_by_sand, shared=stronger))
     assert not cohesion_shows(again)
     assert not again.shared[COHESION]
+
+
+@pytest.mark.parametrize(
+    ("gained", "predicted", "share", "ends"),
+    [
+        (-5.0, 0.0, 1.0, True),  # five in eight steps: 18 in the 29 that are left
+        (-9.0, 0.0, 1.0, False),  # 33
+        (-5.0, 41.0, 1.0, False),  # the derivatives promise 20.5
+        (-1.0, 0.0, 0.1, False),  # 3.6, and a tenth of the distance is 2
+        (-0.5, 0.0, 0.1, True),
+    ],
+)
+def test_a_fit_ends_where_its_growth_does_not_lead_to_what_is_asked_for(
+    gained: float, predicted: float, share: float, ends: bool
+) -> None:
+    problem, truth, _ = measured(1)
+    state = state_at(problem, truth)
+    assert state is not None
+    _, evidence = evidence_at(problem, state, FIRST)
+    goal = Goal(fine=False, evidence=evidence + 20, share=share)
+    descent = Descent(state, FIRST, goal, reached=[evidence + gained] * (UPDATES + 2))
+    assert descent._is_beaten(problem, predicted) is ends
+    young = Descent(state, FIRST, goal, reached=[evidence] * (UPDATES - 1))
+    assert not young._is_beaten(problem, 0.0)
+    assert not Descent(state, FIRST, Goal())._is_beaten(problem, 0.0)

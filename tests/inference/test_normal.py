@@ -8,6 +8,7 @@ import pytest
 from granite_lab.discovery.candidates import gain
 from granite_lab.inference.constants import REST_SHARE, SMOOTH
 from granite_lab.inference.derivatives import differentiate
+from granite_lab.inference.descent import AT_START
 from granite_lab.inference.discrepancy import FORMULA, MOTION, REST, joined, modulated, smooth, variances
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.gap import beyond, discrepancies, scatter
@@ -233,7 +234,7 @@ def linear(problem: Problem, rng: np.random.Generator, share: float) -> Fit:
             for k, c in enumerate(t.channels):
                 noise = rng.normal(size=t.observation.bins) / problem.whiteners[i][k].filters[0].inverse
                 t.measured[k] = shown[i][k] + change[k] + smooth[c] + noise
-    return fit(problem, point, FIRST, derivatives=derivatives, rounds=0)
+    return fit(problem, point, FIRST, derivatives=derivatives, goal=AT_START)
 
 
 def test_the_misfit_is_the_expected_one_where_nothing_is_missing() -> None:

@@ -190,7 +190,7 @@ def test_what_runs_side_by_side_gives_what_one_process_gives_and_counts_its_simu
                 (response,) = one.run([Task(0, (0.01 * k,) * 7)])
                 return float(response[-1].max()) if response is not None else 0.0
 
-            last.append(one.parallel(velocity, 3))
+            last.append(one.parallel(velocity, range(3)))
         assert last[0] == last[1]
         assert len(set(last[0])) == 3
         assert alone.runs == pool.runs == 3
