@@ -109,7 +109,10 @@ class Descent:
         scales: learnt there.
         goal: how far it goes.
         distance: how far the point is from where its derivatives were taken [std].
+        per_trial: derivatives are taken at each trial's own numbers.
         fraction: of a step that is taken.
+        settled: the scales are those of an optimum of the numbers. Near it a fine fit keeps them in between:
+            scales that are learnt at each step move the optimum by more than a last step does.
         reached: evidence before each step, where the goal asks for some.
     """
 
@@ -117,7 +120,9 @@ class Descent:
     scales: Scales
     goal: Goal
     distance: float = 0.0
+    per_trial: bool = False
     fraction: float = 1.0
+    settled: bool = False
     reached: list[float] = field(default_factory=list)
 
     def run(self, problem: Problem) -> bool:
@@ -129,28 +134,40 @@ class Descent:
             objective, aim, predicted = predict_drop(problem, self.state, self.scales)
             if self._ends_early(objective, predicted) or self._is_beaten(problem, predicted):
                 break
-            if predicted < least and self.distance < near:
-                if self._settles(problem):
-                    break
+            if predicted < max(least, NEGLIGIBLE) and self.distance < near and not self.settled:
+                self._settle(problem)
                 continue
+            if predicted < least and self.distance < near:
+                break
             ratio = self._step(problem, objective, aim, predicted) if predicted >= least else 0.0
             if ratio <= 0 and self.distance == 0:
                 self.fraction /= 2
-                if self.fraction < LEAST_FRACTION:
+                if not self._goes_on(problem):
                     break
             elif abs(ratio - 1) > trusted:
                 if not self._differentiate(problem):
                     break
-                self.learn(problem, 1)
+                if predicted > LEAST_OF_ROUGH or not fine:
+                    self.learn(problem, 1)
         if not fine or (self.distance > near and not self._differentiate(problem)):
             return False
         _, _, predicted = predict_drop(problem, self.state, self.scales)
-        return bool(predicted < NO_FURTHER)
+        return bool(predicted < NO_FURTHER and self.settled)
 
     def learn(self, problem: Problem, passes: int = UPDATES) -> None:
         """Learn the scales at the point."""
         state = self.state
         self.scales = learn_scales(problem, state.point, state.normal, state.white, self.scales, passes)
+
+    def _goes_on(self, problem: Problem) -> bool:
+        """Tell what may help where a step leads up: derivatives at each trial, or other scales."""
+        if not self.per_trial and self.fraction < NEGLIGIBLE:
+            self.per_trial, self.fraction = True, 1.0
+            return self._differentiate(problem)
+        if self.fraction < LEAST_FRACTION and not self.settled:
+            self._settle(problem)
+            self.fraction = 1.0
+        return self.fraction >= LEAST_FRACTION
 
     def _ends_early(self, objective: float, predicted: float) -> bool:
         """Tell whether a rough fit of a wrong model has come as far as matters."""
@@ -169,11 +186,11 @@ class Descent:
         further = max(predicted / 2, growth * (self.goal.rounds - len(self.reached)))
         return bool(further < self.goal.share * (self.goal.evidence - evidence))
 
-    def _settles(self, problem: Problem) -> bool:
-        """Learn the scales at an optimum of the numbers; tell whether they stay."""
+    def _settle(self, problem: Problem) -> None:
+        """Learn the scales at an optimum of the numbers."""
         before = self.scales
         self.learn(problem)
-        return change(before, self.scales) < (SETTLED if self.goal.fine else NEGLIGIBLE)
+        self.settled = change(before, self.scales) < (SETTLED if self.goal.fine else NEGLIGIBLE)
 
     def _step(self, problem: Problem, objective: float, aim: Point, predicted: float) -> float:
         """Take a fraction of a step if it leads down; return the ratio of the actual to the expected drop."""
@@ -190,7 +207,7 @@ class Descent:
     def _differentiate(self, problem: Problem) -> bool:
         """Take derivatives at the point; return False where a simulation has no solution."""
         self.state = replace(self.state, normal=NONE)  # the old ones leave memory first
-        old, new = self.state, state_at(problem, self.state.point, per_trial=self.goal.fine)
+        old, new = self.state, state_at(problem, self.state.point, per_trial=self.per_trial)
         if new is None:
             normal = problem.normal(old.point, old.derivatives, old.residuals)
             self.state = replace(old, normal=normal)

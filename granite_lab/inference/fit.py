@@ -89,7 +89,7 @@ def fit(
         raise EstimateError(
             "the robot cannot be simulated on this soil", "check the robot's and the soil's file"
         )
-    descent = Descent(state, scales, goal, 0.0 if derivatives is None else NEAR)
+    descent = Descent(state, scales, goal, 0.0 if derivatives is None else NEAR, goal.fine)
     converged = False
     if goal.rounds:
         descent.learn(problem, 1)

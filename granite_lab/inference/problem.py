@@ -154,14 +154,21 @@ class Problem:
         return self.stepped(replace(point, shared=shared, trials=tuple(trials)), np.zeros(point.vector.size))
 
     def bounds(self, point: Point) -> tuple[Array, Array]:
-        """Return the least and the largest values of `Point.vector`."""
+        """Return the least and the largest values of `Point.vector`.
+
+        The sand of a trial may be as far from that of the others as theirs may be from the file.
+        """
         sides = []
         for sign, side, sensors in ((-1, "low", SENSORS_LEAST), (1, "high", np.full(len(SENSORS), np.inf))):
             private, common = (
                 [getattr(p, side) for _, p in self.parameters(point.effects, per_trial=per_trial)]
                 for per_trial in (True, False)
             )
-            trials = [np.append(np.full(t.size, sign * np.inf), private) for t in self.trials]
+            of_sand = sign * THREE_SIGMA * self.sand_std[:SAND_PER_TRIAL]
+            trials = [
+                np.concatenate([of_sand, np.full(t.size - SAND_PER_TRIAL, sign * np.inf), private])
+                for t in self.trials
+            ]
             sides.append(np.concatenate([*trials, THREE_SIGMA * sign * self.simulated_std, sensors, common]))
         return sides[0], sides[1]
 
