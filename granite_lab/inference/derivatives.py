@@ -32,6 +32,7 @@ def differentiate(
     sand_from: Derivatives | None = None,
     *,
     per_trial: bool = False,
+    behind: bool = False,
 ) -> Derivatives | None:
     """Differentiate the responses by differences; None where a run has no solution.
 
@@ -42,10 +43,13 @@ def differentiate(
         point: where.
         sand_from: derivatives at the same places; those by the sand are kept.
         per_trial: take differences at each trial's own numbers, in place of the centre of its input.
+        behind: take differences to smaller numbers; at a kink of the model they differ from the others.
     """
     groups = [(i,) for i, _ in enumerate(problem.trials)] if per_trial else problem.inputs
     skipped = 0 if sand_from is None else len(SIMULATED)
     differences = [_differences(problem, point, group)[skipped:] for group in groups]
+    if behind:
+        differences = [[d.turned() for d in rows] for rows in differences]
     bases = [problem.mean_task(point, group) for group in groups]
     centres = [problem.centre(point, number) for number, _ in enumerate(problem.inputs)]
     without = [_without_each(problem, point, number) for number, _ in enumerate(problem.inputs)]

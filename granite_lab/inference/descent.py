@@ -110,6 +110,8 @@ class Descent:
         goal: how far it goes.
         distance: how far the point is from where its derivatives were taken [std].
         per_trial: derivatives are taken at each trial's own numbers.
+        behind: they are taken to smaller numbers.
+        turned: they were turned to the other side at this point.
         fraction: of a step that is taken.
         settled: the scales are those of an optimum of the numbers. Near it a fine fit keeps them in between:
             scales that are learnt at each step move the optimum by more than a last step does.
@@ -121,6 +123,8 @@ class Descent:
     goal: Goal
     distance: float = 0.0
     per_trial: bool = False
+    behind: bool = False
+    turned: bool = False
     fraction: float = 1.0
     settled: bool = False
     reached: list[float] = field(default_factory=list)
@@ -160,8 +164,12 @@ class Descent:
         self.scales = learn_scales(problem, state.point, state.normal, state.white, self.scales, passes)
 
     def _goes_on(self, problem: Problem) -> bool:
-        """Tell what may help where a step leads up: derivatives at each trial, or other scales."""
-        if not self.per_trial and self.fraction < NEGLIGIBLE:
+        """Tell whether anything may help where a step leads up.
+
+        Derivatives at centres are wrong where trials differ much; those to one side, at a kink of the model.
+        """
+        if self.fraction < NEGLIGIBLE and not (self.per_trial and self.turned):
+            self.turned, self.behind = self.per_trial, self.behind ^ self.per_trial
             self.per_trial, self.fraction = True, 1.0
             return self._differentiate(problem)
         if self.fraction < LEAST_FRACTION and not self.settled:
@@ -200,6 +208,7 @@ class Descent:
         ratio = drop / (predicted * self.fraction * (2 - self.fraction))
         if state is not None and drop > 0:
             self.state, self.distance = state, self.distance + self.fraction * float(np.sqrt(predicted))
+            self.turned = False
             if ratio > AS_PREDICTED:
                 self.fraction = min(1.0, 2 * self.fraction)
         return ratio
@@ -207,7 +216,8 @@ class Descent:
     def _differentiate(self, problem: Problem) -> bool:
         """Take derivatives at the point; return False where a simulation has no solution."""
         self.state = replace(self.state, normal=NONE)  # the old ones leave memory first
-        old, new = self.state, state_at(problem, self.state.point, per_trial=self.per_trial)
+        old, point = self.state, self.state.point
+        new = state_at(problem, point, per_trial=self.per_trial, behind=self.behind)
         if new is None:
             normal = problem.normal(old.point, old.derivatives, old.residuals)
             self.state = replace(old, normal=normal)
@@ -217,7 +227,12 @@ class Descent:
 
 
 def state_at(
-    problem: Problem, point: Point, derivatives: Derivatives | None = None, *, per_trial: bool = False
+    problem: Problem,
+    point: Point,
+    derivatives: Derivatives | None = None,
+    *,
+    per_trial: bool = False,
+    behind: bool = False,
 ) -> State | None:
     """Return the state at a point; None where a simulation has no solution.
 
@@ -226,9 +241,10 @@ def state_at(
         point: where.
         derivatives: there, if they are known.
         per_trial: take derivatives at each trial's own numbers.
+        behind: take them to smaller numbers.
     """
     responses = simulated(problem, point)
-    derivatives = derivatives or differentiate(problem, point, per_trial=per_trial)
+    derivatives = derivatives or differentiate(problem, point, per_trial=per_trial, behind=behind)
     if responses is None or derivatives is None:
         return None
     residuals = problem.residuals(point, responses)

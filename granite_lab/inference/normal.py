@@ -142,17 +142,22 @@ class ChannelPart:
         X = _solved(U, root[:, None] * self.across)
         return (self.gram - X.T @ X) / scales.noise_factor.get(self.name, 1.0) ** 2, logdet
 
-    def amplitudes(self, step: Array, scales: Scales) -> tuple[Array, Array]:
-        """Return mean and variance of the amplitudes of the discrepancy, the parameters given.
+    def amplitudes(self, step: Array, scales: Scales, covariance: Array | None = None) -> tuple[Array, Array]:
+        """Return mean and variance of the amplitudes of the discrepancy, by default the parameters given.
 
         Args:
             step: (a,) change of each column's parameter with its sign turned, 1 for the residual.
             scales: learnt.
+            covariance: (a, a) of the columns' parameters, 0 for the residual.
         """
         root, inverse = self.inverse(scales)
-        mean = root * (inverse @ (inverse.T @ (root * (self.across @ step))))
         noise_factor = scales.noise_factor.get(self.name, 1.0)
-        return np.asarray(mean), np.asarray((noise_factor * root) ** 2 * (inverse**2).sum(axis=1))
+        variance = (noise_factor * root) ** 2 * (inverse**2).sum(axis=1)
+        if covariance is None:
+            mean = root * (inverse @ (inverse.T @ (root * (self.across @ step))))
+            return np.asarray(mean), np.asarray(variance)
+        follow = root[:, None] * (inverse @ (inverse.T @ (root[:, None] * self.across)))
+        return np.asarray(follow @ step), np.asarray(variance + np.sum(follow @ covariance * follow, axis=1))
 
     def misfit(self, white: Sequence[Array], scales: Scales) -> float:
         """Return the sum of squares of other whitened residuals once the discrepancy is refitted."""

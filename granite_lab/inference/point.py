@@ -71,6 +71,10 @@ class Difference:
     ahead: Task
     behind: Task
 
+    def turned(self) -> Difference:
+        """Return the difference to the other side."""
+        return Difference(-self.step, self.behind, self.ahead)
+
     def derivative(self, base: Array, runs: Mapping[Task, Array | None]) -> Array | None:
         """Return the (8, M) derivative, to the side that has a solution; None where neither has one.
 

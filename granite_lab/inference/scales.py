@@ -125,13 +125,16 @@ def learn_discrepancy(problem: Problem, normal: NormalEquations, point: Point, s
 def _scored(problem: Problem, normal: NormalEquations, post: Posterior, scales: Scales) -> Scales:
     """Return the scales of the discrepancy after one step of Fisher's scoring, see `learn_discrepancy`."""
     names, step = tuple(problem.counts), np.append(-post.step, 1.0)
+    covariance = np.pad(post.covariance, (0, 1))
     old = {(MOTION, c): scales.discrepancy_of(c) for c in names}
     old |= {(FORMULA, c): scales.formula_of(c) for c in names}
     rise = dict.fromkeys(old, 0.0)  # derivative of the marginal likelihood by the logarithm of a scale
     information = dict.fromkeys(old, 0.0)
     for part in normal.parts:
+        place = part.place_in(step.size)
+        moves = covariance[np.ix_(place, place)]
         for c in part.channels:
-            mean, variance = c.amplitudes(step[part.place_in(step.size)], scales)
+            mean, variance = c.amplitudes(step[place], scales, moves)
             for name in ((MOTION, c.name), (FORMULA, c.name)):
                 of_kind = c.kind == name[0]
                 determined = 1 - variance[of_kind] / old[name] ** 2  # share that the trials determine

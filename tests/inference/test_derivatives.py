@@ -1,6 +1,6 @@
 """Derivatives of the real simulator are those of runs at a fine tolerance."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from granite_lab.effects import get
-from granite_lab.inference.pool import ACCURACY, SAND, Scenario
+from granite_lab.inference.derivatives import differentiate
+from granite_lab.inference.point import DIRECTIONS
+from granite_lab.inference.pool import ACCURACY, SAND, Scenario, Task
 from granite_lab.logs.trial import Array
 from granite_lab.model import simulator
 from granite_lab.model.native import graphs
 from granite_lab.model.simulator import integrate
 from granite_lab.parameters import load_robot, load_soil, variant_of
+from tests.inference.stub import Respond, problem_of
 
 IDS = ("drive_reaction", "tyre_windup")
 SETTING = tuple((id_, tuple((q.prior_low + q.prior_high) / 2 for q in get(id_).parameters)) for id_ in IDS)
@@ -82,3 +85,20 @@ def test_a_run_whose_steps_are_repeated_is_not_made_again(monkeypatch: pytest.Mo
     assert [given[-1] is None for given in made] == [True, False, False, False]
     shown(CENTRE + 0.02, CENTRE + 0.03)
     assert [given[-1] is None for given in made[4:]] == [True, False]
+
+
+def test_at_a_kink_the_derivative_is_that_of_either_side() -> None:
+    @dataclass(frozen=True)
+    class Bent(Respond):
+        def one(self, scenario: Scenario, task: Task) -> Array | None:
+            bent = replace(task, sand=tuple(np.abs(task.sand).tolist()))
+            return super().one(scenario, bent)
+
+    problem = problem_of(respond=Bent())
+    ahead, behind = (differentiate(problem, problem.neutral(), behind=side) for side in (False, True))
+    assert ahead is not None
+    assert behind is not None
+    for before, after in zip(ahead.changes, behind.changes, strict=True):
+        sand = slice(DIRECTIONS, DIRECTIONS + len(SAND))
+        assert np.abs(after[..., sand]).max() > 0.1
+        np.testing.assert_allclose(after[..., sand], -before[..., sand], atol=1e-9)

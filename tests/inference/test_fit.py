@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from granite_lab.errors import EstimateError
 from granite_lab.inference import noise
@@ -28,7 +29,14 @@ from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.pool import SAND, SAND_PER_TRIAL, Scenario, Task
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.scales import DISCREPANCIES, FIRST, FORMULAS, log_prior
+from granite_lab.inference.scales import (
+    DISCREPANCIES,
+    FIRST,
+    FORMULAS,
+    learn_discrepancy,
+    log_prior,
+    posterior_at,
+)
 from granite_lab.inference.setup import initial_point, nominal
 from granite_lab.logs.trial import Array
 from granite_lab.model.single_wheel import Ratio, SingleWheel, rolling
@@ -125,6 +133,36 @@ def test_scales_that_came_near_zero_rise_again() -> None:
     first, second = fit(problem, start), fit(problem, start, zero)
     assert second.evidence == pytest.approx(first.evidence, abs=1.0)
     assert min(second.scales.discrepancies[c] for c in PLAIN[0.08]) > 20 * DISCREPANCIES[0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_learnt_discrepancy_is_the_likeliest(seed: int) -> None:
+    """Errors of the model and of a formula explain the same residuals: a step of each alone goes too far."""
+    rng = np.random.default_rng(seed)
+    problem = problem_of(FOUR)
+    wrong = problem.with_effect(drawn(problem, rng), "push", (0.4,))
+    measure(problem, problem.with_effect(wrong, "pull", (0.1,)), rng, 0.05)
+    state = state_at(problem, problem.with_effect(problem.neutral(), "push", (0.4,)))
+    assert state is not None
+    point, normal = state.point, state.normal
+    channels = tuple(problem.counts)
+
+    def evidence(scales: Scales) -> float:
+        return posterior_at(problem, point, normal, scales).evidence + log_prior(problem, scales, True)
+
+    def scales_at(logs: Array) -> Scales:
+        sizes = np.exp(logs).reshape(2, -1)
+        return replace(found, discrepancies=dict(zip(channels, sizes[0], strict=True)),
+                       formulas=dict(zip(channels, sizes[1], strict=True)))  # fmt: skip
+
+    found = FIRST
+    for _ in range(4):
+        found = learn_discrepancy(problem, normal, point, found)
+    begin = np.log([found.discrepancy_of(c) for c in channels] + [found.formula_of(c) for c in channels])
+    limits = [np.log(DISCREPANCIES)] * len(channels) + [np.log(FORMULAS)] * len(channels)
+    best = minimize(lambda logs: -evidence(scales_at(logs)), begin, bounds=limits, method="L-BFGS-B")
+    assert evidence(found) > -best.fun - 0.3
+    assert evidence(found) > evidence(learn_discrepancy(problem, normal, point, found)) - 0.1
 
 
 def test_the_share_of_an_exact_model_does_not_matter() -> None:
