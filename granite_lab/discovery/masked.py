@@ -47,7 +47,8 @@ def with_masked(problem: Problem, search: Search, judgement: Judgement, toleranc
     if model is None:
         return judgement
     further = tuple(e for e in model.effects if e not in best.effects)
-    others = (m for m in search.models if m.effects not in {f.effects for f in fine})
+    refitted = {m.effects for m in fine}
+    others = (m for m in search.models if m.effects not in refitted)
     search = replace(search, models=tuple(ranked((*fine, *others))))
     known = [e for e in judgement.small if e.id not in further]
     small = by_probability(by_evidence(search), further)

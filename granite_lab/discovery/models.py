@@ -52,9 +52,10 @@ def finely(problem: Problem, models: Sequence[Model]) -> list[Model]:
     fits = best_fits(problem, [(m.fit.point, m.fit.scales) for m in rough], TO_OPTIMUM)
 
     def best(model: Model) -> Model:
-        fine = None if model.fit.converged else fits.get(model.effects)
-        further = fine is not None and (fine.converged or fine.evidence > model.fit.evidence)
-        return Model.of(model.effects, fine) if fine is not None and further else model
+        fine = fits.get(model.effects)
+        if fine is None or not (fine.converged or fine.evidence > model.fit.evidence):
+            return model
+        return Model.of(model.effects, fine)
 
     return [best(m) for m in models]
 

@@ -167,17 +167,21 @@ def screen(problem: Problem, fit: Fit, ids: Sequence[str], *, most: int | None =
 
 
 def _simulated(
-    problem: Problem, fit: Fit, probes: Sequence[Probe], groups: Mapping[str, Sequence[str]], number: int
+    problem: Problem, fit: Fit, probes: Sequence[Probe], groups: Mapping[str, tuple[str, ...]], number: int
 ) -> list[tuple[Array | None, Array | None]]:
     """Return the responses of an input to each of the probes, and those of the same graph without it."""
-    tasks = []
+    neutral = {
+        group: problem.centre(_switched_on(problem, fit, group), number) for group in set(groups.values())
+    }
+    probed, bases = [], []
     for probe in probes:
         values, group = list(probe.about), groups[probe.candidate]
         values[probe.place] += probe.size
-        for at in ({probe.candidate: values}, {}):
-            tasks.append(problem.centre(_switched_on(problem, fit, group, at), number))
-    runs = problem.pool.run(tasks, keep=False)
-    return list(zip(runs[::2], runs[1::2], strict=True))
+        point = _switched_on(problem, fit, group, {probe.candidate: values})
+        probed.append(problem.centre(point, number))
+        bases.append(neutral[group])
+    runs = problem.pool.run([*probed, *bases], keep=False)
+    return list(zip(runs[: len(probes)], runs[len(probes) :], strict=True))
 
 
 def _shown(

@@ -11,7 +11,7 @@ from granite_lab.inference.derivatives import differentiate
 from granite_lab.inference.normal import NormalEquations, Posterior, Scales, least_within
 from granite_lab.inference.point import Derivatives, Point
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.scales import change, learn_scales, log_prior, posterior_at
+from granite_lab.inference.scales import change, evidence_with_prior, learn_scales, posterior_at
 from granite_lab.logs.trial import Array
 
 LEAST, LEAST_OF_ROUGH = 0.002, 2.0
@@ -258,8 +258,7 @@ def evidence_at(problem: Problem, state: State, scales: Scales) -> tuple[Posteri
     Nothing is credited that the derivatives promise further on, beyond a bound or not.
     """
     post = posterior_at(problem, state.point, state.normal, scales)
-    prior = log_prior(problem, scales, bool(state.point.effects))
-    return post, post.evidence + prior - post.predicted_drop / 2
+    return post, evidence_with_prior(problem, state.point, post, scales) - post.predicted_drop / 2
 
 
 def predict_drop(problem: Problem, state: State, scales: Scales) -> tuple[float, Point, float]:

@@ -11,7 +11,13 @@ from granite_lab.inference.descent import NEAR, TO_OPTIMUM, Descent, Goal, evide
 from granite_lab.inference.normal import NormalEquations, Posterior, Scales
 from granite_lab.inference.point import Derivatives, Point
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.scales import FIRST, learn_discrepancy, log_prior, per_trial_scales, posterior_at
+from granite_lab.inference.scales import (
+    FIRST,
+    evidence_with_prior,
+    learn_discrepancy,
+    per_trial_scales,
+    posterior_at,
+)
 from granite_lab.inference.spill import Spillable
 from granite_lab.logs.trial import Array
 
@@ -121,7 +127,7 @@ def with_priors(problem: Problem, fitted: Fit, scales: Scales) -> Fit:
     adopted = replace(fitted.scales, priors=scales.priors)
     adopted = learn_discrepancy(problem, fitted.normal, fitted.point, adopted)
     post = posterior_at(problem, fitted.point, fitted.normal, adopted)
-    evidence = post.evidence + log_prior(problem, adopted, bool(fitted.point.effects))
+    evidence = evidence_with_prior(problem, fitted.point, post, adopted)
     return replace(fitted, scales=adopted, posterior=post, evidence=evidence)
 
 

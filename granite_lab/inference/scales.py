@@ -61,6 +61,11 @@ def log_prior(problem: Problem, scales: Scales, formula: bool) -> float:
     return -0.5 * float(np.sum(np.square(away))) - float(noise) - widths
 
 
+def evidence_with_prior(problem: Problem, point: Point, post: Posterior, scales: Scales) -> float:
+    """Return the logarithm of the evidence of a posterior with the priors of the scales."""
+    return post.evidence + log_prior(problem, scales, bool(point.effects))
+
+
 def learn_scales(
     problem: Problem,
     point: Point,
@@ -111,7 +116,7 @@ def learn_discrepancy(problem: Problem, normal: NormalEquations, point: Point, s
     best, highest = scales, -np.inf
     for _ in range(UPDATES):
         post = posterior_at(problem, point, normal, scales)
-        evidence = post.evidence + log_prior(problem, scales, bool(point.effects))
+        evidence = evidence_with_prior(problem, point, post, scales)
         if evidence >= highest:
             best, highest = scales, evidence
             scales = _scored(problem, normal, post, scales)
