@@ -11,6 +11,7 @@ from granite_lab.discovery.heldout import Equations, Predicted, losses, predict,
 from granite_lab.discovery.impulses import ImpulseResponses
 from granite_lab.errors import EstimateError
 from granite_lab.inference.constants import TRIED
+from granite_lab.inference.descent import ROUGH, TO_OPTIMUM
 from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.problem import Problem
 from granite_lab.model.dictionary import Term, dictionary, is_term
@@ -24,7 +25,8 @@ def described(problem: Problem, impulses: ImpulseResponses, tolerance: float) ->
 
     Terms enter one by one, by the linear algebra of the normal equations, and stay if they lower the misfit
     of speeds left out (trials, with fewer than three speeds) by more than a standard error. All are then
-    fitted together, and each is asked again beside the others. What does not stay is removed.
+    fitted together, and each is asked again beside the others. What does not stay is removed; what stays
+    after a rough fit is fitted to the optimum, and asked once more.
 
     Args:
         problem: the trials.
@@ -41,17 +43,18 @@ def described(problem: Problem, impulses: ImpulseResponses, tolerance: float) ->
     for k, a in zip(chosen, screened.sizes(chosen, tolerance) if chosen else (), strict=True):
         p = screened.terms[k].parameters[0]
         point = problem.with_effect(point, screened.terms[k].id, [float(np.clip(a, p.low, p.high))])
+    goal, scales = ROUGH, before.scales
     while len(point.effects) > len(before.point.effects):
         try:
-            fitted = fit(problem, point, before.scales)
+            fitted = fit(problem, point, scales, goal)
         except EstimateError:
             return None
         stay = _staying(problem, fitted, tolerance)
         lost = [id_ for id_ in fitted.point.effects if is_term(id_) and id_ not in stay]
-        if not lost:
+        if not lost and goal.fine:
             old, new = (losses(problem, Equations(problem, f), tolerance) for f in (before, fitted))
             return fitted if predicts_better(old, new) else None
-        point = fitted.point
+        point, scales, goal = fitted.point, fitted.scales, ROUGH if lost else TO_OPTIMUM
         for id_ in lost:
             point = problem.without_effect(point, id_)
     return None

@@ -16,12 +16,12 @@ from granite_lab.discovery.leaders import (
     origins,
     screened,
 )
-from granite_lab.discovery.models import Model, ranked
+from granite_lab.discovery.models import Model, finely, ranked
 from granite_lab.discovery.relevance import has_strained_trials, is_adequate
 from granite_lab.discovery.screens import around
 from granite_lab.discovery.sets import EffectSet, best_fits, fit_sets, from_best_part, set_of
 from granite_lab.inference.constants import FEW, LEAST_GAIN, NEGLIGIBLE
-from granite_lab.inference.descent import ROUGH, Goal
+from granite_lab.inference.descent import ROUGH, Goal, misfit_at
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.normal import Scales
 from granite_lab.inference.point import Point
@@ -45,7 +45,6 @@ class FittedSets:
         models: the fitted sets.
         screenings: sets to the screens beside them.
         set_aside: sets that are not the best, see `Search.set_aside`.
-        from_files: sets also fitted from the files' sand.
         stage: number of effects beside which is searched; `MOST` where they are exchanged.
     """
 
@@ -56,7 +55,6 @@ class FittedSets:
     models: dict[EffectSet, Model]
     screenings: dict[EffectSet, tuple[Screening, ...]] = field(default_factory=dict)
     set_aside: set[EffectSet] = field(default_factory=set)
-    from_files: set[EffectSet] = field(default_factory=set)
     stage: int = 0
     _losses: dict[Fit, Array] = field(default_factory=dict)
 
@@ -84,6 +82,19 @@ class FittedSets:
         """Tell whether a model leaves no discrepancy that matters, and no trial stands in for one."""
         adequate = is_adequate(self.problem, model.fit, self.tolerance)
         return adequate and not has_strained_trials(self.problem, model.fit)
+
+    def at_optimum_if_adequate(self, model: Model) -> Model:
+        """Return a set that leaves nothing that matters at its optimum, any other one as it is.
+
+        What is fitted beside it then gains by its own effect, and not by what the set has missed so far.
+        """
+        if not model.effects or not self.is_adequate(model):
+            return model
+        self.tell_fits([model.effects])
+        (fine,) = finely(self.problem, [model])
+        if fine is not model:
+            self.replace_fit(fine)
+        return fine
 
     def prospects(self, model: Model, fitted: Fitted = NOTHING_FITTED) -> list[Prospect]:
         """Return the candidates to be fitted beside a model, see `leaders`."""
@@ -117,7 +128,8 @@ class FittedSets:
         points = [with_score(self.problem, *start) for start in starts.values()]
         self.fit_new([(point, model.fit) for point in points], model.log_posterior)
         for id_, key in new.items():
-            self.refit_at_other_sizes(key, id_)
+            if key in self.models and self.models[key].log_posterior > model.log_posterior:
+                self.refit_at_other_sizes(key, id_)
 
     def fit_new(
         self, starts: Sequence[tuple[Point, Fit]], bar: float | None = None, goal: Goal = ROUGH
@@ -134,15 +146,20 @@ class FittedSets:
     def fit_parts(self, model: Model, lacking: Collection[str] = ()) -> list[Model]:
         """Return the sets that lack one library effect of a model, of `lacking` if given; fit the new ones.
 
-        Their sand is that of the likeliest set that has a part of their effects: there it already compensates
-        for the effect that they lack. Their fits end where what they may still gain changes little of what
-        that effect closes.
+        Their sand is that of the model, or of the likeliest set that has a part of their effects, where it
+        already compensates for the effect that they lack: the one with the smaller misfit. Their fits end
+        where what they may still gain changes little of what that effect closes.
         """
         ids = [id_ for id_ in model.effects if not is_term(id_) and (not lacking or id_ in lacking)]
         points = [self.problem.without_effect(model.fit.point, id_) for id_ in ids]
         new = [p for p in points if set_of(p) not in self.models]
         goal = replace(ROUGH, evidence=model.fit.evidence, share=NEGLIGIBLE)
-        self.fit_new([(from_best_part(self.problem, p, self.fits), model.fit) for p in new], goal=goal)
+
+        def start_of(point: Point) -> Point:
+            starts = point, from_best_part(self.problem, point, self.fits)
+            return min(starts, key=lambda start: misfit_at(self.problem, start, model.fit.scales))
+
+        self.fit_new([(start_of(p), model.fit) for p in new], goal=goal)
         return [m for p in points if (m := self.models.get(set_of(p)))]
 
     def refit(self, model: Model, starts: Sequence[Point], scales: Scales) -> Model:
@@ -168,9 +185,9 @@ class FittedSets:
         the residual.
         """
         for _ in range(MOST):
-            model = self.models.get(key)
-            points = around(self.problem, model.fit.point, id_) if model else []
-            if model is None or not points or self.refit(model, points, model.fit.scales) is model:
+            model = self.models[key]
+            points = around(self.problem, model.fit.point, id_)
+            if not points or self.refit(model, points, model.fit.scales) is model:
                 break
 
     def tell_fits(self, sets: Iterable[EffectSet]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -57,11 +57,12 @@ class Equations:
     Args:
         problem: the trials.
         fit: of all of them.
+        keep: keep what only other residuals need, see `if_right`.
     """
 
-    def __init__(self, problem: Problem, fit: Fit) -> None:
+    def __init__(self, problem: Problem, fit: Fit, *, keep: bool = False) -> None:
         self.problem, self.fit = problem, fit
-        self.normal = problem.normal(fit.point, fit.derivatives, fit.residuals, apart=True, keep=False)
+        self.normal = problem.normal(fit.point, fit.derivatives, fit.residuals, apart=True, keep=keep)
         std, mean = problem.prior(fit.point, fit.scales)
         self.precision, self.pull = std**-2.0, mean - fit.point.vector
         self.low, self.high = (side - fit.point.vector for side in problem.bounds(fit.point))
@@ -75,6 +76,13 @@ class Equations:
             if id_ in ids:
                 other.precision[k] /= UNOBSERVABLE**2
                 other.pull[k] = p.neutral - point.vector[k]
+        return other
+
+    def if_right(self, right: Fit) -> Equations:
+        """Return the equations for data that another fit explains without any error."""
+        between = tuple(own - other for own, other in zip(self.fit.residuals, right.residuals, strict=True))
+        other = copy(self)
+        other.normal = self.normal.at(self.problem.white(between))
         return other
 
     def marginal(self, share: float, only: Sequence[int]) -> tuple[Array, float]:
@@ -126,23 +134,10 @@ def _predict(problem: Problem, equations: Equations, tolerance: float) -> Predic
 
 def losses(problem: Problem, equations: Equations, tolerance: float) -> Array:
     """Return `Predicted.loss` alone; NaN where trials cannot be predicted."""
-    return _left_out(problem, equations, tolerance)[0]
+    return left_out(problem, equations, tolerance)[0]
 
 
-def squares_if_right(problem: Problem, fit: Fit, right: Fit, tolerance: float) -> Array:
-    """Return `Predicted.squares` of one fit for data that another fit explains without any error.
-
-    Args:
-        problem: the trials.
-        fit: of a model, to all of them.
-        right: of the model that is taken for right.
-        tolerance: as in `predict`.
-    """
-    between = tuple(own - other for own, other in zip(fit.residuals, right.residuals, strict=True))
-    return _left_out(problem, Equations(problem, replace(fit, residuals=between)), tolerance)[1]
-
-
-def _left_out(problem: Problem, equations: Equations, tolerance: float) -> tuple[Array, Array]:
+def left_out(problem: Problem, equations: Equations, tolerance: float) -> tuple[Array, Array]:
     """Return `Predicted.loss` and `Predicted.squares`; NaN where trials cannot be predicted."""
     try:
         return _densities(problem, equations, tolerance)

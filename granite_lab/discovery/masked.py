@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from granite_lab.discovery.models import Model, Search, finely, ranked
+from granite_lab.discovery.models import Model, Search, finely, likely, ranked
 from granite_lab.discovery.numbers import Numbers
 from granite_lab.discovery.resampling import by_evidence
 from granite_lab.discovery.saved_model import loss_of_model, predicts_worse
@@ -20,9 +20,9 @@ from granite_lab.inference.problem import Problem
 def with_masked(problem: Problem, search: Search, judgement: Judgement, tolerance: float) -> Judgement:
     """Return a judgement whose model also holds the effect that gains of the sensors mask.
 
-    Where gains that all trials share lie two std off their files, the likeliest `TRIED` sets with one more
-    effect are fitted finely. The model is then the set that strains the gains least, of those that are
-    likelier than it and whose simulations predict what was left out better by more than a standard error.
+    Where gains that all trials share lie two std off their files, the first `TRIED` of the likely sets with
+    one more effect are fitted finely. The model is then the set that strains the gains least, of those that
+    are likelier than it and whose simulations predict what was left out better by more than a standard error.
     What is named does not change; the further effect is listed as small.
 
     Args:
@@ -33,7 +33,7 @@ def with_masked(problem: Problem, search: Search, judgement: Judgement, toleranc
     best, strain = judgement.model, _strain(problem, judgement.model)
     if not judgement.named or strain == 0:
         return judgement
-    larger = [m for m in ranked(search.models) if set(m.effects) > set(best.effects)]
+    larger = [m for m in likely(search.models, best) if set(m.effects) > set(best.effects)]
     tried = [m for m in larger if len(m.effects) == len(best.effects) + 1][:TRIED]
     fine = ranked(finely(problem, tried))
     before = loss_of_model(problem, best.fit, tolerance)

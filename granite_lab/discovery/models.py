@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from granite_lab.discovery.candidates import Score
 from granite_lab.discovery.leaders import Screening
-from granite_lab.discovery.sets import EffectSet, best_fits, log_posterior
+from granite_lab.discovery.sets import UNLIKELY, EffectSet, best_fits, log_posterior
 from granite_lab.inference.constants import LEAST_GAIN
 from granite_lab.inference.descent import TO_OPTIMUM
 from granite_lab.inference.fit import Fit
@@ -47,17 +49,16 @@ class Model:
 
 
 def finely(problem: Problem, models: Sequence[Model]) -> list[Model]:
-    """Return models at the optimum of their fits; one that is there, or comes no further, as it is."""
-    rough = [m for m in models if not m.fit.converged]
+    """Return models at the optimum of their fits; one that comes no further as it is."""
+    rough = [m for m in models if not m.fit.fine]
     fits = best_fits(problem, [(m.fit.point, m.fit.scales) for m in rough], TO_OPTIMUM)
+    return [Model.of(m.effects, fits[m.effects]) if m.effects in fits else m for m in models]
 
-    def best(model: Model) -> Model:
-        fine = fits.get(model.effects)
-        if fine is None or not (fine.converged or fine.evidence > model.fit.evidence):
-            return model
-        return Model.of(model.effects, fine)
 
-    return [best(m) for m in models]
+def likely(models: Iterable[Model], best: Model) -> list[Model]:
+    """Return the models that can change a probability, the likeliest first: the others are `UNLIKELY`."""
+    least = best.log_posterior + np.log(UNLIKELY)
+    return [m for m in ranked(models) if m.log_posterior >= least]
 
 
 def ranked(models: Iterable[Model]) -> list[Model]:

@@ -21,11 +21,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from granite_lab.discovery.heldout import Predicted, predict, squares_if_right, units
+from granite_lab.discovery.heldout import Equations, Predicted, left_out, predict, units
 from granite_lab.discovery.models import Model, Search
 from granite_lab.inference.constants import DRAWS, EFFECT_ODDS, FEWEST_SPEEDS, FORMULA_ERROR, TRIED
 from granite_lab.inference.fit import Fit
-from granite_lab.inference.normal import Scales
 from granite_lab.inference.problem import Problem
 from granite_lab.logs.trial import Array
 
@@ -62,35 +61,33 @@ class Predictions:
 
     Args:
         problem: the trials.
-        scales: the trials differ from each other as these say, for all sets alike.
+        right: fit of the best set; the trials differ from each other as its scales say, for all sets alike.
         tolerance: as in `predict`.
     """
 
-    def __init__(self, problem: Problem, scales: Scales, tolerance: float) -> None:
-        self.problem, self.scales, self.tolerance = problem, scales, tolerance
-        self.predicted: dict[tuple[str, ...], Predicted] = {}
+    def __init__(self, problem: Problem, right: Fit, tolerance: float) -> None:
+        self.problem, self.right, self.tolerance = problem, right, tolerance
+        self.predicted: dict[tuple[str, ...], tuple[Predicted, Array]] = {}
 
     def of(self, models: Sequence[Model]) -> list[Predicted]:
         """Return the predictions of some sets."""
+        return [predicted for predicted, _ in self._of(models)]
+
+    def squares_if_right(self, models: Sequence[Model]) -> Array:
+        """Return (k, units) `Predicted.squares` for data that the best set explains without any error."""
+        return np.array([squares for _, squares in self._of(models)])
+
+    def _of(self, models: Sequence[Model]) -> list[tuple[Predicted, Array]]:
         new = [m for m in models if m.effects not in self.predicted]
         predicted = self.problem.pool.parallel(self._predict, new)
         self.predicted |= {m.effects: p for m, p in zip(new, predicted, strict=True)}
         return [self.predicted[m.effects] for m in models]
 
-    def squares_if_right(self, models: Sequence[Model], right: Model) -> Array:
-        """Return (k, units) the sums of squares of sets for data that another set explains without error."""
-        fits = [self._adopted(m) for m in models]
-        return np.array(
-            self.problem.pool.parallel(
-                lambda fit: squares_if_right(self.problem, fit, right.fit, self.tolerance), fits
-            )
-        )
-
-    def _predict(self, model: Model) -> Predicted:
-        return predict(self.problem, self._adopted(model), self.tolerance)
-
-    def _adopted(self, model: Model) -> Fit:
-        return replace(model.fit, scales=replace(model.fit.scales, priors=self.scales.priors))
+    def _predict(self, model: Model) -> tuple[Predicted, Array]:
+        fit = replace(model.fit, scales=replace(model.fit.scales, priors=self.right.scales.priors))
+        equations = Equations(self.problem, fit, keep=True)
+        predicted = predict(self.problem, fit, self.tolerance, equations)
+        return predicted, left_out(self.problem, equations.if_right(self.right), self.tolerance)[1]
 
 
 def compete(problem: Problem, search: Search, predictions: Predictions) -> Competition:
@@ -104,7 +101,7 @@ def compete(problem: Problem, search: Search, predictions: Predictions) -> Compe
     models = competitors(search)
     predicted = predictions.of(models)
     losses, squares = (np.array([getattr(p, kind) for p in predicted]) for kind in ("loss", "squares"))
-    if_right = predictions.squares_if_right(models, search.best)
+    if_right = predictions.squares_if_right(models)
     free = np.array([predicted[0].expected[list(out)].sum() for out in units(problem)])
     comparable = np.isfinite(losses + if_right).all(axis=0) & (squares > 0).all(axis=0) & (free > 0)
     if comparable.sum() < FEWEST_SPEEDS:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from granite_lab.discovery.candidates import Score
 from granite_lab.discovery.fitted_sets import MOST, FittedSets, with_score
 from granite_lab.discovery.heldout import Equations, losses, predict, predicts_better
 from granite_lab.discovery.leaders import Fitted, Prospect
-from granite_lab.discovery.models import Model, Search, finely, ranked
+from granite_lab.discovery.models import Model, Search, finely, likely, ranked
 from granite_lab.discovery.relevance import exceeds_formula_errors, left_without, share_made, unexplained
 from granite_lab.discovery.saved_model import loss_of_files, loss_of_model, predicts_worse
-from granite_lab.discovery.sets import UNLIKELY, EffectSet, set_of
+from granite_lab.discovery.sets import EffectSet, set_of
 from granite_lab.inference.constants import FEW, LEAST_GAIN, MAX_REMAINDER, RIVAL, TOLERANCE, TRIED
 from granite_lab.inference.fit import Fit, with_priors
 from granite_lab.inference.gap import prediction_change
@@ -94,32 +92,16 @@ class Extension:
 
 
 def extend_fully(sets: FittedSets, model: Model) -> tuple[Model, list[Extension]]:
-    """Extend a set effect by effect; return the last set and the steps to it.
-
-    A set is fitted again, and extended anew, where what it leaves shows that its fit missed the optimum.
-    """
+    """Extend a set effect by effect; return the last set and the steps to it."""
     steps: list[Extension] = []
     while sum(not is_term(e) for e in model.effects) < MOST and not sets.problem.is_exhausted:
+        model = sets.at_optimum_if_adequate(model)
         larger, tried = extend(sets, model)
-        if larger is not model:
-            steps.append(Extension(model, larger, tried))
-            model = larger
-        elif (again := _refit_from_files(sets, model)) is not model:
-            model = again
-        else:
+        if larger is model:
             break
+        steps.append(Extension(model, larger, tried))
+        model = larger
     return model, steps
-
-
-def _refit_from_files(sets: FittedSets, model: Model) -> Model:
-    """Fit a set that leaves a discrepancy again from the numbers of the files; return the likelier fit.
-
-    Sand that stood in for effects which have been found since may lie beside another optimum.
-    """
-    if not model.effects or model.effects in sets.from_files or sets.is_adequate(model):
-        return model
-    sets.from_files.add(model.effects)
-    return sets.refit(model, [model.fit.point.at_files()], FIRST)
 
 
 def extend(sets: FittedSets, model: Model) -> tuple[Model, list[Score]]:
@@ -185,9 +167,10 @@ def _best_of(sets: FittedSets, model: Model, tried: Sequence[Prospect]) -> Model
         if model.is_improved_by(larger):
             if stays(sets, model, larger):
                 return larger
-            again = _refit_from_files(sets, larger)
-            if again is not larger and stays(sets, model, again):
-                return again
+            if not sets.is_adequate(larger):
+                again = sets.refit(larger, [larger.fit.point.at_files()], FIRST)
+                if again is not larger and stays(sets, model, again):
+                    return again
         sets.set_aside.add(larger.effects)  # it cannot be named; it is listed
     return model
 
@@ -310,10 +293,8 @@ def fit_finely(sets: FittedSets) -> bool:
     """
     best = sets.likeliest()
     best = sets.refit(best, [sets.problem.under_other_limit(best.fit.point)], best.fit.scales)
-    least = best.log_posterior + np.log(UNLIKELY)
-    likely = [m for m in ranked(sets.models.values()) if m.log_posterior >= least]
-    others = [m for m in likely if not set(m.effects) >= set(best.effects)]
-    rough = [m for m in (best, *others[: TRIED - 1]) if not m.fit.converged]
+    others = [m for m in likely(sets.models.values(), best) if not set(m.effects) >= set(best.effects)]
+    rough = [m for m in (best, *others[: TRIED - 1]) if not m.fit.fine]
     sets.tell_fits(m.effects for m in rough)
     sets.models.update({m.effects: m for m in finely(sets.problem, rough)})
     return sets.likeliest().effects == best.effects

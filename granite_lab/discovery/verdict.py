@@ -65,7 +65,7 @@ class EffectEvidence:
         probability: that it or one of its twins is in the model, see `discovery.resampling`.
         closes, speeds: share of the gap on trials and on speeds left out.
         strained: its numbers that ended at a bound, or two standard deviations outside what is expected.
-        at_bound: a strength ended at a bound: its likeliest size is none that it can have.
+        at_bound: a number ended at a bound: its likeliest size is none that it can have.
         changes: channel to how far it moves the prediction, as a share of the channel's rms in motion.
         share_made: channel to which share it makes of what the set changes there.
         left_without: channel to what the rest of the set leaves there without it, beyond errors of its
@@ -271,7 +271,7 @@ def _judged(
     """
     best, scales = search.best, search.best.fit.scales
     baseline = replace(search.baseline, fit=with_priors(problem, search.baseline.fit, scales))
-    predictions = Predictions(problem, scales, tolerance)
+    predictions = Predictions(problem, best.fit, tolerance)
     before, after = predictions.of((baseline, best))
     negligible = by_probability(by_evidence(search), search.negligible)
     if not anything_matters(problem, baseline.fit, best.fit, tolerance):
@@ -442,31 +442,35 @@ def _twins(
 
 
 def strained_numbers(problem: Problem, fit: Fit, id_: str) -> tuple[str, ...]:
-    """Name the strengths of an effect that ended at a bound, or two standard deviations outside their prior.
+    """Name the numbers of an effect at a bound, and its strengths two std outside their prior.
 
-    A strength at its neutral value is no strain: the effect is then not there. Nor is a shape at its bound,
-    of which trials with little of the effect say nothing.
+    A strength at its neutral value is no strain: the effect is then not there.
     """
     return tuple(
         p.name
-        for p, value in _strengths(problem, fit, id_)
-        if _is_bound(p, value) or abs(value - p.neutral) > 2 * width_of(p)
+        for p, value in _common_numbers(problem, fit, id_)
+        if _is_bound(p, value) or (not p.shape and abs(value - p.neutral) > 2 * width_of(p))
     )
 
 
 def at_bounds(problem: Problem, fit: Fit, id_: str) -> tuple[str, ...]:
-    """Name the strengths of an effect that ended at a bound other than their neutral value."""
-    return tuple(p.name for p, value in _strengths(problem, fit, id_) if _is_bound(p, value))
+    """Name the numbers of an effect that ended at a bound, see `_is_bound`."""
+    return tuple(p.name for p, value in _common_numbers(problem, fit, id_) if _is_bound(p, value))
 
 
-def _strengths(problem: Problem, fit: Fit, id_: str) -> list[tuple[EffectParameter, float]]:
-    """Return the strengths of an effect that all trials share, with their values."""
+def _common_numbers(problem: Problem, fit: Fit, id_: str) -> list[tuple[EffectParameter, float]]:
+    """Return the numbers of an effect that all trials share, with their values."""
     common = problem.parameters(fit.point.effects, per_trial=False)
     pairs = zip(common, fit.point.common.tolist(), strict=True)
-    return [(p, value) for (e, p), value in pairs if e == id_ and not p.shape]
+    return [(p, value) for (e, p), value in pairs if e == id_]
 
 
 def _is_bound(p: EffectParameter, value: float) -> bool:
-    """Tell whether a strength is at a bound other than its neutral value."""
-    margin = AT_BOUND * (p.high - p.low)
-    return any(abs(value - b) < margin for b in (p.low, p.high) if abs(b - p.neutral) > margin)
+    """Tell whether a number is at a bound at which the effect cannot be what the trials show.
+
+    For a strength that is a bound other than its neutral value. For a shape it is one larger than all that is
+    expected, as of a lag: the trials then ask for something else. Near zero a lag is only too short to show.
+    """
+    margin, expected = AT_BOUND * (p.high - p.low), max(abs(p.prior_low), abs(p.prior_high))
+    bounds = (b for b in (p.low, p.high) if (abs(b) > expected if p.shape else abs(b - p.neutral) > margin))
+    return any(abs(value - b) < margin for b in bounds)

@@ -295,6 +295,18 @@ def simulated(problem: Problem, point: Point, origin: Point | None = None) -> tu
     return None if responses is None else tuple(responses)
 
 
+def misfit_at(problem: Problem, point: Point, scales: Scales) -> float:
+    """Return the misfit of a point without a discrepancy, with that of the priors; inf without a solution.
+
+    It is what can be had without derivatives, to choose between starts.
+    """
+    responses = simulated(problem, point)
+    if responses is None:
+        return np.inf
+    white = problem.white(problem.residuals(point, responses))
+    return float(sum(w @ w for w in white)) + _prior_misfit(point, *problem.prior(point, scales))
+
+
 def _prior_misfit(point: Point, std: Array, mean: Array) -> float:
     """Return the sum of squares of the numbers about the means of their priors [std]."""
     return float(np.sum(((point.vector - mean) / std) ** 2))

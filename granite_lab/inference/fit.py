@@ -36,6 +36,7 @@ class Fit:
             point, so that nothing is credited that was not reached.
         further: (p,) step within the bounds that the derivatives still predict to lower the objective.
         predicted_drop: of the objective by that step, see `predict_drop`.
+        fine: it went as far as a fine fit goes.
         converged: point and scales are at their joint optimum: no drop is predicted. A rough fit never is.
     """
 
@@ -47,6 +48,7 @@ class Fit:
     evidence: float
     further: Array
     predicted_drop: float
+    fine: bool
     converged: bool
 
     @property
@@ -114,6 +116,7 @@ def fit(
         evidence=evidence,
         further=aim.vector - state.point.vector,
         predicted_drop=predicted_drop,
+        fine=goal.fine,
         converged=converged,
     )
 

@@ -102,9 +102,9 @@ def test_data_that_the_best_set_explains_lead_as_much_as_it_predicts() -> None:
     """The stub is linear: what is measured leads over the model alone as expected, within the noise."""
     answer = ask(push=0.3)
     best, alone = answer.search.best, answer.search.baseline
-    predictions = Predictions(answer.problem, best.fit.scales, TOLERANCE)
+    predictions = Predictions(answer.problem, best.fit, TOLERANCE)
     after, before = predictions.of((best, alone))
-    expected = np.diff(predictions.squares_if_right((best, alone), best), axis=0)[0]
+    expected = np.diff(predictions.squares_if_right((best, alone)), axis=0)[0]
     found = before.squares - after.squares
     assert np.all(expected > 0)
     assert np.all(np.abs(found - expected) < 4 * np.sqrt(4 * expected))
@@ -166,8 +166,9 @@ def test_without_three_commands_or_trials_the_evidence_alone_counts() -> None:
 def test_a_set_that_cannot_be_predicted_leaves_the_evidence_to_decide() -> None:
     answer = ask(push=0.3)
     problem, models = answer.problem, competitors(answer.search)
-    predictions = Predictions(problem, answer.search.best.fit.scales, TOLERANCE)
-    predictions.predicted[models[0].effects] = Predicted.unknown(problem)
+    predictions = Predictions(problem, answer.search.best.fit, TOLERANCE)
+    unknown = Predicted.unknown(problem)
+    predictions.predicted[models[0].effects] = unknown, unknown.squares
     found = compete(problem, answer.search, predictions)
     assert found.weights == pytest.approx(by_evidence(answer.search).weights)
 

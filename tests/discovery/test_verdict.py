@@ -22,7 +22,15 @@ from granite_lab.discovery.resampling import by_evidence
 from granite_lab.discovery.screens import Screen, rescreened, screen
 from granite_lab.discovery.search import reduce, search
 from granite_lab.discovery.sets import UNLIKELY, best_fits, fit_sets
-from granite_lab.discovery.verdict import OPEN, EffectEvidence, Judgement, by_posterior, judge
+from granite_lab.discovery.verdict import (
+    OPEN,
+    EffectEvidence,
+    Judgement,
+    at_bounds,
+    by_posterior,
+    judge,
+    strained_numbers,
+)
 from granite_lab.discovery.words import notes, provisional, sentence
 from granite_lab.estimate import Estimate
 from granite_lab.inference.constants import LEAST_GAIN, REST_SHARE
@@ -36,7 +44,8 @@ from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.problem import SECONDS, Problem
 from granite_lab.inference.scales import FIRST
 from granite_lab.logs.trial import Array
-from tests.inference.stub import COMMANDS, PLACE, TRACES, drawn, measure, problem_of, trace
+from granite_lab.model.effect import EffectParameter
+from tests.inference.stub import COMMANDS, EFFECTS, PLACE, TRACES, MadeUp, drawn, measure, problem_of, trace
 from tests.inference.test_normal import linear
 from tests.soak import sampled
 
@@ -586,6 +595,24 @@ def test_an_effect_whose_size_ends_at_a_bound_is_described_and_what_it_closes_co
     assert only.probability < 0.6 * answer.judgement.named[0].probability
 
 
+@pytest.mark.parametrize(
+    ("size", "lag", "at_bound"),
+    [(0.3, 0.02, ()), (0.3, 0.0002, ()), (0.3, 0.2, ("lag",)), (20.0, 0.02, ("size",)), (0.0, 0.02, ())],
+)
+def test_a_size_at_a_bound_and_a_lag_at_one_beyond_all_that_is_expected_speak_against_an_effect(
+    size: float, lag: float, at_bound: tuple[str, ...]
+) -> None:
+    numbers = (
+        EffectParameter("size", "N", "size", 0.0, 20.0, 0.0, 0.1, 1.0),
+        EffectParameter("lag", "s", "lag", 0.0002, 0.2, 0.01, 0.002, 0.05, shape=True),
+    )
+    problem = problem_of(channels=CHANNELS, effects=EFFECTS | {"push": MadeUp("push", *numbers)})
+    measure(problem, problem.neutral(), np.random.default_rng(1))
+    fitted = fit(problem, problem.with_effect(problem.neutral(), "push", (size, lag)), goal=AT_START)
+    assert at_bounds(problem, fitted, "push") == at_bound
+    assert strained_numbers(problem, fitted, "push") == at_bound
+
+
 def of_sets(problem: Problem, lost: Mapping[tuple[str, ...], float]) -> FittedSets:
     """Return a search that has fitted some sets, each with an evidence that is too small by what it lost."""
     models = {}
@@ -614,6 +641,42 @@ def test_an_effect_that_only_a_missed_optimum_speaks_for_is_given_up() -> None:
     assert sets.likeliest().effects == ("pull", "push")
     assert reduce(sets)
     assert sets.likeliest().effects == ("push",)
+
+
+@pytest.mark.parametrize("moved", [(), ("pull", "push")], ids=["of the part", "of the whole set"])
+def test_a_set_that_lacks_an_effect_is_fitted_from_the_sand_that_misfits_less(
+    moved: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sets = of_sets(
+        trials_with(push=0.3, pull=0.3, channels=CHANNELS), dict.fromkeys([(), ("pull", "push")], 0.0)
+    )
+    off = sets.models[moved]
+    point = replace(off.fit.point, shared=off.fit.point.shared + 0.3)
+    sets.models[moved] = replace(off, fit=replace(off.fit, point=point))
+    begun: list[Point] = []
+
+    def record(problem: Problem, starts: Any, *_: Any) -> dict[tuple[str, ...], Fit]:
+        begun.extend(start for start, _ in starts)
+        return {}
+
+    monkeypatch.setattr("granite_lab.discovery.fitted_sets.fit_sets", record)
+    sets.fit_parts(sets.models["pull", "push"])
+    (other,) = {(), ("pull", "push")} - {moved}
+    assert [start.effects for start in begun] == [("push",), ("pull",)]
+    for start in begun:
+        assert np.array_equal(start.shared, sets.models[other].fit.point.shared)
+
+
+def test_a_set_that_leaves_nothing_is_at_its_optimum_before_more_is_fitted_beside_it() -> None:
+    problem = trials_with(push=0.3, hidden=0.2, channels=CHANNELS)
+    lacking = of_sets(problem, {("push",): 0.0})
+    assert lacking.at_optimum_if_adequate(lacking.models["push",]) is lacking.models["push",]
+    sets = of_sets(trials_with(push=0.3, channels=CHANNELS), {("push",): 0.0})
+    rough = sets.models["push",]
+    fine = sets.at_optimum_if_adequate(rough)
+    assert not rough.fit.converged
+    assert fine.fit.converged
+    assert sets.models["push",] is fine
 
 
 def test_an_effect_is_named_beside_another_cause() -> None:
