@@ -19,7 +19,7 @@ from granite_lab.discovery.leaders import (
 from granite_lab.discovery.models import Model, finely, ranked
 from granite_lab.discovery.relevance import has_strained_trials, is_adequate
 from granite_lab.discovery.screens import around
-from granite_lab.discovery.sets import EffectSet, best_fits, fit_sets, from_best_part, set_of
+from granite_lab.discovery.sets import EffectSet, Starts, best_fits, fit_sets, from_best_part, set_of
 from granite_lab.inference.constants import FEW, LEAST_GAIN, NEGLIGIBLE
 from granite_lab.inference.descent import ROUGH, Goal, misfit_at
 from granite_lab.inference.fit import Fit
@@ -164,14 +164,25 @@ class FittedSets:
 
     def refit(self, model: Model, starts: Sequence[Point], scales: Scales) -> Model:
         """Fit a set again from other starts; return the likelier fit."""
-        self.tell_fits([model.effects])
-        again = [(start, scales) for start in starts]
-        fit = best_fits(self.problem, again, ROUGH, model.log_posterior).get(model.effects)
-        other = model if fit is None else Model.of(model.effects, fit)
-        if other.log_posterior <= model.log_posterior + LEAST_GAIN:
-            return model
-        self.replace_fit(other)
-        return other
+        (again,) = self.refit_each([model], [[(start, scales) for start in starts]])
+        return again
+
+    def refit_each(self, models: Sequence[Model], starts: Sequence[Starts]) -> list[Model]:
+        """Fit some sets again, each from its other starts; return the likelier fits."""
+        self.tell_fits(model.effects for model in models)
+
+        def again(number: int) -> Model:
+            model = models[number]
+            fit = best_fits(self.problem, starts[number], ROUGH, model.log_posterior).get(model.effects)
+            return model if fit is None else Model.of(model.effects, fit)
+
+        others = self.problem.pool.parallel(again, range(len(models)))
+        pairs = list(zip(models, others, strict=True))
+        better = [o if o.log_posterior > m.log_posterior + LEAST_GAIN else m for m, o in pairs]
+        for model, other in zip(models, better, strict=True):
+            if other is not model:
+                self.replace_fit(other)
+        return better
 
     def replace_fit(self, model: Model) -> None:
         """Put a better fit of a set in place of the old one, whose screen it does not fit."""

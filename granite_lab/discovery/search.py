@@ -12,7 +12,7 @@ from granite_lab.discovery.leaders import Fitted, Prospect
 from granite_lab.discovery.models import Model, Search, finely, likely, ranked
 from granite_lab.discovery.relevance import exceeds_formula_errors, left_without, share_made, unexplained
 from granite_lab.discovery.saved_model import loss_of_files, loss_of_model, predicts_worse
-from granite_lab.discovery.sets import EffectSet, set_of
+from granite_lab.discovery.sets import TOGETHER, EffectSet, set_of
 from granite_lab.inference.constants import FEW, LEAST_GAIN, MAX_REMAINDER, RIVAL, TOLERANCE, TRIED
 from granite_lab.inference.fit import Fit, with_priors
 from granite_lab.inference.gap import prediction_change
@@ -137,11 +137,11 @@ def _added(larger: Model, model: Model) -> str:
 def _fitted_together(sets: FittedSets, model: Model, prospects: list[Prospect]) -> list[list[Prospect]]:
     """Return the groups in which candidates are fitted beside a model until one of them stays.
 
-    Beside a set that leaves no discrepancy it is one after the other, for most often none stays. Where errors
-    of the formulas may explain all that is left, it is only the first; elsewhere all together.
+    Beside a set that leaves no discrepancy there are `TOGETHER` in each, for most often none stays. Where
+    errors of the formulas may explain all that is left, it is only the first; elsewhere all together.
     """
     if sets.is_adequate(model):
-        return [[p] for p in prospects]
+        return [prospects[k : k + TOGETHER] for k in range(0, len(prospects), TOGETHER)]
     few = prospects[:1] if _may_be_explained(sets, model) else prospects
     return [few] if few else []
 
@@ -309,10 +309,9 @@ def reduce(sets: FittedSets) -> bool:
     best = sets.likeliest()
     sets.stage = MOST
     known = [m for m in sets.models.values() if set(m.effects) < set(best.effects)]
-    for part in sets.fit_parts(best):
-        if part in known:
-            (id_,) = set(best.effects) - set(part.effects)
-            sets.refit(part, [sets.problem.without_effect(best.fit.point, id_)], best.fit.scales)
+    parts = [part for part in sets.fit_parts(best) if part in known]
+    points = [sets.problem.without_effect(best.fit.point, _added(best, part)) for part in parts]
+    sets.refit_each(parts, [[(point, best.fit.scales)] for point in points])
     if sets.likeliest() is best:
         return False
     extend_fully(sets, sets.likeliest())
