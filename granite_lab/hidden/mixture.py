@@ -131,7 +131,8 @@ def share_closed(truth: Mapping[str, Any], paper: Mapping[str, Array], model: Ma
         truth: as `motion_of` returns it.
         paper, model: ``t_s``, ``v_mps`` and ``current`` of the paper's model and of the one that was found.
 
-    Both sides are averaged over `SMOOTH`: the phase of the lugs is new in each trial.
+    Both sides are averaged over `SMOOTH`: the phase of the lugs is new in each trial. Errors of a channel
+    count as shares of its own rms, so that one without a gap weighs as little as it should.
     """
     window = np.full(round(SMOOTH / SPACING), SPACING / SMOOTH)
 
@@ -142,5 +143,6 @@ def share_closed(truth: Mapping[str, Any], paper: Mapping[str, Array], model: Ma
         ]
         return np.array([np.sqrt(np.mean(np.convolve(part, window, "valid") ** 2)) for part in parts])
 
-    before, after = off(paper), off(model)
-    return float(1 - np.sqrt(np.mean((after / before) ** 2)))
+    size = np.array([np.sqrt(np.mean(np.square(truth[key]))) for key in ("v", "current")])
+    before, after = off(paper) / size, off(model) / size
+    return float(1 - np.sqrt(np.sum(after**2) / np.sum(before**2)))

@@ -413,6 +413,11 @@ def test_each_cause_of_a_mixture_reopens_a_tenth_of_the_gap_and_a_speed_is_withh
     quarter = {key: 0.95 * value if key != "t_s" else value for key, value in true.items()}
     assert share_closed(withheld, half, true) == 1.0
     assert share_closed(withheld, half, quarter) == pytest.approx(0.5)
+    paper = true | {"v_mps": 1.001 * true["v_mps"], "current": 1.05 * true["current"]}
+    model = true | {"v_mps": 1.002 * true["v_mps"]}  # worse where there is hardly a gap
+    assert share_closed(withheld, paper, model) == pytest.approx(
+        1 - 0.002 / 0.05, abs=0.002
+    )  # averaged over 0.3 s
 
 
 def test_trials_do_not_tell_when_a_gust_blows_in_another_one_and_tell_all_else() -> None:
