@@ -81,8 +81,8 @@ class State:
 
     Attributes:
         point: the numbers.
-        origin: where the derivatives were taken; the simulations repeat the steps of those there, so that the
-            objective is as smooth as the model.
+        origin: the simulations repeat the steps of those there, so that the objective is as smooth as the
+            model: where the derivatives were taken, or a later point whose steps had to be shorter.
         derivatives: derivatives of the responses there.
         residuals: per trial (C, n) measured minus predicted.
         white: per trial (C n,) the same, whitened.
@@ -205,6 +205,9 @@ class Descent:
         point = self.state.point
         part = problem.stepped(point, self.fraction * (aim.vector - point.vector))
         drop, state = simulate_at(problem, self.state, self.scales, objective, part)
+        if drop <= 0 and predicted >= LEAST_OF_ROUGH:
+            # steps of integration that are far too long for these numbers let a stiff run diverge
+            drop, state = simulate_at(problem, replace(self.state, origin=part), self.scales, objective, part)
         ratio = drop / (predicted * self.fraction * (2 - self.fraction))
         if state is not None and drop > 0:
             self.state, self.distance = state, self.distance + self.fraction * float(np.sqrt(predicted))

@@ -291,6 +291,27 @@ class Kinked(Respond):
         return super().one(scenario, replace(task, sand=tuple(sand.tolist())))
 
 
+@dataclass(frozen=True)
+class Stiff(Respond):
+    """A run diverges with the steps of one whose effect is smaller by more than 0.3."""
+
+    def one(self, scenario: Scenario, task: Task) -> Array | None:
+        out = super().one(scenario, task)
+        if out is None or task.like is None:
+            return out
+        pairs = zip(task.setting, task.like.setting, strict=True)
+        further = max((a[0] - b[0] for (_, a), (_, b) in pairs), default=0.0)
+        return 1e3 * out if further > 0.3 else out
+
+
+def test_where_repeated_steps_of_integration_let_a_run_diverge_it_chooses_its_own() -> None:
+    problem, rng = problem_of(FOUR, respond=Stiff()), np.random.default_rng(2)
+    start = problem.with_effect(problem.neutral(), "push", (0.0,))
+    measure(problem, replace(start, common=np.array([3.0])), rng)
+    found = fit(problem, start, goal=Goal(fine=False, rounds=4))
+    assert found.point.common[0] == pytest.approx(3.0, abs=0.1)
+
+
 def test_trials_on_both_sides_of_a_kink_are_fitted_to_the_optimum() -> None:
     """A derivative at the mean of the repetitions is that of none of them."""
     problem, rng = problem_of(FOUR, respond=Kinked()), np.random.default_rng(2)
