@@ -1,1 +1,1 @@
-"""Parameters with priors, whitened residuals, damped least squares and evidence."""
+"""Parameters with priors, whitened residuals, least squares by shortened steps and evidence."""
