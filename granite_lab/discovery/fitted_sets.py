@@ -88,7 +88,7 @@ class FittedSets:
 
         What is fitted beside it then gains by its own effect, and not by what the set has missed so far.
         """
-        if not model.effects or not self.is_adequate(model):
+        if not model.effects or model.fit.fine or not self.is_adequate(model):
             return model
         self.tell_fits([model.effects])
         (fine,) = finely(self.problem, [model])

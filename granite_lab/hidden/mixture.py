@@ -136,13 +136,11 @@ def share_closed(truth: Mapping[str, Any], paper: Mapping[str, Array], model: Ma
     """
     window = np.full(round(SMOOTH / SPACING), SPACING / SMOOTH)
 
-    def off(run: Mapping[str, Array]) -> Array:
-        parts = [
-            np.interp(truth["t"], run["t_s"], run[name]) - np.asarray(truth[key])
-            for name, key in (("v_mps", "v"), ("current", "current"))
-        ]
-        return np.array([np.sqrt(np.mean(np.convolve(part, window, "valid") ** 2)) for part in parts])
+    def squares(run: Mapping[str, Array]) -> float:
+        total = 0.0
+        for name, true in (("v_mps", np.array(truth["v"])), ("current", np.array(truth["current"]))):
+            error = np.convolve(np.interp(truth["t"], run["t_s"], run[name]) - true, window, "valid")
+            total += float(np.mean(error**2) / np.mean(true**2))
+        return total
 
-    size = np.array([np.sqrt(np.mean(np.square(truth[key]))) for key in ("v", "current")])
-    before, after = off(paper) / size, off(model) / size
-    return float(1 - np.sqrt(np.sum(after**2) / np.sum(before**2)))
+    return float(1 - np.sqrt(squares(model) / squares(paper)))
