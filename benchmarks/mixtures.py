@@ -55,17 +55,21 @@ def one(seed: int, lab: str) -> Line:
         start = time.monotonic()
         try:
             finding = granite_lab.discover(sorted(folder.glob("*.csv")), out=folder / "finding", jobs=1)
-            score = granite_lab.reveal(folder, folder / "finding").score
+            revealed = granite_lab.reveal(folder, folder / "finding")
         except LabError as error:
             return line | {"status": "refused", "error": f"{error.message} ({error.hint})"}
         except Exception:  # a crash is a result
             return line | {"status": "crashed", "error": traceback.format_exc(limit=-4)}
         document = json.loads((folder / "finding" / "finding.json").read_text(encoding="utf-8"))
+    score, reopens = revealed.score, revealed.answer["reopens_after_refit"]
     assert score is not None
     return line | {
         "status": "judged", "seconds": round(time.monotonic() - start, 1), "verdict": finding.verdict,
-        "hidden": list(score.hidden), "right": list(score.names.right), "missed": list(score.names.missed),
-        "wrong": list(score.names.wrong), "withheld": short(score.closed_withheld),
+        "hidden": {name: short(reopens[name]) for name in score.hidden},
+        "outside": [effect["id"] for effect in revealed.answer["effects"] if not effect["library"]],
+        "right": list(score.names.right), "missed": list(score.names.missed),
+        "absorbed": list(score.names.absorbed), "wrong": list(score.names.wrong),
+        "withheld": short(score.closed_withheld),
         "closed": {key: short(document["closed"][key]["value"]) for key in ("trials", "speeds")},
         "stated": stated(score),
     }  # fmt: skip
@@ -81,16 +85,20 @@ def ratio(hits: int, total: int) -> str:
 
 def figures(lines: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
     """Return the figures of judged sets: name, value and aim."""
-    right, missed, wrong = (sum(len(x[key]) for x in lines) for key in ("right", "missed", "wrong"))
+    right, missed, absorbed, wrong = (
+        [name for x in lines for name in x[key]] for key in ("right", "missed", "absorbed", "wrong")
+    )
+    seen = sum(len(set(x["right"]) - set(x["absorbed"])) for x in lines)
 
     def closing(share: float, value: Callable[[Mapping[str, Any]], float | None], some: Any = lines) -> str:
         known = [v for v in map(value, some) if v is not None]
         return ratio(sum(v >= share for v in known), len(known))
 
-    inside = [x for x in lines if set(x["hidden"]) == {*x["right"], *x["missed"]}]
+    inside = [x for x in lines if not x["outside"]]
     return [
-        ("hidden effects of the library named", ratio(right, right + missed), "≥ 80 %"),
-        ("named effects that are not hidden", ratio(wrong, right + wrong), "≤ 2 %"),
+        ("hidden effects that count named", ratio(seen, seen + len(missed)), "≥ 80 %"),
+        ("those that do not count named", ratio(len(right) - seen, len(absorbed)), "–"),
+        ("named effects that are not hidden", ratio(len(wrong), len(right) + len(wrong)), "≤ 2 %"),
         ("60 % closed on speeds left out, by the search's own account",
          closing(0.6, lambda x: x["closed"]["speeds"]), "–"),
         ("60 % closed at the withheld speed", closing(0.6, lambda x: x["withheld"]), "≥ 70 %"),
@@ -105,20 +113,24 @@ def page(lines: Sequence[Mapping[str, Any]]) -> str:
     lost = sum(x["status"] in ("refused", "crashed") for x in lines)
     unmade = sum(x["status"] == "not made" for x in lines)
     rows = [
-        [str(x["seed"]), ", ".join(x["hidden"]), x["verdict"], ", ".join(x["right"]) or "–",
+        [str(x["seed"]), ", ".join(f"{id_} ({percent(share)})" for id_, share in x["hidden"].items()),
+         x["verdict"], ", ".join(x["right"]) or "–",
          ", ".join(x["wrong"]) or "–", percent(x["closed"]["speeds"]), percent(x["withheld"]),
          f"{x['seconds']:.0f}"]
         for x in judged
     ]  # fmt: skip
     columns = [
-        "seed", "hidden", "verdict", "named rightly", "named wrongly", "closed, speeds left out [%]",
-        "closed, withheld speed [%]", "time [s]",
+        "seed", "hidden (reopens after refit [%])", "verdict", "named rightly", "named wrongly",
+        "closed, speeds left out [%]", "closed, withheld speed [%]", "time [s]",
     ]  # fmt: skip
     return f"""# Blind benchmark of mixtures
 
 Virtual trials of `granite-lab hide --effect mixture` ([hidden effects](hidden.md#mixtures)): two to five
 causes, half of the sets on another contact law, in laboratories drawn by the seed. All seeds were judged once
 by code {lines[-1]["code"]} ({lines[-1]["commit"]}); no version was developed on them.
+
+An effect of the library counts where its absence reopens a tenth of the squared gap after sand, gains, tilt
+and delays have been fitted again: what these absorb, no analysis of the trials can tell.
 
 {table(["", "share (95 % interval after Wilson)", "aim"], figures(judged))}
 {len(judged)} sets are judged, {lost} were refused or crashed, {unmade} could not be made.

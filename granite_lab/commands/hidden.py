@@ -165,7 +165,7 @@ def _show_score(judged: Score, printer: Printer) -> None:
     mark = "right" if judged.right else "wrong"
     named = ", ".join(judged.named) or judged.verdict
     printer.say(f"judgement: {mark}; {MEANING[judged.outcome]} (found: {named})")
-    for group in ("right", "missed", "wrong") if len(judged.hidden) > 1 else ():
+    for group in ("right", "missed", "absorbed", "wrong") if len(judged.hidden) > 1 else ():
         printer.say(f"names {group}: {', '.join(getattr(judged.names, group)) or 'none'}")
     for statement in judged.stated:
         was, how = "right" if statement.right else "wrong", "named" if statement.named else "described"

@@ -90,6 +90,11 @@ class Influence(Truth):
             changed["phase"] = float(rng.uniform(0, 2 * np.pi))
         return changed
 
+    @classmethod
+    def has_phase(cls) -> bool:
+        """Tell whether each trial has a phase of its own."""
+        return cls.phased or any(size.kind == "amplitude" for size in cls.declared)
+
     @staticmethod
     def opposite(sizes: Mapping[str, float]) -> dict[str, float]:
         """Return the parameters of a trial that begins half a period later."""

@@ -16,13 +16,12 @@ from granite_lab.hidden.catalogue import UNKNOWN_TO_LIBRARY, influence, model_of
 from granite_lab.hidden.command import Command, draw_stick, trapezoid
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.controller import CONTROLLERS
+from granite_lab.hidden.gaps import LEAST, Gaps, MakeTrials
 from granite_lab.hidden.lab import Lab, lab_of
 from granite_lab.hidden.mixture import (
     ATTEMPTS,
-    LEAST,
     STRONGER,
     motion_of,
-    reopened,
     stronger,
     withheld_variant,
 )
@@ -96,22 +95,22 @@ def make_set(
         LabError: a process died.
     """
     lab = lab_of(spec.lab, spec.seed, robot, soil)
-    for plans, off, counts in _draws(spec, lab):
+    for plans, off, gaps in _draws(spec, lab):
         made = []
         with suppress(DigsInError):
             for trial, motion in forked_map(_make, plans, len(plans), "made a trial", jobs=jobs):
                 made.append((trial, motion))
                 done(trial.name)
             answer = _answer(spec, off, plans)
-            return made, answer | _of_mixture(plans[0], off, counts) if counts else answer
+            return made, answer | _of_mixture(plans, off, gaps) if gaps else answer
     raise EstimateError(
         "the robot sinks to its axles with the hidden effect, or a cause of a mixture does not count",
         "choose a smaller --strength or another --seed",
     )
 
 
-def _draws(spec: Spec, lab: Lab) -> Iterator[tuple[list[Plan], dict[str, float], dict[str, float]]]:
-    """Yield the plans of a set, the factors on its sand, and what each cause of a mixture reopens.
+def _draws(spec: Spec, lab: Lab) -> Iterator[tuple[list[Plan], dict[str, float], Gaps | None]]:
+    """Yield the plans of a set, the factors on its sand, and the gaps of the causes of a mixture.
 
     They are drawn anew where the last were of no use. Sand drawn off its file may be too weak for the slope,
     drag or speed at hand. All of a mixture is drawn again, after causes that nearly count were made stronger.
@@ -122,28 +121,44 @@ def _draws(spec: Spec, lab: Lab) -> Iterator[tuple[list[Plan], dict[str, float],
         sizes = drawn(spec, names, attempt if mixed else 0)
         ground, off = sand(spec, lab.soil.real, attempt)
         plans = _plans(spec, lab, ground, sizes)
-        counts = _reopened(plans) if mixed else {}
-        if counts and LEAST / STRONGER**2 <= min(counts.values()) < LEAST:
-            sizes = {name: stronger(name, sizes[name], share) for name, share in counts.items()}
+        if not mixed:
+            yield plans, off, None
+            continue
+        shares, gaps = _reopened(plans)
+        if shares and LEAST / STRONGER**2 <= min(shares.values()) < LEAST:
+            sizes = {name: stronger(name, sizes[name], share) for name, share in shares.items()}
             plans = _plans(spec, lab, ground, sizes)
-            counts = _reopened(plans)
-        if not mixed or min(counts.values(), default=0.0) >= LEAST:
-            yield plans, off, counts
+            shares, gaps = _reopened(plans)
+        if min(shares.values(), default=0.0) >= LEAST:
+            yield plans, off, gaps
 
 
-def _reopened(plans: list[Plan]) -> dict[str, float]:
-    """Return what each cause reopens in the first and the middle trial; empty where the robot digs in."""
+def _reopened(plans: list[Plan]) -> tuple[dict[str, float], Gaps | None]:
+    """Return what each cause reopens, and the gaps; nothing where the robot digs in."""
+    try:
+        gaps = Gaps.of(_maker(plans), tuple(plans[0].sizes), plans[0].lab.robot.filed)
+    except DigsInError:
+        return {}, None
+    return gaps.reopened(), gaps
+
+
+def _maker(plans: list[Plan]) -> MakeTrials:
+    """Return what makes the first and the middle trial of a set on other sand, and under some causes."""
     pair = plans[0], plans[len(plans) // 2]
 
-    def under(active: Sequence[str]) -> list[Trial]:
-        """Make both trials under some of the causes alone."""
-        changed = [replace(plan, sizes={name: plan.sizes[name] for name in active}) for plan in pair]
-        return [make_trial(plan)[0] for plan in changed]
+    def make(active: Sequence[str], number: str = "", factor: float = 1.0) -> list[Trial]:
+        changed = [_on_other_sand(plan, number, factor) for plan in pair]
+        return [make_trial(replace(p, sizes={name: p.sizes[name] for name in active}))[0] for p in changed]
 
-    try:
-        return reopened(under, tuple(plans[0].sizes), plans[0].lab.robot.filed)
-    except DigsInError:
-        return {}
+    return make
+
+
+def _on_other_sand(plan: Plan, number: str, factor: float) -> Plan:
+    """Return a trial with one number of its sand changed, a_θ among them."""
+    if number == "a_theta":
+        return replace(plan, setup=replace(plan.setup, law=exponential_k92(factor * plan.a_theta)))
+    soil = scaled(plan.setup.soil, {number: factor} if number else {})
+    return replace(plan, setup=replace(plan.setup, soil=soil))
 
 
 def _plans(spec: Spec, lab: Lab, ground: Soil, sizes: Mapping[str, Mapping[str, float]]) -> list[Plan]:
@@ -183,21 +198,26 @@ def _command(spec: Spec, k: int, repetition: int, variant: Variant) -> Command:
     return draw_stick(rng, k + 1, variant.velocity * float(rng.uniform(*AS_FAST)))
 
 
-def _of_mixture(plan: Plan, off: Mapping[str, float], counts: Mapping[str, float]) -> dict[str, Any]:
+def _of_mixture(plans: list[Plan], off: Mapping[str, float], gaps: Gaps) -> dict[str, Any]:
     """Return what the answer of a mixture holds beside: what each cause reopens, the withheld motion.
 
     Nothing acts on that motion of which no trial tells when. Of a phase that is new in each trial the motion
     is the mean over two opposite ones.
     """
+    plan = plans[0]
     variant, lab = withheld_variant(plan.spec.seed, plan.spec.variants or load_variants()), plan.lab
     ground = scaled(lab.soil.real, off)
     setup = Setup(lab.robot.real, ground, exponential_k92(lab.a_theta), lab.near_rest)
     command = trapezoid(variant.velocity, variant.acceleration, variant.distance)
     sizes = {name: size for name, size in plan.sizes.items() if influence(name).predictable}
     opposite = {name: influence(name).opposite(size) for name, size in sizes.items()}
-    phases = (sizes,) if opposite == sizes else (sizes, opposite)
+    phases = (sizes, opposite) if any(influence(name).has_phase() for name in sizes) else (sizes,)
     truths = [model_of(tuple(sizes), setup, command, of_phase) for of_phase in phases]
-    return {"reopens": dict(counts), "withheld": motion_of(truths, variant)}
+    return {
+        "reopens": gaps.reopened(),
+        "reopens_after_refit": gaps.reopened_after_refit(_maker(plans)),
+        "withheld": motion_of(truths, variant),
+    }
 
 
 def _make(plans: list[Plan], k: int) -> tuple[Trial, pd.DataFrame]:

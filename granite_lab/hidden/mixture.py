@@ -1,8 +1,8 @@
-"""Several causes at once: what each of them reopens, and the motion at a speed that no trial shows."""
+"""Several causes at once: how strong each of them is, and the motion at a speed that no trial shows."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,23 +10,17 @@ import numpy as np
 
 from granite_lab.hidden.catalogue import influence
 from granite_lab.hidden.contact import Array
+from granite_lab.hidden.gaps import LEAST
 from granite_lab.hidden.model import Truth
 from granite_lab.hidden.random_numbers import generator
 from granite_lab.hidden.simulator import DT, drive
-from granite_lab.logs.trial import Trial
-from granite_lab.parameters import Robot, Variant
-
-LEAST = 0.1
-"""Share of the squared gap that the absence of a cause reopens at least, if the cause is to count."""
+from granite_lab.parameters import Variant
 
 STRONGER = 2.0
 """Factor at most by which a cause is made stronger so that it counts."""
 
 ATTEMPTS = 40
 """Draws of causes and sizes until each cause counts."""
-
-STILL = 0.5
-"""Beginning of each log in which the robot stands [s]; laboratories wait 0.7 s or more."""
 
 WITHHELD = 0.25, 0.65
 """Range of the withheld desired velocity [m/s], inside of Table 2."""
@@ -41,28 +35,6 @@ SMOOTH = 0.3
 """Average of the withheld motion [s]: three lugs of the paper's wheel or more, which lie 25 mm apart."""
 
 
-def reopened(
-    made: Callable[[Sequence[str]], Sequence[Trial]], names: Sequence[str], robot: Robot
-) -> dict[str, float]:
-    """Return for each cause the share of the squared gap that opens again when that cause alone is left out.
-
-    No parameter is fitted. The logs have the same random numbers, so their noise cancels.
-
-    Args:
-        made: makes trials under the named causes.
-        names: of all causes.
-        robot: whose filed noise weighs the sensors.
-    """
-    whole = made(names)
-
-    def without(*absent: str) -> float:
-        others = made([name for name in names if name not in absent])
-        return sum(_apart(a, b, robot) for a, b in zip(whole, others, strict=True))
-
-    gap = without(*names)
-    return {name: without(name) / gap for name in names}
-
-
 def stronger(name: str, sizes: Mapping[str, float], share: float) -> dict[str, float]:
     """Return the sizes of a cause, larger where it reopens less than `LEAST` of the squared gap."""
     factor = 1.0 if share >= LEAST else min(1.2 * float(np.sqrt(LEAST / share)), STRONGER)
@@ -71,33 +43,6 @@ def stronger(name: str, sizes: Mapping[str, float], share: float) -> dict[str, f
         if size.kind != "shape":
             grown[size.name] = float(np.clip(factor * sizes[size.name], size.least, size.most))
     return grown
-
-
-def _apart(first: Trial, second: Trial, robot: Robot) -> float:
-    """Return the squared difference of two logs over the noise, all samples of IMU, wheels and currents.
-
-    What differs at standstill is taken off, as every analysis does: a tilt of the IMU alone is no gap.
-    """
-    total = 0.0
-    for (t, values, noise), (u, others, _) in zip(
-        _signals(first, robot), _signals(second, robot), strict=True
-    ):
-        there = np.stack([np.interp(t, u, column) for column in others.T], axis=1)
-        away = (values - there) / noise
-        total += float(np.nansum((away - np.nanmean(away[t < t[0] + STILL], axis=0)) ** 2))
-    return total
-
-
-def _signals(trial: Trial, robot: Robot) -> Iterator[tuple[Array, Array, float]]:
-    """Yield stamps (N,) [s], values (N, K) and noise of each sensor; of the wheels their rates."""
-    if trial.imu is not None:
-        yield trial.imu.t, trial.imu.specific_force, robot.imu.vibration
-        yield trial.imu.t, trial.imu.angular_rate, robot.imu.vibration_rate
-    if trial.currents is not None:
-        yield trial.currents.t, trial.currents.current, robot.currents.noise
-    if trial.wheels is not None:
-        t, count = trial.wheels.t, 2 * np.pi / robot.encoders.counts
-        yield t, np.gradient(trial.wheels.angle, t, axis=0), count / float(np.median(np.diff(t)))
 
 
 def withheld_variant(seed: int, variants: Sequence[Variant]) -> Variant:

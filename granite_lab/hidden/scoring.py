@@ -11,6 +11,7 @@ from typing import Any
 from granite_lab.errors import InputError
 from granite_lab.files import read_json
 from granite_lab.hidden.catalogue import TWINS
+from granite_lab.hidden.gaps import LEAST
 
 MEANING = {
     "right": "exactly what is hidden",
@@ -75,12 +76,15 @@ class Names:
 
     Attributes:
         right: hidden effects that were named.
-        missed: hidden effects of the library that were not.
+        missed: hidden effects of the library that were not, and count.
+        absorbed: those of the library that do not count, named or not: a refit of sand and sensors leaves
+            less than `LEAST` of the gap.
         wrong: named effects, by the first of each set, that are not hidden.
     """
 
     right: tuple[str, ...]
     missed: tuple[str, ...]
+    absorbed: tuple[str, ...]
     wrong: tuple[str, ...]
 
 
@@ -182,9 +186,12 @@ def score(
     outside = {effect["id"] for effect in answer["effects"] if not effect["library"]}
     inside = tuple(name for name in hidden if name not in outside)
     places = matched(effects, inside)
+    reopens = answer.get("reopens_after_refit", {})
+    absorbed = tuple(name for name in inside if reopens.get(name, 1.0) < LEAST)
     names = Names(
         right=tuple(sorted(places)),
-        missed=tuple(name for name in inside if name not in places),
+        missed=tuple(name for name in inside if name not in (*places, *absorbed)),
+        absorbed=absorbed,
         wrong=tuple(str(e["id"]) for k, e in enumerate(effects) if k not in places.values()),
     )
     set_size = max((len(_set_of(effects[k])) for k in places.values()), default=0)

@@ -12,9 +12,10 @@ from granite_lab.api.hidden import hide, reveal
 from granite_lab.errors import EstimateError, UsageError
 from granite_lab.hidden.catalogue import LAWS, LIBRARY, OUTSIDE, TWINS, influence, model_of
 from granite_lab.hidden.command import trapezoid
+from granite_lab.hidden.gaps import LEAST
 from granite_lab.hidden.lab import Filed, Lab, bench, drives, lab_of, wild
 from granite_lab.hidden.making import make_set
-from granite_lab.hidden.mixture import LEAST, motion_of, share_closed
+from granite_lab.hidden.mixture import motion_of, share_closed
 from granite_lab.hidden.model import Setup
 from granite_lab.hidden.parts import exponential_k92
 from granite_lab.hidden.sealed import open_answer
@@ -403,8 +404,10 @@ def test_a_mixture_holds_as_many_causes_as_asked_no_twins_and_a_contact_law() ->
 
 def test_each_cause_of_a_mixture_reopens_a_tenth_of_the_gap_and_a_speed_is_withheld() -> None:
     _, answer = one("mixture", seed=3, causes=2)
-    assert {effect["id"] for effect in answer["effects"]} == answer["reopens"].keys()
+    ids = {effect["id"] for effect in answer["effects"]}
+    assert ids == answer["reopens"].keys() == answer["reopens_after_refit"].keys()
     assert min(answer["reopens"].values()) >= LEAST
+    assert min(answer["reopens_after_refit"].values()) > 0
     withheld = answer["withheld"]
     assert abs(withheld["velocity"] - SHORT[0].velocity) >= 0.04
     true = {"t_s": np.array(withheld["t"]), "v_mps": np.array(withheld["v"])}

@@ -6,6 +6,7 @@ import json
 import shutil
 import tracemalloc
 import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -291,6 +292,10 @@ def test_several_names_are_counted_one_by_one() -> None:
     assert names.right == ("bulldozing", "tyre_windup")
     assert names.missed == ("multi_pass",)
     assert names.wrong == ("com_offset",)
+    assert names.absorbed == ()
+    after_refit = {"tyre_windup": 0.05, "multi_pass": 0.09, "bulldozing": 0.4}
+    answer = {"effects": hidden, "reopens_after_refit": after_refit}
+    assert score(answer, document).names == replace(names, missed=(), absorbed=("tyre_windup", "multi_pass"))
 
 
 @pytest.mark.parametrize(
