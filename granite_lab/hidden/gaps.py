@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -138,8 +138,8 @@ class Gaps:
     without: Mapping[str, tuple[Array, ...]]
 
     @classmethod
-    def of(cls, make: MakeTrials, names: Sequence[str], robot: Robot) -> Gaps:
-        """Return the gaps of some causes."""
+    def of(cls, make: MakeTrials, names: Sequence[str], robot: Robot, least: float = 0.0) -> Gaps | None:
+        """Return the gaps of some causes; None once one reopens less than `least` of the squared gap."""
 
         def logged(active: Sequence[str]) -> tuple[Signals, ...]:
             return tuple(Signals.of(trial, robot) for trial in make(active))
@@ -147,15 +147,18 @@ class Gaps:
         def apart(first: Sequence[Signals], second: Sequence[Signals]) -> tuple[Array, ...]:
             return tuple(a.minus(b) for a, b in zip(first, second, strict=True))
 
-        steady = tuple(n for n in names if not influence(n).has_phase())
-        whole = logged(names)
-        alone = tuple(a.at(w) for a, w in zip(logged(steady), whole, strict=True)) if steady else whole
-        without = {
-            n: apart(alone, logged([s for s in steady if s != n])) if n in steady
-            else apart(whole, logged([other for other in names if other != n]))
-            for n in names
-        }  # fmt: skip
-        return cls(robot, steady, alone, apart(whole, logged(())), without)
+        whole = alone = logged(names)
+        steady = tuple(name for name in names if not influence(name).has_phase())
+        if 0 < len(steady) < len(names):
+            alone = tuple(a.at(w) for a, w in zip(logged(steady), whole, strict=True))
+        gaps = cls(robot, steady, alone, apart(whole, logged(())), {})
+        for name in names:
+            beside, present = (alone, steady) if name in steady else (whole, names)
+            without = apart(beside, logged([other for other in present if other != name]))
+            gaps = replace(gaps, without={**gaps.without, name: without})
+            if gaps.reopened()[name] < least:
+                return None
+        return gaps
 
     def reopened(self) -> dict[str, float]:
         """Return for each cause the share of the squared gap that its absence reopens. Nothing is fitted."""

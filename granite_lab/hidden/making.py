@@ -124,22 +124,21 @@ def _draws(spec: Spec, lab: Lab) -> Iterator[tuple[list[Plan], dict[str, float],
         if not mixed:
             yield plans, off, None
             continue
-        shares, gaps = _reopened(plans)
-        if shares and LEAST / STRONGER**2 <= min(shares.values()) < LEAST:
-            sizes = {name: stronger(name, sizes[name], share) for name, share in shares.items()}
+        gaps = _gaps(plans)
+        if gaps is not None and min(gaps.reopened().values()) < LEAST:
+            sizes = {name: stronger(name, sizes[name], share) for name, share in gaps.reopened().items()}
             plans = _plans(spec, lab, ground, sizes)
-            shares, gaps = _reopened(plans)
-        if min(shares.values(), default=0.0) >= LEAST:
+            gaps = _gaps(plans)
+        if gaps is not None and min(gaps.reopened().values()) >= LEAST:
             yield plans, off, gaps
 
 
-def _reopened(plans: list[Plan]) -> tuple[dict[str, float], Gaps | None]:
-    """Return what each cause reopens, and the gaps; nothing where the robot digs in."""
-    try:
-        gaps = Gaps.of(_maker(plans), tuple(plans[0].sizes), plans[0].lab.robot.filed)
-    except DigsInError:
-        return {}, None
-    return gaps.reopened(), gaps
+def _gaps(plans: list[Plan]) -> Gaps | None:
+    """Return the gaps of the causes; None where the robot digs in, or one is too weak to be made stronger."""
+    names, robot = tuple(plans[0].sizes), plans[0].lab.robot.filed
+    with suppress(DigsInError):
+        return Gaps.of(_maker(plans), names, robot, least=LEAST / STRONGER**2)
+    return None
 
 
 def _maker(plans: list[Plan]) -> MakeTrials:

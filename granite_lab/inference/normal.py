@@ -282,11 +282,23 @@ def least_within(N: Array, right: Array, low: Array, high: Array, damping: float
         numpy.linalg.LinAlgError: N leaves a direction open.
     """
     scale = 1 / np.sqrt(np.fmax(np.diag(N), TINY))
-    factor = cholesky(N * np.outer(scale, scale) + damping * np.eye(scale.size), lower=True)
-    white = solve_triangular(factor, scale * right, lower=True)
-    step = np.asarray(scale * solve_triangular(factor, white, lower=True, trans="T"))
-    if np.any((step < low) | (step > high)):
-        step = scale * lsq_linear(factor.T, white, (low / scale, high / scale), method="bvls").x
+    bounded = np.isfinite(low) | np.isfinite(high)
+    order = np.argsort(bounded, kind="stable")  # the last rows of the factor hold the bounded numbers alone
+    size, lower, upper = scale[order], (low / scale)[order], (high / scale)[order]
+    factor = cholesky(
+        N[np.ix_(order, order)] * np.outer(size, size) + damping * np.eye(size.size), lower=True
+    )
+    white = solve_triangular(factor, size * right[order], lower=True)
+    x = solve_triangular(factor, white, lower=True, trans="T")
+    if np.any((x < lower) | (x > upper)):
+        free = int(np.sum(~bounded))
+        rest, of_free = slice(free, None), factor[:free, :free]
+        bounds = lower[rest], upper[rest]
+        x[rest] = lsq_linear(factor[rest, rest].T, white[rest], bounds, method="bvls").x
+        remaining = white[:free] - factor[rest, :free].T @ x[rest]
+        x[:free] = solve_triangular(of_free, remaining, lower=True, trans="T")
+    step = np.empty_like(x)
+    step[order] = size * x
     return step
 
 

@@ -39,6 +39,7 @@ def make(active: Sequence[str], number: str = "", factor: float = 1.0) -> list[T
 def test_a_refit_absorbs_what_a_gain_explains_and_leaves_what_nothing_else_shows() -> None:
     robot = load_robot("granite")
     gaps = Gaps.of(make, NAMES, robot)
+    assert gaps is not None
     before, after = gaps.reopened(), gaps.reopened_after_refit(make)
     gain, bump = (
         float(np.sum((x / noise) ** 2))
@@ -54,8 +55,21 @@ def test_a_refit_absorbs_what_a_gain_explains_and_leaves_what_nothing_else_shows
 def test_a_trace_of_the_wheels_that_falls_out_of_step_is_no_gap_of_another_cause() -> None:
     assert [influence(name).has_phase() for name in ("tread_ripple", "gear_backlash")] == [True, False]
     both = ("gear_backlash", "tread_ripple")
-    shares = Gaps.of(make, both, load_robot("granite")).reopened()
+    gaps = Gaps.of(make, both, load_robot("granite"))
+    assert gaps is not None
+    shares = gaps.reopened()
     ripple = float(np.sum((0.1 * MOVING * np.sin(30 * T)) ** 2))
     bump = float(np.sum((0.05 * BUMP) ** 2))
     assert shares["gear_backlash"] == pytest.approx(bump / (ripple + bump), rel=0.1)
     assert shares["tread_ripple"] == pytest.approx(ripple / (ripple + bump), rel=0.1)
+
+
+def test_a_set_is_given_up_once_a_cause_is_too_weak() -> None:
+    robot, made = load_robot("granite"), list[tuple[str, ...]]()
+
+    def counted(active: Sequence[str], number: str = "", factor: float = 1.0) -> list[Trial]:
+        made.append(tuple(active))
+        return make(active, number, factor)
+
+    assert Gaps.of(counted, NAMES, robot, least=0.9) is None  # the gain reopens a fifth, the bump the rest
+    assert made == [NAMES, (), NAMES[1:]]
