@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from granite_lab.discovery.candidates import Score
 from granite_lab.discovery.fitted_sets import MOST, FittedSets, with_score
 from granite_lab.discovery.heldout import Equations, losses, predict, predicts_better
@@ -242,9 +244,10 @@ def _may_hold_substitute(sets: FittedSets, model: Model) -> bool:
 
 
 def exchange(sets: FittedSets, best: Model, steps: Sequence[Extension]) -> None:
-    """Fit the best set with each of its effects exchanged for rivals that were tried in its place.
+    """Fit the best set with each of its effects exchanged for rivals.
 
-    A rival must have gained `RIVAL` of what the effect did: the sets beside which they stood differ.
+    They are what was tried in its place; in that of the last effect it stood beside the same set. A contact
+    law also has the laws for rivals that were only screened there.
 
     Args:
         sets: the sets that were fitted.
@@ -253,19 +256,44 @@ def exchange(sets: FittedSets, best: Model, steps: Sequence[Extension]) -> None:
     """
     sets.stage = MOST
     points: list[Point] = []
-    for step in steps[:-1]:  # not for the last effect: what was tried stood beside the same set
+    for step in steps:
         without = sets.problem.without_effect(best.fit.point, _added(step.after, step.before))
-        gained = step.after.log_posterior - step.before.log_posterior
-        for score in (s for s in step.tried if s.candidate not in best.effects):
-            rival = sets.models.get(step.before.with_effect(score.candidate))
-            if rival and rival.log_posterior > step.before.log_posterior + RIVAL * gained:
-                points.append(with_score(sets.problem, without, score))
+        rivals = [*_screened_laws(sets, step), *(_tried_rivals(sets, step) if step is not steps[-1] else ())]
+        points += [with_score(sets.problem, without, s) for s in rivals if s.candidate not in best.effects]
     sets.fit_new([(point, best.fit) for point in points], best.log_posterior)
     exchanged = (sets.models[k] for k in dict.fromkeys(map(set_of, points)) if k in sets.models)
     for rival in [m for m in exchanged if m.log_posterior > best.log_posterior]:
         for part in sets.fit_parts(rival, set(rival.effects) - set(best.effects)):
             if not stays(sets, part, rival):
                 sets.set_aside.add(rival.effects)
+
+
+def _tried_rivals(sets: FittedSets, step: Extension) -> list[Score]:
+    """Return what was tried in a step and gained `RIVAL` of what its effect did."""
+    least = _least_of_rival(step)
+    keys = {score.candidate: step.before.with_effect(score.candidate) for score in step.tried}
+    gained = {c: sets.models[k].log_posterior for c, k in keys.items() if k in sets.models}
+    return [score for score in step.tried if gained.get(score.candidate, -np.inf) > least]
+
+
+def _screened_laws(sets: FittedSets, step: Extension) -> list[Score]:
+    """Return the contact laws that were not tried in a step which added one, and promised as much there."""
+    effects = sets.problem.pool.scenario.effects
+    if not effects[_added(step.after, step.before)].law:
+        return []
+    tried, least = {score.candidate for score in step.tried}, _least_of_rival(step)
+    best: dict[str, Score] = {}
+    for screening in sets.screenings.get(step.before.effects, ()):
+        for score in (s for s in screening.scores if effects[s.candidate].law and not screening.tolerated):
+            if score.candidate not in tried and step.before.log_posterior - LEAST_GAIN + score.gain > least:
+                best[score.candidate] = max(best.get(score.candidate, score), score, key=lambda s: s.gain)
+    return list(best.values())
+
+
+def _least_of_rival(step: Extension) -> float:
+    """Return the log posterior from which on a set is a rival of a step: the sets at its end may differ."""
+    gained = step.after.log_posterior - step.before.log_posterior
+    return step.before.log_posterior + RIVAL * gained
 
 
 def set_aside_bad_predictors(sets: FittedSets) -> None:

@@ -20,7 +20,7 @@ from granite_lab.discovery.relevance import has_strained_trials, left_without
 from granite_lab.discovery.remainder import remainder
 from granite_lab.discovery.resampling import by_evidence
 from granite_lab.discovery.screens import Screen, rescreened, screen
-from granite_lab.discovery.search import reduce, search
+from granite_lab.discovery.search import Extension, exchange, reduce, search
 from granite_lab.discovery.sets import UNLIKELY, best_fits, fit_sets
 from granite_lab.discovery.verdict import (
     OPEN,
@@ -44,7 +44,7 @@ from granite_lab.inference.point import SHARED, Point
 from granite_lab.inference.problem import SECONDS, Problem
 from granite_lab.inference.scales import FIRST
 from granite_lab.logs.trial import Array
-from granite_lab.model.effect import EffectParameter
+from granite_lab.model.effect import Effect, EffectParameter
 from tests.inference.stub import COMMANDS, EFFECTS, PLACE, TRACES, MadeUp, drawn, measure, problem_of, trace
 from tests.inference.test_normal import linear
 from tests.soak import sampled
@@ -571,6 +571,24 @@ def test_a_candidate_that_adds_to_the_best_one_has_its_turn_where_neither_that_n
     monkeypatch.setattr("granite_lab.discovery.leaders.rivals", lambda *_: {"pull"})
     found = leaders([Screening(origin, columns, promised)], fitted)
     assert [p.score.candidate for p in found] == next_ones
+
+
+@pytest.mark.parametrize("law", [True, False])
+def test_a_contact_law_competes_with_a_law_that_was_only_screened_beside_the_same_set(law: bool) -> None:
+    laws: dict[str, Effect] = {id_: MadeUp(id_) for id_ in ("push", "shove")}
+    for effect in laws.values():
+        effect.law = law
+    rng, problem = np.random.default_rng(0), problem_of(FOUR, CHANNELS, effects=laws)
+    measure(problem, problem.with_effect(drawn(problem, rng, common=0.3), "push", (0.3,)), rng)
+    base = Model.of((), fit(problem, problem.neutral()))
+    sets = FittedSets(problem, ("push", "shove"), TOLERANCE, lambda *_: None, {(): base})
+    (push,) = [p for p in sets.prospects(base) if p.score.candidate == "push"]
+    sets.fit_prospects(base, [push])
+    found = sets.models["push",]
+    exchange(sets, found, [Extension(base, found, [push.score])])
+    assert (("shove",) in sets.models) is law
+    if law:  # no trial tells the two apart
+        assert sets.models["shove",].log_posterior == pytest.approx(found.log_posterior, abs=0.5)
 
 
 @pytest.mark.parametrize(("predicted_drop", "more"), [(0.0, True), (18.0, True), (22.0, False)])
