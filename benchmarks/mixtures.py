@@ -96,8 +96,8 @@ def figures(lines: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
 
     inside = [x for x in lines if not x["outside"]]
     return [
-        ("hidden effects that count named", ratio(seen, seen + len(missed)), "≥ 80 %"),
-        ("those that do not count named", ratio(len(right) - seen, len(absorbed)), "–"),
+        ("hidden effects that count, named", ratio(seen, seen + len(missed)), "≥ 80 %"),
+        ("those that do not count, named", ratio(len(right) - seen, len(absorbed)), "–"),
         ("named effects that are not hidden", ratio(len(wrong), len(right) + len(wrong)), "≤ 2 %"),
         ("60 % closed on speeds left out, by the search's own account",
          closing(0.6, lambda x: x["closed"]["speeds"]), "–"),

@@ -29,8 +29,8 @@ def test_names_and_shares_are_counted_one_by_one() -> None:
         right=["bulldozing", "payload_mass"], absorbed=["payload_mass", "ground_slope"],
     )  # fmt: skip
     rows = {name: value for name, value, _ in figures([line(), foreign, small])}
-    assert rows["hidden effects that count named"].startswith("3 of 4 = 75 %")
-    assert rows["those that do not count named"].startswith("1 of 2 = 50 %")
+    assert rows["hidden effects that count, named"].startswith("3 of 4 = 75 %")
+    assert rows["those that do not count, named"].startswith("1 of 2 = 50 %")
     assert rows["named effects that are not hidden"].startswith("1 of 5 = 20 %")
     assert rows["60 % closed at the withheld speed"].startswith("2 of 3 = 67 %")
     assert rows["the same, all causes in the library"].startswith("2 of 2 = 100 %")
