@@ -269,31 +269,29 @@ def exchange(sets: FittedSets, best: Model, steps: Sequence[Extension]) -> None:
 
 
 def _tried_rivals(sets: FittedSets, step: Extension) -> list[Score]:
-    """Return what was tried in a step and gained `RIVAL` of what its effect did."""
-    least = _least_of_rival(step)
+    """Return what was tried in a step and gained `RIVAL` of what its effect did: the sets beside differ."""
+    gained = step.after.log_posterior - step.before.log_posterior
     keys = {score.candidate: step.before.with_effect(score.candidate) for score in step.tried}
-    gained = {c: sets.models[k].log_posterior for c, k in keys.items() if k in sets.models}
-    return [score for score in step.tried if gained.get(score.candidate, -np.inf) > least]
+    fitted = {c: sets.models[k].log_posterior for c, k in keys.items() if k in sets.models}
+    least = step.before.log_posterior + RIVAL * gained
+    return [score for score in step.tried if fitted.get(score.candidate, -np.inf) > least]
 
 
 def _screened_laws(sets: FittedSets, step: Extension) -> list[Score]:
-    """Return the contact laws that were not tried in a step which added one, and promised as much there."""
+    """Return `TRIED` contact laws that promised anything in a step which added one, and were not tried.
+
+    A screen is linear, and a law is not: a fit has gained six times what was promised.
+    """
     effects = sets.problem.pool.scenario.effects
     if not effects[_added(step.after, step.before)].law:
         return []
-    tried, least = {score.candidate for score in step.tried}, _least_of_rival(step)
+    tried = {score.candidate for score in step.tried}
     best: dict[str, Score] = {}
     for screening in sets.screenings.get(step.before.effects, ()):
         for score in (s for s in screening.scores if effects[s.candidate].law and not screening.tolerated):
-            if score.candidate not in tried and step.before.log_posterior - LEAST_GAIN + score.gain > least:
+            if score.candidate not in tried and score.gain > LEAST_GAIN:
                 best[score.candidate] = max(best.get(score.candidate, score), score, key=lambda s: s.gain)
-    return list(best.values())
-
-
-def _least_of_rival(step: Extension) -> float:
-    """Return the log posterior from which on a set is a rival of a step: the sets at its end may differ."""
-    gained = step.after.log_posterior - step.before.log_posterior
-    return step.before.log_posterior + RIVAL * gained
+    return sorted(best.values(), key=lambda s: -s.gain)[:TRIED]
 
 
 def set_aside_bad_predictors(sets: FittedSets) -> None:
