@@ -120,8 +120,8 @@ def _over_noise(trial: Trial, robot: Robot) -> Iterator[tuple[Array, Array, str]
 class Gaps:
     """How far some trials differ from those without causes. Their random numbers are the same: noise cancels.
 
-    What has a new phase in each trial turns with the wheels. Without another cause the wheels turn otherwise,
-    and such a trace is out of step with itself. The gap of another cause is thus between trials without any.
+    A trace with a new phase in each trial turns with the wheels. Without another cause the wheels turn at
+    another rate, and the trace is out of step with itself. It is left out where another cause is judged.
 
     Attributes:
         robot: whose filed noise weighs the sensors.
@@ -147,11 +147,11 @@ class Gaps:
         def apart(first: Sequence[Signals], second: Sequence[Signals]) -> tuple[Array, ...]:
             return tuple(a.minus(b) for a, b in zip(first, second, strict=True))
 
-        whole = alone = logged(names)
         steady = tuple(name for name in names if not influence(name).has_phase())
-        if 0 < len(steady) < len(names):
-            alone = tuple(a.at(w) for a, w in zip(logged(steady), whole, strict=True))
-        gaps = cls(robot, steady, alone, apart(whole, logged(())), {})
+        whole, bare = logged(names), logged(())
+        alone = whole if len(steady) == len(names) else logged(steady) if steady else bare
+        alone = tuple(a.at(w) for a, w in zip(alone, whole, strict=True))
+        gaps = cls(robot, steady, alone, apart(whole, bare), {})
         for name in names:
             beside, present = (alone, steady) if name in steady else (whole, names)
             without = apart(beside, logged([other for other in present if other != name]))

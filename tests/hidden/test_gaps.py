@@ -28,6 +28,8 @@ def make(active: Sequence[str], number: str = "", factor: float = 1.0) -> list[T
         rate[:, 1] += 0.05 * BUMP
     if "tread_ripple" in active:  # the wheels turn otherwise under the other cause
         rate[:, 1] += 0.1 * MOVING * np.sin(30 * T + (1.0 if "gear_backlash" in active else 0.0))
+    if "wheel_eccentricity" in active:
+        rate[:, 1] += 0.05 * MOVING * np.sin(9 * T)
     force = np.zeros((T.size, 3))
     force[:, 0], force[:, 2] = 0.3 * MOVING, 9.81
     trial = Trial(
@@ -62,6 +64,15 @@ def test_a_trace_of_the_wheels_that_falls_out_of_step_is_no_gap_of_another_cause
     bump = float(np.sum((0.05 * BUMP) ** 2))
     assert shares["gear_backlash"] == pytest.approx(bump / (ripple + bump), rel=0.1)
     assert shares["tread_ripple"] == pytest.approx(ripple / (ripple + bump), rel=0.1)
+
+
+def test_a_refit_leaves_causes_that_all_turn_with_the_wheels() -> None:
+    both = ("tread_ripple", "wheel_eccentricity")
+    gaps = Gaps.of(make, both, load_robot("granite"))
+    assert gaps is not None
+    before, after = gaps.reopened(), gaps.reopened_after_refit(make)
+    assert after == pytest.approx(before, rel=0.05)
+    assert before["wheel_eccentricity"] == pytest.approx(0.2, abs=0.05)  # half the amplitude of the ripple
 
 
 def test_a_set_is_given_up_once_a_cause_is_too_weak() -> None:
