@@ -66,6 +66,9 @@ def rest_state(p: ModelParameters, effects: Sequence[Active] = ()) -> Array:
         places.set_arg(k, given.data)
     for k, result in enumerate((residual, columns, place)):
         places.set_res(k, result.data)
+    if extra:  # at states far from rest the wheels may carry too little: these come to rest first
+        evaluate()
+        q[2:] -= _solved(columns.T[2:, 2:], residual[2:])
     for _ in range(60):
         evaluate()
         if not np.isfinite(columns).all():

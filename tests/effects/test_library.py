@@ -10,18 +10,41 @@ from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.signal import lfilter
 
 from granite_lab.effects import get
+from granite_lab.effects.contract import typical
 from granite_lab.effects.gear_backlash import GIVE, ROUND, SEATING
 from granite_lab.model.contact import ContactAngles, WheelState, contact_angles, wheel_forces
 from granite_lab.model.effect import Axle, Symbols
+from granite_lab.model.simulator import rest_state
 from granite_lab.model.symbols import model_parameters
-from granite_lab.parameters import GRAVITY, variant_of
+from granite_lab.parameters import GRAVITY, load_soil, variant_of
 from tests.effects.runs import CHASSIS, DRIVE, ROBOT, SOIL, at, run
 
 MODEL = model_parameters(ROBOT, SOIL, variant_of(0.5), a_theta=4.919)
+SOILS = ("dry_sand", "dry_sand_lll", "hit_simulant", "lete_sand", "regolith_simulant")
 WHEEL = WheelState(
     front=True, travel=1.0, angle=1.0, rate=0.0, tread_rate=0.0, velocity=0.0, sinkage=0.02, v_desired=0.0,
     sinkage_rate=0.0, radius=ROBOT.wheels.radius, width=ROBOT.wheels.width,
 )  # fmt: skip
+
+
+@pytest.mark.parametrize("heavy", [1.0, 2.0])
+@pytest.mark.parametrize(
+    "soil", ["dry_sand", "dry_sand_lll", "hit_simulant", "lete_sand", "regolith_simulant"]
+)
+@pytest.mark.parametrize(
+    "effect_id",
+    ["contact_angle_actual_speed", "contact_angle_lag", "drivetrain_friction", "gear_backlash",
+     "slip_sinkage", "supply_sag", "tyre_windup"],
+)  # fmt: skip
+def test_an_effect_that_only_motion_shows_leaves_the_rest_of_the_robot(
+    effect_id: str, soil: str, heavy: float
+) -> None:
+    """Whatever the states of the effect are at the start of the iteration."""
+    robot = replace(ROBOT, chassis=replace(CHASSIS, body_mass=heavy * CHASSIS.body_mass))
+    p = model_parameters(robot, load_soil(soil), variant_of(0.5), a_theta=4.919)
+    active = typical(get(effect_id))
+    height, pitch = rest_state(p)[1:3]
+    assert rest_state(p, (active,))[1:3] == pytest.approx([height, pitch], rel=1e-9, abs=1e-12)
 
 
 def test_a_run_out_of_the_wheels_heaves_the_body_by_as_much() -> None:
