@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -30,8 +30,9 @@ import numpy as np
 
 from benchmarks.blind_code import ROOT, code_hash, commit
 from benchmarks.blind_page import DIAGRAM, current, every_stated, page
-from benchmarks.judging import judged, searched, short
-from benchmarks.lines import Line, of_code, read, show, write
+from benchmarks.command_line import parser_of_sets
+from benchmarks.judging import Work, as_judged, judged, searched, short
+from benchmarks.lines import Line, add, of_code, read, show
 from benchmarks.reliability import write_diagram
 from granite_lab.api.hidden import hide
 from granite_lab.effects import library
@@ -226,16 +227,17 @@ def told(lab: Mapping[str, Any]) -> dict[str, object]:
 
 
 class Workers:
-    """Sets in processes of their own, which end with this one."""
+    """Sets in processes of their own, which end with this one; `longest` is the time that a set takes [s]."""
 
     def __init__(self) -> None:
         self.running: set[subprocess.Popen[str]] = set()
         self.stopped = False
+        self.longest = TYPICAL
 
     def run(self, task: Task, detectable: Mapping[str, float | None]) -> Line:
         """Run one set; whatever happens there becomes a line."""
         single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-        asked = json.dumps({"task": asdict(task), "detectable": detectable})
+        asked, begin = json.dumps({"task": asdict(task), "detectable": detectable}), time.monotonic()
         process = subprocess.Popen(
             [sys.executable, "-m", "benchmarks.blind", "--one", asked], cwd=ROOT, env=os.environ | single,
             text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -250,6 +252,7 @@ class Workers:
             line = judged({"status": "crashed", "error": error}, {})
         finally:
             self.running.discard(process)
+            self.longest = max(0.9 * self.longest, time.monotonic() - begin)
         if self.stopped:
             raise InterruptedError
         return asdict(task) | {"key": task.key} | line
@@ -274,29 +277,21 @@ def ready(
 
 def run(path: Path, lines: list[Line], minutes: float, jobs: int, version: dict[str, str]) -> None:
     """Make and judge sets until there are none left or the time is up."""
-    workers, begin, most = Workers(), time.monotonic(), TYPICAL
-    done = {line["key"]: line for line in lines}
-    waiting = [task for task in schedule() if task.key not in done]
-    running: dict[Future[Line], float] = {}
+    workers, end = Workers(), time.monotonic() + 60 * minutes
+    judged_before = {line["key"] for line in lines}
+    waiting = [task for task in schedule() if task.key not in judged_before]
+
+    def following() -> Work | None:
+        done = {line["key"]: line for line in lines}
+        found = next(ready(waiting, done), None) if time.monotonic() + workers.longest < end else None
+        if found is None:
+            return None
+        waiting.remove(found[0])
+        return workers.run, found
+
     pool = ThreadPoolExecutor(jobs)
     try:
-        while True:
-            while len(running) < jobs and time.monotonic() - begin + most < 60 * minutes:
-                found = next(ready(waiting, done), None)
-                if found is None:
-                    break
-                waiting.remove(found[0])
-                running[pool.submit(workers.run, *found)] = time.monotonic()
-            if not running:
-                return
-            for future in wait(running, return_when=FIRST_COMPLETED)[0]:
-                most = max(0.9 * most, time.monotonic() - running.pop(future))
-                line = future.result() | version
-                lines.append(line)
-                done[line["key"]] = line
-                write(path, lines)
-                told = line.get("outcome") or line["status"]
-                print(f"{len(lines)} {line['key']}: {told}", file=sys.stderr, flush=True)
+        add(path, lines, as_judged(pool, following, jobs), version)
     except KeyboardInterrupt:
         print("interrupted; what is done is kept", file=sys.stderr)
     finally:
@@ -306,14 +301,9 @@ def run(path: Path, lines: list[Line], minutes: float, jobs: int, version: dict[
 
 def main() -> None:
     """Continue the benchmark and write its page."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of_sets(__doc__, RESULTS)
     parser.add_argument("--minutes", type=float, default=60, help="0: only the page")
-    parser.add_argument("--jobs", type=int, default=2, help="sets side by side")
     parser.add_argument("--afresh", action="store_true", help="drop results of other code")
-    parser.add_argument("--results", type=Path, default=RESULTS, help="one line for each set")
-    parser.add_argument("--out", type=Path, help="write the page here, too")
     parser.add_argument("--one", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:

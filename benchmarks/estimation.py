@@ -8,7 +8,6 @@ its own seeds, so that a run repeats exactly.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import time
@@ -24,6 +23,7 @@ import pandas as pd
 
 from benchmarks.against_truth import table
 from benchmarks.blind_code import commit
+from benchmarks.command_line import parser_of
 from benchmarks.estimation_causes import CAUSES
 from benchmarks.estimation_cell import KINDS, Cell, Score, Summary, score, summarise, together
 from benchmarks.intervals import around, excludes, wilson
@@ -220,9 +220,7 @@ after its end, those of λ_R over the steady part.
 
 def main() -> None:
     """Measure, print and write the report."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--trials", type=int, default=100, help="trials a cell")
     parser.add_argument("--quick", action="store_true", help="5 trials a cell, 8 s only")
     parser.add_argument("--processes", type=int, default=2)

@@ -5,7 +5,6 @@ python -m benchmarks.field --draws 320 --jobs 2
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import re
@@ -19,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import granite_lab as gl
+from benchmarks.command_line import parser_of
 from granite_lab.errors import LabError
 from tests.truth import field
 
@@ -126,7 +126,7 @@ def table(judged: Sequence[Judged]) -> str:
 
 def main() -> None:
     """Judge draws and write the counts."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--draws", type=int, default=320)
     parser.add_argument("--jobs", type=int, default=2)

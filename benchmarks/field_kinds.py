@@ -8,7 +8,6 @@ python -m benchmarks.field_kinds --draws 100 --jobs 2 [--kinds "256 counts;low-p
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import tempfile
@@ -23,6 +22,7 @@ import numpy as np
 import pandas as pd
 
 import granite_lab as gl
+from benchmarks.command_line import parser_of
 from benchmarks.field_loggers import KINDS, Array, Log
 from benchmarks.outside import DEFAULT
 from granite_lab.errors import LabError
@@ -156,7 +156,7 @@ def row(name: str, of_kind: Sequence[Judged]) -> str:
 
 def main() -> None:
     """Judge draws and print the counts."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--draws", type=int, default=100)
     parser.add_argument("--jobs", type=int, default=2)

@@ -3,7 +3,8 @@
 `hide --command joystick` and `--command recorded` make the runs. The first seeds hide nothing: a_θ of each
 run and of each set is held against the true one. Each seed of the second range is a laboratory whose first
 set hides nothing and states the sizes that can be seen; the others hide one effect at five times that size.
-A run that was interrupted goes on where it ended; results of other code are refused.
+A run that was interrupted goes on where it ended; results of other code are refused. --jobs 0 writes the
+page only.
 
 ``python -m benchmarks.joystick [--runs 60] [--seeds 9] [--jobs 2] [--out docs/joystick.md]``
 """
@@ -16,8 +17,8 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -25,9 +26,10 @@ from typing import Any
 import granite_lab
 from benchmarks.blind import Task, sizes_of
 from benchmarks.blind_code import ROOT, commit
+from benchmarks.command_line import parser_of_sets
 from benchmarks.joystick_page import page
-from benchmarks.judging import judged, searched, short
-from benchmarks.lines import Line, read, show, write
+from benchmarks.judging import Work, as_judged, judged, searched, short
+from benchmarks.lines import Line, add, read, show
 from granite_lab.errors import EstimateError, LabError
 from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import K92Fit
@@ -130,10 +132,6 @@ def search(seed: int, effect: str, detectable: Mapping[str, float | None]) -> Li
     return line
 
 
-Work = tuple[Callable[..., Line], tuple[Any, ...]]
-"""A function that makes and judges a set, and its arguments."""
-
-
 def work_of(runs: int, seeds: int, done: Mapping[str, Line]) -> list[Work]:
     """Return what can be made now, the sets by which a_θ is judged first.
 
@@ -157,31 +155,23 @@ def work_of(runs: int, seeds: int, done: Mapping[str, Line]) -> list[Work]:
     return found + nulls
 
 
-def judge(options: argparse.Namespace, lines: list[Line], version: Mapping[str, str]) -> None:
+def judge(options: argparse.Namespace, lines: list[Line], version: Line) -> None:
     """Make and judge the sets that are missing; each is kept as soon as it is judged."""
-    done = {line["key"]: line for line in lines}
+    begun: list[Work] = []
+
+    def following() -> Work | None:
+        done = {line["key"]: line for line in lines}
+        waiting = [w for w in work_of(options.runs, options.seeds, done) if w not in begun]
+        begun.extend(waiting[:1])
+        return waiting[0] if waiting else None
+
     with ProcessPoolExecutor(options.jobs) as pool:
-        running: dict[Future[Line], Work] = {}
-        while True:
-            waiting = [w for w in work_of(options.runs, options.seeds, done) if w not in running.values()]
-            for function, given in waiting[: options.jobs - len(running)]:
-                running[pool.submit(function, *given)] = (function, given)
-            if not running:
-                return
-            for future in wait(running, return_when=FIRST_COMPLETED)[0]:
-                del running[future]
-                line = {**future.result(), **version}
-                lines.append(line)
-                done[line["key"]] = line
-                write(options.results, lines)
-                print(f"{line['key']}: {line.get('outcome') or line['status']}", file=sys.stderr, flush=True)
+        add(options.results, lines, as_judged(pool, following, options.jobs), version)
 
 
 def main() -> None:
     """Continue the benchmark and write its page."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of_sets(__doc__, RESULTS)
     parser.add_argument(
         "--runs", type=int, default=60, help="runs by which a_θ is judged; 0: those of before stay"
     )
@@ -191,9 +181,6 @@ def main() -> None:
         default=9,
         help="laboratories in which effects are hidden; 0: those of before stay",
     )
-    parser.add_argument("--jobs", type=int, default=2, help="sets side by side; 0: only the page")
-    parser.add_argument("--results", type=Path, default=RESULTS, help="one line for each set")
-    parser.add_argument("--out", type=Path, help="write the page here, too")
     options = parser.parse_args()
     os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     version = {"code": code()[:10], "commit": commit()}

@@ -6,49 +6,78 @@ import math
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from pathlib import Path
 from typing import Any, TypeVar
 
 import granite_lab
 from benchmarks.lines import Line
+from granite_lab.discovery.finding import Finding
 from granite_lab.errors import LabError
 from granite_lab.hidden.scoring import Score, score
 
 T = TypeVar("T")
 
 
+Work = tuple[Callable[..., Line], tuple[Any, ...]]
+"""A function that makes and judges a set, and its arguments."""
+
+
+def as_judged(pool: Executor, following: Callable[[], Work | None], jobs: int) -> Iterator[Line]:
+    """Yield the lines of sets as they are judged, so many side by side.
+
+    Args:
+        pool: that does the work.
+        following: returns the work that is to be begun next; None where there is none now.
+        jobs: how many sets side by side.
+    """
+    running: set[Future[Line]] = set()
+    while True:
+        while len(running) < jobs and (work := following()) is not None:
+            function, given = work
+            running.add(pool.submit(function, *given))
+        if not running:
+            return
+        ended, running = wait(running, return_when=FIRST_COMPLETED)
+        yield from (future.result() for future in ended)
+
+
 def parallel(judge: Callable[[T], Line], sets: Sequence[T], minutes: float, jobs: int) -> Iterator[Line]:
     """Yield the lines of sets as they are judged, each in a process; none is begun after so many minutes."""
-    end, waiting, running = time.monotonic() + 60 * minutes, list(sets), set[Future[Line]]()
+    end, waiting = time.monotonic() + 60 * minutes, list(sets)
+
+    def following() -> Work | None:
+        return (judge, (waiting.pop(0),)) if waiting and time.monotonic() < end else None
+
     with ProcessPoolExecutor(jobs) as pool:
-        while True:
-            while waiting and len(running) < jobs and time.monotonic() < end:
-                running.add(pool.submit(judge, waiting.pop(0)))
-            if not running:
-                return
-            ended, running = wait(running, return_when=FIRST_COMPLETED)
-            yield from (future.result() for future in ended)
+        yield from as_judged(pool, following, jobs)
+
+
+def attempted(work: Callable[[], Line]) -> Line:
+    """Return the line that some work makes; of work that fails, one that says why."""
+    try:
+        return work()
+    except LabError as error:
+        return {"status": "refused", "error": f"{error.message} ({error.hint})"}
+    except Exception:  # a crash is a result
+        return {"status": "crashed", "error": traceback.format_exc(limit=-4)}
 
 
 def searched(logs: list[Path], jobs: int = 1, drive: str = "auto") -> Line:
     """Search some logs and return what came out, as JSON holds it; a failure becomes a line, too."""
     start = time.monotonic()
-    try:
-        line = document_of(granite_lab.discover(logs, jobs=jobs, drive=drive)) | {"status": "judged"}
-    except LabError as error:
-        line = {"status": "refused", "error": f"{error.message} ({error.hint})"}
-    except Exception:  # a crash is a result
-        line = {"status": "crashed", "error": traceback.format_exc(limit=-4)}
+    line = attempted(
+        lambda: document_of(granite_lab.discover(logs, jobs=jobs, drive=drive)) | {"status": "judged"}
+    )
     return line | {"seconds": round(time.monotonic() - start, 1)}
 
 
-def document_of(finding: Any) -> Line:
+def document_of(finding: Finding) -> Line:
     """Return what a judge needs of a `Finding`: the keys of `discover --json` that count."""
     return {
         "verdict": finding.verdict,
-        "probability": short(getattr(finding, "probability", math.nan)),
-        "remainder": short(getattr(finding, "remainder", math.nan)),
+        "probability": short(finding.probability),
+        "remainder": short(finding.remainder),
         "effects": [
             {
                 "id": effect.id,
@@ -73,11 +102,8 @@ def document_of(finding: Any) -> Line:
             ]
         },
         "gap": {
-            part: dict(
-                zip(("before", "after", "floor"), map(short, getattr(finding.gap, part)), strict=False)
-            )
+            part: dict(zip(("before", "after"), map(short, getattr(finding.gap, part)), strict=True))
             for part in ("train", "held_out")
-            if hasattr(finding.gap, part)
         },
         "detectable": {f"{d.effect}.{d.parameter}": short(d.size) for d in finding.detectable},
     }

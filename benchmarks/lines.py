@@ -54,7 +54,11 @@ def add(path: Path, lines: list[Line], judged: Iterable[Line], version: Line) ->
     for line in judged:
         lines.append(line | version)
         write(path, lines)
-        print(f"{line['key']}: {line.get('outcome') or line['status']}", file=sys.stderr, flush=True)
+        print(
+            f"{len(lines)} {line['key']}: {line.get('outcome') or line['status']}",
+            file=sys.stderr,
+            flush=True,
+        )
 
 
 def show(lines: Sequence[Line], page: Callable[[Sequence[Line]], str], out: Path | None) -> None:

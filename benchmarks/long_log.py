@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import platform
 import subprocess
@@ -19,6 +18,7 @@ import pandas as pd
 
 from benchmarks.against_truth import table
 from benchmarks.blind_code import commit
+from benchmarks.command_line import parser_of
 from granite_lab.files import write_text
 from granite_lab.logs import write_canonical
 from tests.truth.long_logs import LEVER, SEED, Drive, drive, repeated, wander
@@ -161,7 +161,7 @@ def _flag(value: float, limit: float, form: str) -> str:
 
 def main() -> None:
     """Measure and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser = parser_of(__doc__)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--courses", nargs="+", default=list(COURSES), choices=COURSES)
     parser.add_argument("--out", type=Path)

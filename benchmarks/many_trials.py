@@ -25,6 +25,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import cast
 
+from benchmarks.command_line import parser_of
 from granite_lab.chain import analyse, over_trials
 from granite_lab.comparison.compare import Comparison
 from granite_lab.options import Options
@@ -157,9 +158,7 @@ def row(cost: Cost, first: Cost) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--counts", default="12,120", help="numbers of trials")
     parser.add_argument("--remembered", type=int, help="a further number, whose results are remembered")
     parser.add_argument("--jobs", type=int, default=2, help="processes")

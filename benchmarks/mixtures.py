@@ -8,12 +8,10 @@ interrupted, or whose minutes are over, goes on where it ended; results of other
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import tempfile
 import time
-import traceback
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -23,11 +21,12 @@ import granite_lab
 from benchmarks.against_truth import table
 from benchmarks.blind_code import ROOT, code_hash, commit
 from benchmarks.blind_page import current, every_stated
+from benchmarks.command_line import parser_of_sets
 from benchmarks.intervals import wilson
-from benchmarks.judging import parallel, short, stated
+from benchmarks.judging import attempted, parallel, short, stated
 from benchmarks.lines import Line, add, of_code, read, show
 from benchmarks.reliability import section, write_diagram
-from granite_lab.errors import EstimateError, LabError
+from granite_lab.errors import EstimateError
 
 RESULTS = ROOT / "benchmarks" / "results" / "mixtures.jsonl"
 
@@ -52,18 +51,18 @@ def one(seed: int, lab: str) -> Line:
             granite_lab.hide("mixture", folder, seed=seed, lab=lab, **task(seed))
         except EstimateError as error:
             return line | {"status": "not made", "error": error.message}
-        start = time.monotonic()
-        try:
-            finding = granite_lab.discover(sorted(folder.glob("*.csv")), out=folder / "finding", jobs=1)
-            revealed = granite_lab.reveal(folder, folder / "finding")
-        except LabError as error:
-            return line | {"status": "refused", "error": f"{error.message} ({error.hint})"}
-        except Exception:  # a crash is a result
-            return line | {"status": "crashed", "error": traceback.format_exc(limit=-4)}
-        document = json.loads((folder / "finding" / "finding.json").read_text(encoding="utf-8"))
+        return line | attempted(partial(judged, folder))
+
+
+def judged(folder: Path) -> Line:
+    """Search and judge the set in a folder."""
+    start = time.monotonic()
+    finding = granite_lab.discover(sorted(folder.glob("*.csv")), out=folder / "finding", jobs=1)
+    revealed = granite_lab.reveal(folder, folder / "finding")
+    document = json.loads((folder / "finding" / "finding.json").read_text(encoding="utf-8"))
     score, reopens = revealed.score, revealed.answer["reopens_after_refit"]
     assert score is not None
-    return line | {
+    return {
         "status": "judged", "seconds": round(time.monotonic() - start, 1), "verdict": finding.verdict,
         "hidden": {name: short(reopens[name]) for name in score.hidden},
         "outside": [effect["id"] for effect in revealed.answer["effects"] if not effect["library"]],
@@ -109,7 +108,7 @@ def figures(lines: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
 def page(lines: Sequence[Mapping[str, Any]]) -> str:
     """Return the page in Markdown, of the lines of the code that made the last one."""
     lines = current(lines)
-    judged = [x for x in lines if x["status"] == "judged"]
+    kept = [x for x in lines if x["status"] == "judged"]
     lost = sum(x["status"] in ("refused", "crashed") for x in lines)
     unmade = sum(x["status"] == "not made" for x in lines)
     rows = [
@@ -117,7 +116,7 @@ def page(lines: Sequence[Mapping[str, Any]]) -> str:
          x["verdict"], ", ".join(x["right"]) or "–",
          ", ".join(x["wrong"]) or "–", percent(x["closed"]["speeds"]), percent(x["withheld"]),
          f"{x['seconds']:.0f}"]
-        for x in judged
+        for x in kept
     ]  # fmt: skip
     columns = [
         "seed", "hidden (reopens after refit [%])", "verdict", "named rightly", "named wrongly",
@@ -132,10 +131,10 @@ by code {lines[-1]["code"]} ({lines[-1]["commit"]}); no version was developed on
 An effect of the library counts where its absence reopens a tenth of the squared gap after sand, gains, tilt
 and delays have been fitted again. Of the others these absorb so much that little is left to tell them by.
 
-{table(["", "share (95 % interval after Wilson)", "aim"], figures(judged))}
-{len(judged)} sets are judged, {lost} were refused or crashed, {unmade} could not be made.
+{table(["", "share (95 % interval after Wilson)", "aim"], figures(kept))}
+{len(kept)} sets are judged, {lost} were refused or crashed, {unmade} could not be made.
 
-{section(every_stated(judged), DIAGRAM)}
+{section(every_stated(kept), DIAGRAM)}
 ## Sets
 
 {table(columns, rows)}"""
@@ -148,17 +147,12 @@ def percent(share: float | None) -> str:
 
 def main() -> None:
     """Continue the benchmark and write its page."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of_sets(__doc__, RESULTS)
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")
     parser.add_argument("--count", type=int, default=100, help="number of sets; 0: only the page")
     parser.add_argument("--minutes", type=float, default=math.inf, help="no set is begun later")
     parser.add_argument("--afresh", action="store_true", help="drop results of other code")
-    parser.add_argument("--jobs", type=int, default=2, help="sets side by side")
     parser.add_argument("--lab", default="wild", help="laboratory of `hide`")
-    parser.add_argument("--results", type=Path, default=RESULTS, help="one line for each set")
-    parser.add_argument("--out", type=Path, help="write the page here, too")
     options = parser.parse_args()
     version = {"code": code_hash(), "commit": commit()}
     lines = read(options.results)
@@ -167,8 +161,8 @@ def main() -> None:
     done = {x["key"] for x in lines}
     seeds = range(options.first, options.first + options.count)
     waiting = [s for s in seeds if f"{s}/{options.lab}" not in done]
-    judged = parallel(partial(one, lab=options.lab), waiting, options.minutes, options.jobs)
-    add(options.results, lines, judged, version)
+    found = parallel(partial(one, lab=options.lab), waiting, options.minutes, options.jobs)
+    add(options.results, lines, found, version)
     show(lines, page, options.out)
     if options.out is not None:
         write_diagram(every_stated(current(lines)), options.out, DIAGRAM)

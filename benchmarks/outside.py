@@ -9,7 +9,6 @@ the law of the soil. The set's logs are ``<set>/*.csv``.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
@@ -18,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.command_line import parser_of
 from benchmarks.intervals import wilson
 from benchmarks.judging import judged, named, searched, wrong_name
 from benchmarks.lines import Line
@@ -95,9 +95,7 @@ def summary(lines: Sequence[Line], answers: Sequence[Mapping[str, Any]]) -> str:
 
 def main() -> None:
     """Judge a folder of sets, print a row each and the summary; the exit code tells of crashes only."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path, nargs="?", default=DEFAULT)
     parser.add_argument("--jobs", type=int, default=2, help="processes of each search")
     parser.add_argument("--only", default="", help="names of sets, with commas between")

@@ -8,7 +8,6 @@ columns t_s, x_m, v_mps, slip_f and slip_b.
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 from collections.abc import Sequence
@@ -23,6 +22,7 @@ import numpy as np
 from benchmarks.against_truth import Array
 from benchmarks.blind_code import commit
 from benchmarks.chance import coverages
+from benchmarks.command_line import parser_of
 from benchmarks.outside import DEFAULT
 from granite_lab.estimation.chain import finish, solve
 from granite_lab.files import write_text
@@ -196,9 +196,7 @@ The virtual trials come from a simulator and a sensor model that share no code w
 
 def main() -> None:
     """Judge all trials of a folder, and print or write the page."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path, nargs="?", default=DEFAULT)
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--out", type=Path, help="write the page here")

@@ -8,7 +8,6 @@ folder that is written.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Callable
@@ -19,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from benchmarks.command_line import parser_of
 from benchmarks.outside import DEFAULT
 from granite_lab.files import write_text
 
@@ -176,9 +176,7 @@ def write(source: Path, target: Path, change: Change, rng: np.random.Generator) 
 
 def main() -> None:
     """Write the variants of the sets, and the answers."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("folder", type=Path, nargs="?", default=DEFAULT)
     parser.add_argument("--sets", default="", help="names of sets, with commas between")

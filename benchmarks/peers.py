@@ -13,12 +13,10 @@ refused.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import tempfile
 import time
-import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -30,7 +28,8 @@ import numpy as np
 
 import granite_lab
 from benchmarks.blind_code import ROOT, code_hash, commit
-from benchmarks.judging import parallel, short
+from benchmarks.command_line import parser_of_sets
+from benchmarks.judging import attempted, parallel, short
 from benchmarks.lines import Line, add, of_code, read, show
 from benchmarks.mixtures import task
 from benchmarks.peers_learn import INPUTS, PEERS, Places, Table, measured, residuals_without, simulated
@@ -39,7 +38,6 @@ from granite_lab.discovery import discover
 from granite_lab.discovery.heldout import Equations, by_others, closed, gaps
 from granite_lab.discovery.models import Search
 from granite_lab.discovery.verdict import Judgement, judge, performance_of
-from granite_lab.errors import LabError
 from granite_lab.estimate import Estimate
 from granite_lab.inference.fit import Fit
 from granite_lab.inference.problem import Problem
@@ -142,19 +140,18 @@ def one(name: str) -> Line:
     """Compare on one set; a failure becomes a line, too."""
     folder = Path(name)
     line: Line = {"key": folder.name, "of": folder.parent.name if folder.parent.name in GROUPS else "blind"}
-    try:
+
+    def found() -> Line:
         if not name.startswith("seed "):
             hidden = truth(json.loads((folder.parent / "answers.json").read_text("utf-8"))[folder.name])
-            return line | {"hidden": hidden} | compared(sorted(folder.glob("*.csv")))
+            return {"hidden": hidden} | compared(sorted(folder.glob("*.csv")))
         seed = int(name.removeprefix("seed "))
         with tempfile.TemporaryDirectory(prefix="granite-peers-") as made:
             hid = granite_lab.hide("mixture", made, seed=seed, lab="wild", **task(seed))
             hidden = "+".join(e["id"] for e in granite_lab.reveal(made).answer["effects"])
-            return line | {"hidden": hidden} | compared(hid.trials)
-    except LabError as error:
-        return line | {"status": "refused", "error": f"{error.message} ({error.hint})"}
-    except Exception:  # a crash is a result
-        return line | {"status": "crashed", "error": traceback.format_exc(limit=-4)}
+            return {"hidden": hidden} | compared(hid.trials)
+
+    return line | attempted(found)
 
 
 def truth(answer: Mapping[str, Any]) -> str:
@@ -167,9 +164,7 @@ def truth(answer: Mapping[str, Any]) -> str:
 
 def main() -> None:
     """Continue the comparison and write its page."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of_sets(__doc__, RESULTS)
     parser.add_argument("--outside", type=Path, default=Path("../shared/outside"))
     parser.add_argument("--mixtures", type=Path, default=Path("../shared/mixtures"))
     parser.add_argument("--blind", type=int, default=20, help="number of sets made by hide")
@@ -178,9 +173,6 @@ def main() -> None:
         "--minutes", type=float, default=math.inf, help="no set is begun later; 0: only the page"
     )
     parser.add_argument("--afresh", action="store_true", help="drop results of other code")
-    parser.add_argument("--jobs", type=int, default=2, help="sets side by side")
-    parser.add_argument("--results", type=Path, default=RESULTS, help="one line for each set")
-    parser.add_argument("--out", type=Path, help="write the page here, too")
     options = parser.parse_args()
     version = {"code": code_hash(), "commit": commit()}
     lines = read(options.results)

@@ -7,7 +7,6 @@ The logs are not part of the project; `docs/estimation-real.md`, which this writ
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.against_truth import Array, Velocities, draw, rms
+from benchmarks.command_line import parser_of
 from benchmarks.log_set import LogSet, wheel_speed
 from benchmarks.real_logs_page import Delay, Delays, page, run_table
 from granite_lab.errors import LabError
@@ -190,7 +190,7 @@ def sliding(data: Path) -> dict[str, tuple[float, float]]:
 
 def main() -> None:
     """Estimate every log, write the page and its figures."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser = parser_of(__doc__)
     parser.add_argument("--data", type=Path, required=True, help="folder with the logs")
     parser.add_argument("--out", type=Path, default=Path("docs/estimation-real.md"))
     given = parser.parse_args()

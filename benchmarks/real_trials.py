@@ -8,7 +8,6 @@ user has to write by hand is in `benchmarks/robots` and in the sidecars that are
 
 from __future__ import annotations
 
-import argparse
 import math
 import shutil
 import tempfile
@@ -21,6 +20,7 @@ import numpy as np
 import pandas as pd
 
 import granite_lab as gl
+from benchmarks.command_line import parser_of
 from benchmarks.real_logs import BY_HAND, SNOW_STD, by_hand, standstills
 from benchmarks.real_trials_drive import steps_of
 from benchmarks.real_trials_field import FIELD
@@ -259,7 +259,7 @@ def analysed(prepared: Prepared) -> Outcome:
 
 def main() -> None:
     """Analyse every set that is there, and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser = parser_of(__doc__)
     parser.add_argument("--data", type=Path, required=True, help="folder with the sets")
     parser.add_argument("--out", type=Path, default=Path("docs/real-trials.md"))
     given = parser.parse_args()

@@ -8,7 +8,6 @@ turn, warmed up. Times are medians of CPU times; compare ratios, not seconds.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import os
 import platform
@@ -26,6 +25,7 @@ from unittest.mock import patch
 import numpy as np
 
 from benchmarks import rk4
+from benchmarks.command_line import parser_of
 from granite_lab.effects import get, library
 from granite_lab.errors import EstimateError
 from granite_lab.logs.trial import Array
@@ -276,7 +276,7 @@ def box(draws: int) -> dict[str, Any]:
 
 def main() -> None:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--repeats", type=int, default=10)
     parser.add_argument("--draws", type=int, default=400)
     parser.add_argument("--out", type=Path)

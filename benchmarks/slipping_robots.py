@@ -9,7 +9,6 @@ the sensors allow.
 
 from __future__ import annotations
 
-import argparse
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import product
@@ -23,6 +22,7 @@ from scipy.sparse.linalg import spsolve
 
 from benchmarks.against_truth import Array, Velocities, draw, errors, inside, rms, table
 from benchmarks.blind_code import commit
+from benchmarks.command_line import parser_of
 from granite_lab.errors import LabError
 from granite_lab.files import write_text
 from granite_lab.logs.trial import ImuStream, Trial, TrialInfo, WheelStream
@@ -351,7 +351,7 @@ Written by `python -m benchmarks.slipping_robots --seeds {len(next(iter(found.va
 
 def main() -> None:
     """Estimate all trials, write the page and its figure."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=24, help="trials of each robot")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--out", type=Path, default=Path("docs/estimation-robots.md"))

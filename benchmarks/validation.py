@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import io
 import math
@@ -19,6 +18,7 @@ import jinja2
 import numpy as np
 
 from benchmarks import validation_plots as plots
+from benchmarks.command_line import parser_of
 from benchmarks.validation_data import Row, Series, all_series
 from benchmarks.validation_fit import (
     Array,
@@ -366,9 +366,7 @@ def _totals(results: Results, s: Series) -> list[float]:
 
 def main() -> None:
     """Write the page and its figures."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--out", type=Path, default=Path("docs/validation.md"))
     options = parser.parse_args()
     start = time.monotonic()
