@@ -118,11 +118,16 @@ def late_stamps(mean: float, log: Log, rng: Rng) -> Log:
     return replace(log, t=t, t_wheels=t_wheels)
 
 
-def dropped(share: float, log: Log, rng: Rng) -> Log:
-    a, b = rng.random(log.t.size) > share, rng.random(log.t_wheels.size) > share
+def kept(imu: Array, wheels: Array, log: Log) -> Log:
+    """Return a log with some samples only, of the IMU (N,) and of the encoders (M,)."""
     return replace(
-        log, t=log.t[a], force=log.force[a], rate=log.rate[a], t_wheels=log.t_wheels[b], angle=log.angle[b]
-    )
+        log, t=log.t[imu], force=log.force[imu], rate=log.rate[imu], t_wheels=log.t_wheels[wheels],
+        angle=log.angle[wheels],
+    )  # fmt: skip
+
+
+def dropped(share: float, log: Log, rng: Rng) -> Log:
+    return kept(rng.random(log.t.size) > share, rng.random(log.t_wheels.size) > share, log)
 
 
 def wheels_clock(drift: float, log: Log, rng: Rng) -> Log:
@@ -142,9 +147,8 @@ def burst(share: float, longest: float, log: Log, rng: Rng) -> Log:
 
 def repeated(times: int, length: float, log: Log, rng: Rng) -> Log:
     """While the robot moves the IMU's samples are lost some times, and the last one is logged again."""
-    force, rate = log.force.copy(), log.rate.copy()
-    turns = log.t_wheels[np.flatnonzero(np.abs(np.diff(log.angle.mean(axis=1))) > 1e-4)]
-    for begin in rng.uniform(turns[0], turns[-1] - length, times):
+    force, rate, (first, last) = log.force.copy(), log.rate.copy(), motion_of(log)
+    for begin in rng.uniform(first, last - length, times):
         k = np.flatnonzero((log.t >= begin) & (log.t < begin + length))
         force[k], rate[k] = force[k[0]], rate[k[0]]
     return replace(log, force=force, rate=rate)
@@ -152,9 +156,8 @@ def repeated(times: int, length: float, log: Log, rng: Rng) -> Log:
 
 def hangs(length: float, log: Log, rng: Rng) -> Log:
     """The encoders' bus hangs once in motion: the last angle is logged again, then it goes on."""
-    angle = log.angle.copy()
-    turns = log.t_wheels[np.flatnonzero(np.abs(np.diff(angle.mean(axis=1))) > 1e-4)]
-    begin = rng.uniform(turns[0], turns[-1] - length)
+    angle, (first, last) = log.angle.copy(), motion_of(log)
+    begin = rng.uniform(first, last - length)
     k = np.flatnonzero((log.t_wheels >= begin) & (log.t_wheels < begin + length))
     angle[k] = angle[k[0]]
     return replace(log, angle=angle)
@@ -167,16 +170,22 @@ def held(rate: float, log: Log, _: Rng) -> Log:
     return replace(log, t=t, force=log.force[i], rate=log.rate[i], t_wheels=t, angle=log.angle[j])
 
 
-def loses(share: float, log: Log, rng: Rng) -> Log:
-    """One encoder counts too little."""
+def one_wheel(factor: float, log: Log, rng: Rng) -> Log:
+    """One encoder counts by a factor too little, not at all, or backwards."""
     angle = log.angle.copy()
-    angle[:, rng.integers(4)] *= 1.0 - share
+    angle[:, rng.integers(4)] *= factor
     return replace(log, angle=angle)
 
 
-def trimmed(std: float, log: Log, rng: Rng) -> Log:
-    """The sensitivity of each axis of the accelerometer is off by its own error."""
-    return replace(log, force=log.force * (1.0 + std * rng.normal(size=3)))
+def own_scales(name: str, std: float, log: Log, rng: Rng) -> Log:
+    """The scale of each column of a sensor is off by an error of its own, as of wheels' radii."""
+    values = getattr(log, name)
+    return replace(log, **{name: values * (1.0 + std * rng.normal(size=values.shape[1]))})
+
+
+def scaled(name: str, share: float, log: Log, rng: Rng) -> Log:
+    """All columns of a sensor are too large, or all too small: of wrong counts of a turn nobody can tell."""
+    return replace(log, **{name: getattr(log, name) * (1.0 + share * rng.choice([-1, 1]))})
 
 
 def imu_clock(drift: float, log: Log, rng: Rng) -> Log:
@@ -206,27 +215,11 @@ def epoch(step: float, log: Log, _: Rng) -> Log:
     return replace(log, t=t, t_wheels=t_wheels, origin=1.7e9)
 
 
-def dead(log: Log, rng: Rng) -> Log:
-    angle = log.angle.copy()
-    angle[:, rng.integers(4)] = 0.0
-    return replace(log, angle=angle)
-
-
-def reversed_wheel(log: Log, rng: Rng) -> Log:
-    angle = log.angle.copy()
-    angle[:, rng.integers(4)] *= -1
-    return replace(log, angle=angle)
-
-
 def dies(log: Log, rng: Rng) -> Log:
     """An encoder stops counting while the wheel turns."""
     angle, i = log.angle.copy(), rng.integers(4)
     angle[:, i] = np.minimum(angle[:, i], rng.uniform(0.2, 0.8) * angle[-1, i])
     return replace(log, angle=angle)
-
-
-def radius(std: float, log: Log, rng: Rng) -> Log:
-    return replace(log, angle=log.angle * (1 + std * rng.normal(size=4)))
 
 
 def turned(axis: int, degrees: float, log: Log, rng: Rng) -> Log:
@@ -244,10 +237,6 @@ def saturated(share: float, log: Log, _: Rng) -> Log:
     top = share * np.abs(force[:, 0]).max()
     force[:, 0] = np.clip(force[:, 0], -top, top)
     return replace(log, force=force)
-
-
-def scaled(share: float, log: Log, rng: Rng) -> Log:
-    return replace(log, force=log.force * (1 + share * rng.choice([-1, 1])))
 
 
 def rounded(step: float, log: Log, _: Rng) -> Log:
@@ -271,11 +260,7 @@ def ends(begin: float, end: float, log: Log, _: Rng) -> Log:
     """Standstills of so many seconds at start and end."""
     turns = np.flatnonzero(np.abs(np.diff(log.angle.mean(axis=1))) > 1e-5)
     a, b = log.t_wheels[turns[0]] - begin, log.t_wheels[turns[-1] + 1] + end
-    imu, wheels = (log.t >= a) & (log.t <= b), (log.t_wheels >= a) & (log.t_wheels <= b)
-    return replace(
-        log, t=log.t[imu], force=log.force[imu], rate=log.rate[imu], t_wheels=log.t_wheels[wheels],
-        angle=log.angle[wheels],
-    )  # fmt: skip
+    return kept((log.t >= a) & (log.t <= b), (log.t_wheels >= a) & (log.t_wheels <= b), log)
 
 
 def temperature(drift: float, log: Log, rng: Rng) -> Log:
@@ -297,11 +282,6 @@ def in_motion(log: Log) -> Array:
     """(N,) 1 while the wheels turn, 0 at rest, faded over 0.3 s."""
     begin, end = motion_of(log)
     return np.clip((log.t - begin) / 0.3, 0.0, 1.0) * np.clip((end - log.t) / 0.3, 0.0, 1.0)
-
-
-def counts_off(share: float, log: Log, rng: Rng) -> Log:
-    """The counts of a turn in the file are wrong: nobody can tell."""
-    return replace(log, angle=log.angle * (1.0 + share * rng.choice([-1, 1])))
 
 
 def geared(factor: float, log: Log, _: Rng) -> Log:
@@ -382,10 +362,7 @@ def lost_lines(times: int, length: float, log: Log, rng: Rng) -> Log:
     for at in rng.uniform(begin, end - length, times):
         imu &= (log.t < at) | (log.t >= at + length)
         wheels &= (log.t_wheels < at) | (log.t_wheels >= at + length)
-    return replace(
-        log, t=log.t[imu], force=log.force[imu], rate=log.rate[imu], t_wheels=log.t_wheels[wheels],
-        angle=log.angle[wheels],
-    )  # fmt: skip
+    return kept(imu, wheels, log)
 
 
 def put_down(log: Log, rng: Rng) -> Log:
@@ -463,18 +440,18 @@ KINDS: dict[str, Kind] = {
     "both clocks 2 %": partial(both_clocks, 0.02),
     **{f"offset {s:g} s": partial(offset, s) for s in (0.05, 0.2, 2.0)},
     "epoch, 1 ms": partial(epoch, 0.001), "epoch, 10 ms": partial(epoch, 0.01),
-    "dead wheel": dead, "reversed wheel": reversed_wheel, "encoder dies": dies,
-    "radii 1 %": partial(radius, 0.01), "encoder loses 20 %": partial(loses, 0.2),
+    "dead wheel": partial(one_wheel, 0.0), "reversed wheel": partial(one_wheel, -1.0), "encoder dies": dies,
+    "radii 1 %": partial(own_scales, "angle", 0.01), "encoder loses 20 %": partial(one_wheel, 0.8),
     **{f"IMU turned {d} deg about {'xyz'[a]}": partial(turned, a, d) for a, d in TURNS},
     "range 70 %": partial(saturated, 0.7), "range 40 %": partial(saturated, 0.4),
-    "accelerometer 2 %": partial(scaled, 0.02), "accelerometer 5 %": partial(scaled, 0.05),
-    "axes 1 %": partial(trimmed, 0.01), "axes 3 %": partial(trimmed, 0.03),
+    **{f"accelerometer {100 * s:g} %": partial(scaled, "force", s) for s in (0.02, 0.05)},
+    **{f"axes {100 * s:g} %": partial(own_scales, "force", s) for s in (0.01, 0.03)},
     "steps of 0.01": partial(rounded, 0.01), "steps of 0.1": partial(rounded, 0.1),
     "no gyro": partial(without, "gyro"), "one axis each": partial(without, "other axes"),
     "one wheel": partial(without, "wheels"),
     **{f"rest {a:g} s and {b:g} s": partial(ends, a, b) for a, b in RESTS},
     "drift 0.05": partial(temperature, 0.05), "drift 0.2": partial(temperature, 0.2),
-    "counts a turn 3 % off": partial(counts_off, 0.03),
+    "counts a turn 3 % off": partial(scaled, "angle", 0.03),
     **{f"angles x{f:g}": partial(geared, f) for f in (0.25, 2.0, 4.0)},
     **{f"biases step by {s:g}, no end": both(partial(steps, s), partial(ends, 3, -1)) for s in (0.02, 0.1)},
     **{f"tone at {a:g} to {b:g} Hz": partial(folded, a, b, 1.0) for a, b in ((0.3, 1.5), (5.0, 12.0))},
