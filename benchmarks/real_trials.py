@@ -21,9 +21,9 @@ import pandas as pd
 
 import granite_lab as gl
 from benchmarks.command_line import parser_of
-from benchmarks.real_logs import BY_HAND, SNOW_STD, by_hand, standstills
+from benchmarks.real_logs import BOREAL, BY_HAND, SNOW_STD, by_hand, standstills
 from benchmarks.real_trials_drive import steps_of
-from benchmarks.real_trials_field import FIELD
+from benchmarks.real_trials_field import FIELD, own_folder
 from benchmarks.real_trials_page import page, picture
 from benchmarks.real_trials_plot import slips
 from benchmarks.real_trials_set import Outcome, Prepared, Row
@@ -65,8 +65,6 @@ NO_ANCHOR = (
 
 TWO_SIDED = 1.96
 """Half of a 95 % interval in std."""
-
-BOREAL = ("SANDY_LOAM_{}_01", "SANDY_LOAM_{}_06", "SNOW_{}_01")
 
 
 def snow(data: Path, work: Path) -> Prepared:
@@ -119,10 +117,8 @@ def boreal(data: Path, work: Path) -> Prepared:
 def pairs(folder: Path, work: Path, names: Sequence[str]) -> None:
     """Put the two files of each run into a folder of its own."""
     for name in names:
-        own = work / name.replace("imu_", "")
-        own.mkdir()
-        shutil.copy(folder / f"{name}.csv", own / "imu.csv")
-        shutil.copy(folder / f"{name.replace('imu', 'pro')}.csv", own / "motors.csv")
+        files = {"imu": folder / f"{name}.csv", "motors": folder / f"{name.replace('imu', 'pro')}.csv"}
+        own_folder(work, name.replace("imu_", ""), files)
 
 
 def drive(robot: str, radius: float, file: str, own: str) -> Callable[[Path, Path], Prepared]:

@@ -26,20 +26,19 @@ FLOOR = (
 """What is known of the truth where the robot drove on a floor."""
 
 
-def _folder(work: Path, name: str, files: Mapping[str, Path]) -> Path:
+def own_folder(work: Path, name: str, files: Mapping[str, Path]) -> None:
     """Copy the files of a run into a folder of their own, under the names of their sensors."""
     own = work / name
     own.mkdir()
     for sensor, path in files.items():
         shutil.copy(path, own / f"{sensor}.csv")
-    return own
 
 
 def car(data: Path, work: Path) -> Prepared:
     """F1TENTH car, remotely driven on a closed course, with lidar localisation."""
     names = {"imu": "imuData", "odometry": "odomData", "reference": "pfPoseData"}
     for run in sorted((data / "f1tenth_penn").glob("DS*")):
-        _folder(work, run.name, {sensor: run / f"{name}.csv" for sensor, name in names.items()})
+        own_folder(work, run.name, {sensor: run / f"{name}.csv" for sensor, name in names.items()})
         (work / f"{run.name}.toml").write_text(f"ref_x_std_m = {PLACE_STD}\n", encoding="utf-8")
     return Prepared(
         "F1TENTH car, lidar localisation", "AhmadAmine998/FrictionMaps, DataSets", "MIT", work,
@@ -77,7 +76,7 @@ def robomaster(data: Path, work: Path) -> Prepared:
     """RoboMaster with four motors, in squares on a floor."""
     for imu in sorted((data / "robomaster").glob("*_imu_data.csv.csv")):
         esc = imu.with_name(imu.name.replace("imu", "esc"))
-        _folder(work, imu.name.split("_")[1], {"imu": imu, "wheels": esc})
+        own_folder(work, imu.name.split("_")[1], {"imu": imu, "wheels": esc})
     return Prepared(
         "RoboMaster, squares on a floor", "jamInwza007x/robmaster-lab3-Araigodai, data/raw",
         "none: not committed", work, str(BY_HAND / "robomaster.toml"), str(BY_HAND / "robomaster_maps"),
@@ -95,7 +94,7 @@ def robomaster(data: Path, work: Path) -> Prepared:
 def robobot(data: Path, work: Path) -> Prepared:
     """Robobot of a course at DTU: a mission to a marker on a floor."""
     files = {"imu": data / "robobot/accgyro.txt", "motors": data / "robobot/motor.txt"}
-    _folder(work, "aruco_2", files)
+    own_folder(work, "aruco_2", files)
     return Prepared(
         "Robobot of DTU, on a floor", "SebastianBitsch/robobot-project, regbot/doc/robobot_mission_aruco_2",
         "none: not committed", work, str(BY_HAND / "robobot.toml"), str(BY_HAND / "robobot_maps"),

@@ -20,8 +20,8 @@ from granite_lab.parameters import GRAVITY, Robot, Soil, Variant
 
 Array = npt.NDArray[np.float64]
 
-STEP = 5e-5
-"""The paper's time step [s]."""
+STEP, STRIDE = 5e-5, 100
+"""The paper's time step [s], and how many of them lie between two states that are returned."""
 
 V_FLOOR = 0.02
 """Velocity [m/s] below which slip and shear displacement fade to standstill."""
@@ -135,20 +135,20 @@ def _rates(t, y, p, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _integrate(y, p, begin, steps, step, stride):  # type: ignore[no-untyped-def]
-    """Return every `stride`-th state of `steps` Runge-Kutta steps."""
-    kept = np.empty((steps // stride + 1, y.size))
+def _integrate(y, p, begin, steps):  # type: ignore[no-untyped-def]
+    """Return every `STRIDE`-th state of `steps` Runge-Kutta steps."""
+    kept = np.empty((steps // STRIDE + 1, y.size))
     kept[0] = y
     k1, k2, k3, k4 = np.empty(y.size), np.empty(y.size), np.empty(y.size), np.empty(y.size)
     for n in range(steps):
-        t = begin + n * step
+        t = begin + n * STEP
         _rates(t, y, p, k1)
-        _rates(t + 0.5 * step, y + 0.5 * step * k1, p, k2)
-        _rates(t + 0.5 * step, y + 0.5 * step * k2, p, k3)
-        _rates(t + step, y + step * k3, p, k4)
-        y = y + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-        if (n + 1) % stride == 0:
-            kept[(n + 1) // stride] = y
+        _rates(t + 0.5 * STEP, y + 0.5 * STEP * k1, p, k2)
+        _rates(t + 0.5 * STEP, y + 0.5 * STEP * k2, p, k3)
+        _rates(t + STEP, y + STEP * k3, p, k4)
+        y = y + STEP / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        if (n + 1) % STRIDE == 0:
+            kept[(n + 1) // STRIDE] = y
     return kept
 
 
@@ -207,8 +207,6 @@ def simulate(
     a_theta: float | None = None,
     settle: float = 1.0,
     after: float = 1.0,
-    step: float = STEP,
-    stride: int = 100,
 ) -> Trace:
     """Run one motion from rest.
 
@@ -218,8 +216,6 @@ def simulate(
         soil: the ground.
         k92, a_theta: exactly one of them.
         settle, after: time before the command and after its end [s].
-        step: of the method [s].
-        stride: every so many steps are returned.
 
     Raises:
         ValueError: see `parameters`.
@@ -227,7 +223,7 @@ def simulate(
     p = parameters(variant, robot, soil, k92=k92, a_theta=a_theta)
     end = variant.distance / variant.velocity + variant.velocity / variant.acceleration
     y = rest(p)
-    steps = stride * math.ceil((settle + after + end) / (step * stride))
-    state = _integrate(y, p, -settle, steps, step, stride)
-    t = -settle + step * stride * np.arange(state.shape[0])
+    steps = STRIDE * math.ceil((settle + after + end) / (STEP * STRIDE))
+    state = _integrate(y, p, -settle, steps)
+    t = -settle + STEP * STRIDE * np.arange(state.shape[0])
     return Trace(t, state, state[:, 3] - p[13] * state[:, 5])
