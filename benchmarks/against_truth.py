@@ -73,6 +73,11 @@ def slip_ratio(run: Velocities) -> Array:
     return np.asarray(1.0 - run.truth / np.maximum(np.abs(run.wheels), 0.05))
 
 
+def percent(share: float | None) -> str:
+    """Return a share in percent, a dash for none."""
+    return "–" if share is None or np.isnan(share) else f"{100 * share:.0f}"
+
+
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table in Markdown, numbers to the right."""
     lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]

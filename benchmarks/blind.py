@@ -29,10 +29,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.blind_code import ROOT, code_hash, commit
-from benchmarks.blind_page import DIAGRAM, current, every_stated, page
+from benchmarks.blind_page import DIAGRAM, every_stated, page
 from benchmarks.command_line import parser_of_sets
 from benchmarks.judging import Work, as_judged, judged, searched, short
-from benchmarks.lines import Line, add, of_code, read, show
+from benchmarks.lines import Line, add, current, of_code, read, show
 from benchmarks.reliability import write_diagram
 from granite_lab.api.hidden import hide
 from granite_lab.effects import library

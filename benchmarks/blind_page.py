@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.intervals import wilson
+from benchmarks.intervals import ratio
 from benchmarks.judging import named, wrong_name
+from benchmarks.lines import current
 from benchmarks.reliability import Stated, section
 
 Lines = Sequence[Mapping[str, Any]]
@@ -48,11 +49,7 @@ def wrong_single(line: Mapping[str, Any]) -> bool:
 def share(lines: Lines, hit: Callable[[Mapping[str, Any]], bool]) -> tuple[str, float]:
     """Return how many of how many with the 95 % interval of the share, and the share in percent."""
     hits, total = sum(bool(hit(line)) for line in lines), len(lines)
-    if not total:
-        return "–", float("nan")
-    low, high = wilson(hits / total, total)
-    value = 100 * hits / total
-    return f"{hits}/{total} = {value:.0f} % ({100 * low:.0f}–{100 * high:.0f})", value
+    return ratio(hits, total, "/"), 100 * hits / total if total else float("nan")
 
 
 def figures(lines: Lines) -> list[tuple[str, str, str, bool]]:
@@ -98,11 +95,6 @@ def figures(lines: Lines) -> list[tuple[str, str, str, bool]]:
     add("true size inside the stated 95 % interval", exact, lambda p: abs(p["z"]) < 1.96, 90, 98)
     add("crashed, refused or out of time", lines, lambda x: x["status"] != "judged", 0, 0)
     return rows
-
-
-def current(lines: Lines) -> Lines:
-    """Return the lines of the code that made the last one."""
-    return [line for line in lines if line["code"] == lines[-1]["code"]]
 
 
 def every_stated(lines: Lines) -> Stated:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.against_truth import rms
 from benchmarks.intervals import alike, wilson
 from granite_lab.errors import LabError
 from granite_lab.estimation.motion import Health, Motion
@@ -115,7 +116,7 @@ class Summary:
         nees_error, v_cover_error, slip_error: standard errors of nees, v_cover and slip_mean by the
             scatter of the trials, for the samples of one trial hang together.
         distance_rmse, distance_cover: relative.
-        slip_rmse, slip_mean, slip_size, slip_cover: of λ_R: rms, mean and mean absolute error.
+        slip_mean, slip_size, slip_cover: of λ_R: mean and mean absolute error.
         slip_stated: root mean square of the std that the estimates of λ_R state.
         offset_rmse, offset_mean [s], offset_cover, observable: of the clock offset.
         white: mean correlation of successive innovations for each of KINDS.
@@ -129,7 +130,6 @@ class Summary:
     v_cover: float
     distance_rmse: float
     distance_cover: float
-    slip_rmse: float
     slip_mean: float
     slip_cover: float
     offset_rmse: float
@@ -149,7 +149,7 @@ def summarise(scores: list[Score]) -> Summary:
     good = [s for s in scores if not s.refused]
     if not good:
         nan = float("nan")
-        return Summary(len(scores), len(scores), *(nan,) * 13, white=(nan,) * len(KINDS))
+        return Summary(len(scores), len(scores), *(nan,) * 12, white=(nan,) * len(KINDS))
 
     def column(name: str) -> Array:
         return np.array([getattr(s, name) for s in good], dtype=float)
@@ -158,9 +158,6 @@ def summarise(scores: list[Score]) -> Summary:
         error, std = column(name), column(f"{name}_std")
         stated = np.isfinite(std)
         return float(np.mean(np.abs(error[stated]) < 2 * std[stated])) if stated.any() else float("nan")
-
-    def rms(values: Array) -> float:
-        return float(np.sqrt(np.mean(values**2)))
 
     def error_of_mean(name: str) -> float:
         return float(np.std(column(name)) / np.sqrt(len(good)))
@@ -176,7 +173,6 @@ def summarise(scores: list[Score]) -> Summary:
         v_cover=float(column("v_within").mean()),
         distance_rmse=rms(column("distance")),
         distance_cover=cover("distance"),
-        slip_rmse=rms(column("slip")),
         slip_mean=float(column("slip").mean()),
         slip_cover=cover("slip"),
         offset_rmse=rms(offset),

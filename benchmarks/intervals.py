@@ -23,6 +23,19 @@ def wilson(share: float, trials: int) -> Interval:
     return max(centre - half, 0.0), min(centre + half, 1.0)
 
 
+def ratio(hits: int, total: int, of: str = " of ") -> str:
+    """Return a share in percent with its interval after Wilson; a dash where there is nothing to count.
+
+    Args:
+        hits, total: how many of how many.
+        of: what stands between these two.
+    """
+    if not total:
+        return "–"
+    low, high = wilson(hits / total, total)
+    return f"{hits}{of}{total} = {100 * hits / total:.0f} % ({100 * low:.0f}–{100 * high:.0f})"
+
+
 def around(mean: float, error: float, low: float = -np.inf, high: float = np.inf) -> Interval:
     """Return the 95 % interval of a mean with its standard error, within what is possible."""
     return max(mean - NORMAL * error, low), min(mean + NORMAL * error, high)

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.against_truth import table
-from benchmarks.intervals import wilson
+from benchmarks.intervals import ratio
 from benchmarks.judging import named
+from benchmarks.lines import current
 
 Lines = Sequence[Mapping[str, Any]]
 
@@ -24,14 +25,6 @@ WHOLE = 4.99
 
 WITHIN = 2.0
 """Std within which an a_θ is to be."""
-
-
-def ratio(hits: int, total: int) -> str:
-    """Return a share with its 95 % interval after Wilson."""
-    if not total:
-        return "–"
-    low, high = wilson(hits / total, total)
-    return f"{hits} of {total} = {100 * hits / total:.0f} % ({100 * low:.0f}–{100 * high:.0f})"
 
 
 def deviation(found: Sequence[float | None] | None, true: float) -> float | None:
@@ -95,7 +88,7 @@ def is_smaller(line: Mapping[str, Any]) -> bool:
 
 def page(lines: Lines) -> str:
     """Return the page in Markdown; of either part, by the lines of the code that made its last one."""
-    of = {part: of_last_code([x for x in lines if x["part"] == part]) for part in ("law", "names")}
+    of = {part: current([x for x in lines if x["part"] == part]) for part in ("law", "names")}
     kept = {part: [x for x in some if x["status"] != "not made"] for part, some in of.items()}
     unmade = [x for x in of["names"] if x["status"] == "not made"]
     runs = sum(len(x["runs"]) for x in kept["law"])
@@ -139,11 +132,6 @@ leave three times what its library entry expects. Aim: 95 % at five times. With 
 
 {table(["sets", "right, at five times", "right, smaller", "right, nothing hidden"], name_rows(lines))}
 {table(["seed", "sets", "hidden", "times", "outcome", "named"], set_rows(lines))}"""
-
-
-def of_last_code(lines: Lines) -> Lines:
-    """Return the lines of the code that made the last one."""
-    return [x for x in lines if x["code"] == lines[-1]["code"]]
 
 
 def judged_by(lines: Lines) -> str:

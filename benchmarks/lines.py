@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,11 @@ def read(path: Path) -> list[Line]:
 def write(path: Path, lines: Sequence[Line]) -> None:
     """Write the results, whole or not at all."""
     write_text(path, "".join(json.dumps(x, allow_nan=False, separators=(",", ":")) + "\n" for x in lines))
+
+
+def current(lines: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]]:
+    """Return the lines of the code that made the last one."""
+    return [line for line in lines if line["code"] == lines[-1]["code"]]
 
 
 def of_code(lines: list[Line], code: str, path: Path, *, afresh: bool, page_only: str) -> list[Line]:

@@ -18,13 +18,13 @@ from pathlib import Path
 from typing import Any
 
 import granite_lab
-from benchmarks.against_truth import table
+from benchmarks.against_truth import percent, table
 from benchmarks.blind_code import ROOT, code_hash, commit
-from benchmarks.blind_page import current, every_stated
+from benchmarks.blind_page import every_stated
 from benchmarks.command_line import parser_of_sets
-from benchmarks.intervals import wilson
+from benchmarks.intervals import ratio
 from benchmarks.judging import attempted, parallel, short, stated
-from benchmarks.lines import Line, add, of_code, read, show
+from benchmarks.lines import Line, add, current, of_code, read, show
 from benchmarks.reliability import section, write_diagram
 from granite_lab.errors import EstimateError
 
@@ -72,14 +72,6 @@ def judged(folder: Path) -> Line:
         "closed": {key: short(document["closed"][key]["value"]) for key in ("trials", "speeds")},
         "stated": stated(score),
     }  # fmt: skip
-
-
-def ratio(hits: int, total: int) -> str:
-    """Return a share with its 95 % interval after Wilson."""
-    if not total:
-        return "–"
-    low, high = wilson(hits / total, total)
-    return f"{hits} of {total} = {100 * hits / total:.0f} % ({100 * low:.0f}–{100 * high:.0f})"
 
 
 def figures(lines: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
@@ -138,11 +130,6 @@ and delays have been fitted again. Of the others these absorb so much that littl
 ## Sets
 
 {table(columns, rows)}"""
-
-
-def percent(share: float | None) -> str:
-    """Return a share in percent."""
-    return "–" if share is None else f"{100 * share:.0f}"
 
 
 def main() -> None:

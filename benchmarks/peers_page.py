@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.against_truth import table
-from benchmarks.blind_page import current
+from benchmarks.lines import current
 from benchmarks.peers_learn import POINTS
 
 Lines = Sequence[Mapping[str, Any]]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from benchmarks.against_truth import Velocities, errors, inside, rms, table
+from benchmarks.against_truth import Velocities, errors, inside, percent, rms, table
 from benchmarks.blind_code import commit
 from benchmarks.log_set import LogSet
 
@@ -157,11 +157,6 @@ HEAD = (
 def ratio(runs: Sequence[Velocities]) -> float:
     """RMSE of the estimate over that of the wheels."""
     return rms(errors(runs)) / rms(errors(runs, "wheels"))
-
-
-def percent(share: float) -> str:
-    """A share in percent, a dash for none."""
-    return f"{100 * share:.0f}" if np.isfinite(share) else "–"
 
 
 def summary(name: str, runs: Sequence[Velocities]) -> list[str]:

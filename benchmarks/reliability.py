@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.against_truth import table
-from benchmarks.intervals import wilson
+from benchmarks.intervals import ratio, wilson
 from granite_lab.files import write_bytes
 from granite_lab.reporting import canvas
 
@@ -72,8 +72,7 @@ def section(stated: Stated, picture: str) -> str:
         return f"{head}No effect was named or described.\n"
     rows = []
     for b in bins(stated):
-        low, high = (100 * x for x in b.interval)
-        right = f"{b.right}/{b.total} = {100 * b.right / b.total:.0f} % ({low:.0f}–{high:.0f})"
+        right = ratio(b.right, b.total, "/")
         rows.append(
             [f"{b.low:g}–{b.high:g}", f"{b.mean:.3f}", right if b.holds else f"**{right}**",
              "yes" if b.holds else "no"]

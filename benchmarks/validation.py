@@ -18,6 +18,7 @@ import jinja2
 import numpy as np
 
 from benchmarks import validation_plots as plots
+from benchmarks.against_truth import table
 from benchmarks.command_line import parser_of
 from benchmarks.validation_data import Row, Series, all_series
 from benchmarks.validation_fit import (
@@ -129,24 +130,15 @@ def _median(values: Array) -> float:
     return float(np.median(there)) if there.size else math.nan
 
 
-def relative_pull(results: Results, way: str, ids: str) -> float:
-    """Return the median error of the drawbar pull over the pull itself [%]."""
+def relative_pull(results: Results, way: str) -> float:
+    """Return the median error of the drawbar pull of Ding's wheels over the pull itself [%]."""
     errors = [
         abs(found[0] - row.pull) / abs(row.pull)
         for s in results.series
-        if s.id.startswith(ids)
+        if s.id.startswith("ding")
         for row, found in zip(s.rows, results.given[s.id][way], strict=True)
     ]
     return 100 * float(np.median(errors))
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:
-    """Return a Markdown table; the first `left` columns are flush left, a repeated first cell is empty."""
-    rule, lines, before = ["---"] * left + ["---:"] * (len(head) - left), [], ""
-    for first, *others in rows:
-        lines.append(["" if first == before else first, *others])
-        before = first
-    return "\n".join(f"|{'|'.join(cells)}|" for cells in (head, rule, *lines))
 
 
 def number(value: float, digits: int = 1) -> str:
@@ -235,10 +227,10 @@ def expected(found: Fit, effect: tuple[str, str]) -> bool:
     return p.prior_low <= value <= p.prior_high or abs(value - p.neutral) < 0.01
 
 
-def ripple(series: Series, row: Row, amplitude: float = 0.3) -> float:
-    """Return how much the lugs change the mean of the pull over a lug [N]."""
+def ripple(series: Series, row: Row) -> float:
+    """Return how much lugs that modulate the pressure by 0.3 change the mean of the pull over a lug [N]."""
     wheels = replace(series.wheels, lugs=1.0)
-    lugs = [activate(get("tread_ripple"), {"cos_front": amplitude})]
+    lugs = [activate(get("tread_ripple"), {"cos_front": 0.3})]
     plain = numbers(model(series, row, Setup(constant(0.3))))
     found = [
         numbers(
@@ -304,7 +296,7 @@ def _needed(results: Results) -> dict[str, Any]:
         "figures": FIGURES,
         "law_at_10": f"{paper_law(0.0):.2f}",
         "ding": {
-            **{way: f"{relative_pull(results, way, 'ding'):.0f}" for way in ("law", "zero", "rival")},
+            **{way: f"{relative_pull(results, way):.0f}" for way in ("law", "zero", "rival")},
             "sinkage": f"{median_errors(results, 'zero', 'ding')[2]:.1f}",
         },
         "slips": len(needs),

@@ -25,8 +25,6 @@ PULL, SINKAGE = 0.05, 2.0
 """What counts as agreement: drawbar pull within 5 % of the load, torque within 5 % of load times radius,
 sinkage within 2 mm. Residuals are divided by these, so that the three count alike."""
 
-QUANTITIES = ("drawbar pull", "torque", "sinkage")
-
 LOST = 10.0
 """Residual of a wheel that sinks to its axle, in units of the tolerance."""
 
@@ -103,13 +101,6 @@ def residuals(series: Series, rows: Sequence[Row], setup: Setup) -> Array:
         off = (numbers(model(series, row, setup)) - measured(row)) / scale
         found.append(np.where(np.isnan(off) & ~np.isnan(measured(row)), LOST, off))
     return np.array(found)
-
-
-def rms(off: Array) -> Array:
-    """Return the root mean square of each column; NaN for what was not measured."""
-    return np.array(
-        [np.sqrt(np.mean(c[~np.isnan(c)] ** 2)) if (~np.isnan(c)).any() else np.nan for c in off.T]
-    )
 
 
 def total(off: Array) -> float:
