@@ -11,7 +11,7 @@ ROOT = Path(__file__).parent.parent
 
 LEFT_OUT = (
     "api", "cli.py", "commands", "comparison",
-    "fitting", "planning", "reporting", "study.py",
+    "fitting", "planning", "reporting", "study_folder.py", "two_studies.py",
 )  # fmt: skip
 """Packages and modules that decide neither what is hidden nor what is found."""
 
