@@ -179,7 +179,7 @@ def paper_table(repeats: int) -> dict[str, Any]:
 def compile_time(ids: tuple[str, ...]) -> float:
     """Return how long a graph takes that is in no folder [s]."""
     begin = time.thread_time()
-    graphs.prepare(tuple(get(name) for name in ids))
+    graphs.equations(tuple(get(name) for name in ids))
     return time.thread_time() - begin
 
 
@@ -233,7 +233,7 @@ def _cells(f: Sequence[float] | Array) -> list[str]:
 def box(draws: int) -> dict[str, Any]:
     """Return the figures of random robots."""
     fine, counts, figures = Accuracy(1e-9, 1e-11), [0, 0, 0], []
-    graphs.prepare(())
+    graphs.equations(())
     for number in range(draws):
         d = draw(5, number)
         p = model_parameters(
@@ -247,7 +247,7 @@ def box(draws: int) -> dict[str, Any]:
             counts[0] += 1
             continue
         vector, found, seconds = parameter_vector(p, d.effects), [], []
-        graphs.prepare(effects)
+        graphs.equations(effects)
         for engine, accuracy in ((graphs, USUAL), (interpreted, USUAL), (interpreted, fine)):
             begin = time.thread_time()
             try:

@@ -37,7 +37,7 @@ class DrivetrainFriction(Effect):
 
     def drive_torque(self, torque: Any, state: WheelState, sym: Symbols) -> Any:
         """Subtract the friction from what reaches the rim."""
-        held = sym.x["held_f" if state.front else "held_r"]
+        held = sym.x[f"held_{state.letter}"]
         return torque - sym.p["coulomb"] * held - sym.p["viscous"] * state.rate
 
     def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, sym: Symbols) -> dict[str, Any]:

@@ -58,7 +58,7 @@ class GearBacklash(Effect):
 
     def shaft(self, shaft: Shaft, axle: Axle, sym: Symbols) -> Shaft:
         """Let the motor lead the wheel."""
-        half, name = _half(sym), _name(axle)
+        half, name = _half(sym), axle.state.letter
         return Shaft(
             shaft.angle + half * sym.x[f"lead_{name}"], shaft.rate + half * sym.x[f"lead_rate_{name}"]
         )
@@ -72,7 +72,7 @@ class GearBacklash(Effect):
         """Return the rates of the leads."""
         rates: dict[str, Any] = {}
         for axle in axles:
-            name = _name(axle)
+            name = axle.state.letter
             plain = axle.rim_acceleration(p.chassis.wheel_inertia)
             motor = sym.p["motor_share"] * p.chassis.wheel_inertia
             ahead = (axle.drive_torque - _teeth(axle, p, sym)) / motor
@@ -80,10 +80,6 @@ class GearBacklash(Effect):
             rates[f"lead_{name}"] = sym.x[f"lead_rate_{name}"]
             rates[f"lead_rate_{name}"] = ahead / _reach(sym)
         return rates
-
-
-def _name(axle: Axle) -> str:
-    return "f" if axle.state.front else "r"
 
 
 def _half(sym: Symbols) -> Any:
@@ -102,7 +98,7 @@ def _reach(sym: Symbols) -> Any:
 
 def _teeth(axle: Axle, p: ModelParameters, sym: Symbols) -> Any:
     """Return the torque of the teeth: a spring beyond the dead zone, damped where they touch."""
-    u, rate = sym.x[f"lead_{_name(axle)}"], sym.x[f"lead_rate_{_name(axle)}"]
+    u, rate = (sym.x[f"{name}_{axle.state.letter}"] for name in ("lead", "lead_rate"))
     over, under = ca.sqrt((u - 1) ** 2 + ROUND**2), ca.sqrt((u + 1) ** 2 + ROUND**2)
     loose = _loose(sym)
     bite = u - loose * (under - over) / 2

@@ -60,7 +60,7 @@ class RadialTyreCompliance(Effect):
 
     def wheel(self, state: WheelState, sym: Symbols) -> WheelState:
         """Divide the descent of the axle between tyre and soil."""
-        δ = sym.p["compliance"] * sym.x["load_f" if state.front else "load_r"]
+        δ = sym.p["compliance"] * sym.x[f"load_{state.letter}"]
         shorter = sym.p["rolling"] * δ
         return replace(
             state,
@@ -82,10 +82,7 @@ class RadialTyreCompliance(Effect):
 
     def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, sym: Symbols) -> dict[str, Any]:
         """Let the load that deflects the tyre follow that of the soil."""
-        return {
-            f"load_{name}": self._load_rate(axle.forces, axle.state, sym)
-            for name, axle in zip("fr", axles, strict=True)
-        }
+        return {f"load_{axle.state.letter}": self._load_rate(axle.forces, axle.state, sym) for axle in axles}
 
     @staticmethod
     def _load_rate(forces: WheelForces, state: WheelState, sym: Symbols) -> Any:
@@ -93,4 +90,4 @@ class RadialTyreCompliance(Effect):
         damping = sym.p["damped"] * sym.model.chassis.contact_damping
         damped = forces.vertical + ca.if_else(state.sinkage > 0, damping, 0) * state.sinkage_rate
         time_constant = sym.p["compliance"] * damping + sym.p["retardation"]
-        return (damped - sym.x["load_f" if state.front else "load_r"]) / time_constant
+        return (damped - sym.x[f"load_{state.letter}"]) / time_constant

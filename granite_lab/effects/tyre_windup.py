@@ -52,7 +52,7 @@ class TyreWindup(Effect):
 
     def wheel(self, state: WheelState, sym: Symbols) -> WheelState:
         """Let the tread turn slower than the rim while the twist grows."""
-        u_rate = sym.x[f"torque_rate_{_name(state)}"]
+        u_rate = sym.x[f"torque_rate_{state.letter}"]
         return replace(state, tread_rate=state.tread_rate - sym.p["compliance"] * u_rate)
 
     def rim_acceleration(self, acceleration: Any, axle: Axle, p: ModelParameters, sym: Symbols) -> Any:
@@ -63,21 +63,17 @@ class TyreWindup(Effect):
         """Return u̇ and ü."""
         rates: dict[str, Any] = {}
         for axle in axles:
-            name = _name(axle.state)
+            name = axle.state.letter
             plain = axle.rim_acceleration(p.chassis.wheel_inertia)
             rates[f"torque_{name}"] = sym.x[f"torque_rate_{name}"]
             rates[f"torque_rate_{name}"] = _jerk(plain, axle, p, sym)
         return rates
 
 
-def _name(wheel: WheelState) -> str:
-    return "f" if wheel.front else "r"
-
-
 def _jerk(rigid: Any, axle: Axle, p: ModelParameters, sym: Symbols) -> Any:
     """Return ü, given the acceleration that the rim of a rigid tyre would have."""
     share, compliance, T_r = sym.p["tread_share"], sym.p["compliance"], sym.p["retardation"]
-    J_t, name = share * p.chassis.wheel_inertia, _name(axle.state)
+    J_t, name = share * p.chassis.wheel_inertia, axle.state.letter
     unbalanced = -axle.forces.moment - sym.x[f"torque_{name}"] - T_r * sym.x[f"torque_rate_{name}"]
     # ω̇ = rigid + share κ ü put into the equation of the tread
     slow = (1 - share) * J_t * compliance + TREAD_LAG * T_r

@@ -71,6 +71,11 @@ class WheelState:
     shortened: Any = 0.0
 
     @property
+    def letter(self) -> str:
+        """End of the names of what belongs to the wheel pair: "f" or "r"."""
+        return "f" if self.front else "r"
+
+    @property
     def arc_radius(self) -> Any:
         """Radius of the undeflected tread [m]; r for a rigid wheel."""
         return self.radius + self.shortened

@@ -168,7 +168,7 @@ class Term(Effect):
 
     def rim_acceleration(self, acceleration: Any, axle: Axle, p: ModelParameters, sym: Symbols) -> Any:
         """Add a torque against a wheel."""
-        if self.quantity != ("torque_f" if axle.state.front else "torque_r"):
+        if self.quantity != f"torque_{axle.state.letter}":
             return acceleration
         arm = p.chassis.total_mass * GRAVITY / 4 * p.wheels.radius
         return acceleration - arm * sym.p["a"] * self._phi(axle, p) / p.chassis.wheel_inertia

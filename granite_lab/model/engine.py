@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from functools import cache, lru_cache
+from types import ModuleType
 from typing import Protocol, cast
 
 from granite_lab.logs.trial import Array
@@ -69,31 +69,27 @@ class Engine(Protocol):
 
 
 @cache
-def _compiler() -> Callable[[tuple[Effect, ...], Kind], Engine] | None:
-    """Return what makes an engine of a graph, where machine code can be compiled at all."""
+def _native() -> ModuleType | None:
+    """Return the module of compiled graphs; None where no machine code can be compiled at all."""
     if os.environ.get(INTERPRETED):
         return None
     try:
         from granite_lab.model.native import graphs  # noqa: PLC0415, without llvmlite there is none
 
-        graphs.prepare((), "trapezoid")
+        graphs.equations(())
     except (ImportError, NotImplementedError, OSError, RuntimeError, AttributeError):
         return None
-
-    def compiled(effects: tuple[Effect, ...], kind: Kind) -> Engine:
-        graphs.prepare(effects, kind)
-        return cast(Engine, graphs)
-
-    return compiled
+    return graphs
 
 
 @lru_cache(maxsize=256)
 def engine_of(effects: tuple[Effect, ...], kind: Kind = "trapezoid") -> Engine:
     """Return what integrates this graph; one that cannot be compiled is interpreted."""
-    compiler = _compiler()
-    if compiler is not None:
+    graphs = _native()
+    if graphs is not None:
         try:
-            return compiler(effects, kind)
+            graphs.equations(effects, kind)
+            return cast(Engine, graphs)
         except (NotImplementedError, RuntimeError):
             pass
     return cast(Engine, interpreted)

@@ -111,7 +111,8 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
         body, p.chassis, [(a.position, a.forces.longitudinal, a.forces.normal) for a in axles]
     )
     if kind != "trapezoid":
-        load = _towed(load, v, t, piece, p)
+        force, height = pulled(t, piece)
+        load = bd.towed(load, p.chassis, force * smoothstep(v / V_FLOOR), height)  # the rope is slack at rest
     load = hooks.rewritten(Effect.body_load, load, body, (axles[0], axles[1]), p)
     acceleration = bd.accelerations(p.chassis, load)
 
@@ -130,12 +131,6 @@ def build_graph(effects: tuple[Effect, ...] = (), kind: Kind = "trapezoid") -> G
     parameters = ca.vertcat(symbols_of(paper), effect_parameters(hooks))
     change_of = ca.vertcat(*map(rates.__getitem__, names))
     return Graph(t, x, parameters, column, change_of, outputs | sensors, names, delays)
-
-
-def _towed(load: bd.BodyLoad, v: Any, t: Any, piece: dict[str, Any], p: ModelParameters) -> bd.BodyLoad:
-    """Add what the robot tows; the rope is slack at rest."""
-    force, height = pulled(t, piece)
-    return bd.towed(load, p.chassis, force * smoothstep(v / V_FLOOR), height)
 
 
 def _body_rates(body: bd.BodyState, acceleration: bd.BodyAcceleration) -> dict[str, Any]:

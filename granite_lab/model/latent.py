@@ -61,7 +61,7 @@ class LatentForce(Effect):
 
     def rim_load(self, load: Any, state: WheelState, sym: Symbols) -> Any:
         """Add the torque against the wheel."""
-        return load - sym.p["torque_f" if state.front else "torque_r"] * _push(sym)
+        return load - sym.p[f"torque_{state.letter}"] * _push(sym)
 
 
 def _push(sym: Symbols) -> Any:

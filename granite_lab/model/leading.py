@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from granite_lab.logs.trial import Array
 from granite_lab.model.command import kind_of
-from granite_lab.model.pieces import NUMBERS, numbers_at, spin
-from granite_lab.parameters import Course, Robot, Turning, Variant
+from granite_lab.model.pieces import NUMBERS, numbers_at, spin, turnings
+from granite_lab.parameters import Course, Robot, Variant
 
 LASTING = 1 / 3
 """Time over which the error of a loop on the angle of a wheel comes and goes [s], where the robot's file
@@ -73,7 +72,8 @@ def _earlier(course: Course, lead: float) -> Course:
         path.append((course.end, float(v[-1])))
     numbers = dict(zip(NUMBERS[kind_of(course)], numbers_at(fresh, course), strict=True))
     sides = ("split_f", "split_r") if course.split else ()
-    front, rear, *apart = (_listed(spin(fresh, numbers, axle)) for axle in ("f", "r", *sides))
+    spun = (spin(fresh, numbers, axle) for axle in ("f", "r", *sides))
+    front, rear, *apart = (turnings(s.angle, s.rate, s.acceleration) for s in spun)
     order = np.argsort([*known, *fresh]).tolist()
     wheels = [*course.wheels, *zip(fresh.tolist(), front, rear, strict=True)]
     split = [*course.split, *zip(*apart, strict=True)]
@@ -81,12 +81,6 @@ def _earlier(course: Course, lead: float) -> Course:
         course, path=tuple(path), wheels=tuple(wheels[k] for k in order),
         split=tuple(split[k] for k in order) if split else (),
     )  # fmt: skip
-
-
-def _listed(turning: Any) -> list[Turning]:
-    """Return how an axle turns at each of several instants."""
-    rows = zip(turning.angle, turning.rate, turning.acceleration, strict=True)
-    return [Turning(angle=float(a), rate=float(b), acceleration=float(c)) for a, b, c in rows]
 
 
 def lasting_of(robot: Robot) -> float:

@@ -52,6 +52,12 @@ def spin(t: Any, u: dict[str, Any], axle: str) -> Turning:
     )
 
 
+def turnings(angle: Any, rate: Any, acceleration: Any) -> list[Turning]:
+    """Return how an axle turns at each of some instants, given as (K,) arrays [rad], [rad/s], [rad/s^2]."""
+    rows = zip(angle.tolist(), rate.tolist(), acceleration.tolist(), strict=True)
+    return [Turning(angle=a, rate=b, acceleration=c) for a, b, c in rows]
+
+
 def symbols_of_piece(kind: Kind) -> tuple[Any, dict[str, Any]]:
     """Return the symbols of a piece as one column, and each by its name."""
     u = ca.SX.sym("u", len(NUMBERS[kind]))

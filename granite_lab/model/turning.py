@@ -9,6 +9,7 @@ from scipy.interpolate import UnivariateSpline
 
 from granite_lab.errors import EstimateError
 from granite_lab.logs.trial import Array
+from granite_lab.model.pieces import turnings
 from granite_lab.parameters import Course, Turning, course_of
 
 FINEST = 1e-6
@@ -87,5 +88,4 @@ def _axle(knots: Array, spline: UnivariateSpline, radius: float) -> list[Turning
     h = np.diff(knots)
     turned = h * (ω[1:] + ω[:-1]) / 2 + h**2 * (α[:-1] - α[1:]) / 12
     θ = np.concatenate([[0.0], np.cumsum(turned)])
-    rows = zip(θ.tolist(), ω.tolist(), α.tolist(), strict=True)
-    return [Turning(angle=a, rate=r, acceleration=c) for a, r, c in rows]
+    return turnings(θ, ω, α)

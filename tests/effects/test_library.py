@@ -108,9 +108,9 @@ def test_dry_friction_gives_back_no_work_however_the_wheel_turns_and_holds_it_at
     t = np.linspace(0, 19, 40_001)
     rate, held, work = np.interp(t, np.arange(20), knots), 0.0, 0.0
     for ω in rate:
-        state = SimpleNamespace(front=True, rate=ω)
+        state = replace(WHEEL, rate=ω)
         own = Symbols(values, {"held_f": held, "held_r": 0.0}, 0.0, MODEL)
-        work -= float(effect.drive_torque(0.0, cast("WheelState", state), own)) * ω * (t[1] - t[0])
+        work -= float(effect.drive_torque(0.0, state, own)) * ω * (t[1] - t[0])
         assert work > -1e-6
         axle = cast("Axle", SimpleNamespace(state=state))
         held += float(effect.rates((axle, axle), MODEL, own)["held_f"]) * (t[1] - t[0])

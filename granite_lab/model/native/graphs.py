@@ -147,19 +147,14 @@ class Equations:
 
 @lru_cache(maxsize=64)
 def equations(effects: tuple[Effect, ...], kind: Kind = "trapezoid") -> Equations:
-    """Return the equations of a graph."""
-    return Equations(effects, kind)
-
-
-def prepare(effects: tuple[Effect, ...], kind: Kind = "trapezoid") -> None:
-    """Compile a graph, or load its code.
+    """Compile the equations of a graph, or load their code.
 
     Raises:
-        NotImplementedError: it cannot be compiled.
-        RuntimeError: LLVM does not accept it.
+        NotImplementedError: they cannot be compiled.
+        RuntimeError: LLVM does not accept them.
         OSError, AttributeError: the C library cannot be found.
     """
-    equations(effects, kind)
+    return Equations(effects, kind)
 
 
 def forget() -> None:

@@ -10,6 +10,7 @@ import math
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import count
 
 
@@ -215,20 +216,12 @@ def _turned(w: Writer, x: str, quarters: int) -> str:
     return w.select(far, value, w.constant(math.nan))
 
 
-def _sin(w: Writer, x: str) -> str:
-    return _turned(w, x, 0)
-
-
-def _cos(w: Writer, x: str) -> str:
-    return _turned(w, x, 1)
-
-
 ELEMENTARY: dict[str, tuple[Callable[..., str], int]] = {
     "exp": (_exp, 1),
     "log": (_log, 1),
     "pow": (_pow, 2),
-    "sin": (_sin, 1),
-    "cos": (_cos, 1),
+    "sin": (partial(_turned, quarters=0), 1),
+    "cos": (partial(_turned, quarters=1), 1),
 }
 """Functions that are written here, and of how many arguments they are."""
 

@@ -182,13 +182,13 @@ def test_a_graph_that_cannot_be_compiled_is_interpreted() -> None:
 
 def test_on_request_nothing_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(engine.INTERPRETED, "1")
-    engine._compiler.cache_clear()
+    engine._native.cache_clear()
     engine.engine_of.cache_clear()
     try:
         assert engine.engine_of(()) is interpreted
     finally:
         monkeypatch.undo()
-        engine._compiler.cache_clear()
+        engine._native.cache_clear()
         engine.engine_of.cache_clear()
     assert engine.engine_of(()) is graphs
 
