@@ -281,7 +281,7 @@ def run(path: Path, lines: list[Line], minutes: float, jobs: int, version: dict[
     judged_before = {line["key"] for line in lines}
     waiting = [task for task in schedule() if task.key not in judged_before]
 
-    def following() -> Work | None:
+    def following() -> Work[Line] | None:
         done = {line["key"]: line for line in lines}
         found = next(ready(waiting, done), None) if time.monotonic() + workers.longest < end else None
         if found is None:

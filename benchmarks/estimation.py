@@ -13,7 +13,6 @@ import sys
 import time
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, astuple
 from itertools import product
 from pathlib import Path
@@ -27,6 +26,7 @@ from benchmarks.command_line import parser_of
 from benchmarks.estimation_causes import CAUSES
 from benchmarks.estimation_cell import KINDS, Cell, Score, Summary, score, summarise, together
 from benchmarks.intervals import around, excludes, wilson
+from benchmarks.judging import parallel
 from granite_lab.files import write_text
 
 GRADES = ("industrial", "consumer")
@@ -49,41 +49,38 @@ OFFSET_LIMIT = 5.0
 """Largest RMS error of the clock offset [ms]."""
 
 
+Job = tuple[Cell, int]
+"""A cell, and the number of a trial in it."""
+
+
 def seed_of(cell: Cell, index: int) -> int:
     """Return the seed of a trial; no two cells share one."""
     return zlib.crc32(repr(cell).encode()) * 10_000 + index
 
 
-def one(job: tuple[Cell, int]) -> Score:
+def one(job: Job) -> tuple[Job, Score]:
     """Judge one trial, in whatever process."""
     cell, index = job
-    return score(cell, seed_of(cell, index))
+    return job, score(cell, seed_of(cell, index))
 
 
-def drawn(cells: dict[Cell, int]) -> list[tuple[Cell, int]]:
+def drawn(cells: dict[Cell, int]) -> list[Job]:
     """List the trials so that a run that ends early has about the same share of each cell."""
     jobs = [(cell, index) for cell, trials in cells.items() for index in range(trials)]
     return sorted(jobs, key=lambda job: (job[1] + 0.5) / cells[job[0]])
 
 
-def measured(
-    jobs: list[tuple[Cell, int]], processes: int, ends: float
-) -> Iterator[tuple[tuple[Cell, int], Score]]:
-    """Yield trials and their scores until an instant of `time.monotonic`, and say how far it is."""
+def measured(jobs: list[Job], processes: int, minutes: float) -> Iterator[tuple[Job, Score]]:
+    """Yield trials and their scores, and say how far it is; none is begun after so many minutes."""
     begin = time.monotonic()
-    with ProcessPoolExecutor(processes) as pool:
-        asked = [(job, pool.submit(one, job)) for job in jobs]
-        for done, (job, result) in enumerate(asked, 1):
-            yield job, result.result()
-            if done % 100 == 0:
-                left = (time.monotonic() - begin) / done * (len(jobs) - done)
-                print(f"{done}/{len(jobs)} trials, {left:.0f} s left", file=sys.stderr, flush=True)
-            if time.monotonic() > ends:
-                pool.shutdown(cancel_futures=True)
-                return
+    for done, found in enumerate(parallel(one, jobs, minutes, processes), 1):
+        yield found
+        if done % 100 == 0:
+            left = (time.monotonic() - begin) / done * (len(jobs) - done)
+            print(f"{done}/{len(jobs)} trials, {left:.0f} s left", file=sys.stderr, flush=True)
 
 
-def remembered(path: Path | None) -> dict[tuple[Cell, int], Score]:
+def remembered(path: Path | None) -> dict[Job, Score]:
     """Read the scores that an earlier run of the same code has kept, one a line."""
     if path is None or not path.exists():
         return {}
@@ -107,9 +104,7 @@ def summaries(
     """
     jobs = drawn(cells)
     found = remembered(kept)
-    for job, result in measured(
-        [j for j in jobs if j not in found], processes, time.monotonic() + 60.0 * minutes
-    ):
+    for job, result in measured([j for j in jobs if j not in found], processes, minutes):
         found[job] = result
         if kept is not None:
             with kept.open("a", encoding="utf-8") as file:

@@ -132,7 +132,7 @@ def search(seed: int, effect: str, detectable: Mapping[str, float | None]) -> Li
     return line
 
 
-def work_of(runs: int, seeds: int, done: Mapping[str, Line]) -> list[Work]:
+def work_of(runs: int, seeds: int, done: Mapping[str, Line]) -> list[Work[Line]]:
     """Return what can be made now, the sets by which a_θ is judged first.
 
     In a laboratory the set without an effect comes first: without its sizes no other one can be made.
@@ -143,8 +143,8 @@ def work_of(runs: int, seeds: int, done: Mapping[str, Line]) -> list[Work]:
         done: lines of the sets that are judged, by their keys.
     """
     laws = [FIRST + k for k in range(-(-runs // RUNS))]
-    found: list[Work] = [(law, (seed,)) for seed in laws if f"law/{seed}" not in done]
-    nulls: list[Work] = []
+    found: list[Work[Line]] = [(law, (seed,)) for seed in laws if f"law/{seed}" not in done]
+    nulls: list[Work[Line]] = []
     for seed in (SEARCHED + k for k in range(seeds)):
         first = done.get(f"names/{seed}/none")
         if first is None:
@@ -157,9 +157,9 @@ def work_of(runs: int, seeds: int, done: Mapping[str, Line]) -> list[Work]:
 
 def judge(options: argparse.Namespace, lines: list[Line], version: Line) -> None:
     """Make and judge the sets that are missing; each is kept as soon as it is judged."""
-    begun: list[Work] = []
+    begun: list[Work[Line]] = []
 
-    def following() -> Work | None:
+    def following() -> Work[Line] | None:
         done = {line["key"]: line for line in lines}
         waiting = [w for w in work_of(options.runs, options.seeds, done) if w not in begun]
         begun.extend(waiting[:1])

@@ -17,21 +17,21 @@ from granite_lab.errors import LabError
 from granite_lab.hidden.scoring import Score, score
 
 T = TypeVar("T")
+R = TypeVar("R")
+
+Work = tuple[Callable[..., R], tuple[Any, ...]]
+"""A function that makes and judges a set, as a rule returning a line, and its arguments."""
 
 
-Work = tuple[Callable[..., Line], tuple[Any, ...]]
-"""A function that makes and judges a set, and its arguments."""
-
-
-def as_judged(pool: Executor, following: Callable[[], Work | None], jobs: int) -> Iterator[Line]:
-    """Yield the lines of sets as they are judged, so many side by side.
+def as_judged(pool: Executor, following: Callable[[], Work[R] | None], jobs: int) -> Iterator[R]:
+    """Yield what comes out of sets as they are judged, so many side by side.
 
     Args:
         pool: that does the work.
         following: returns the work that is to be begun next; None where there is none now.
         jobs: how many sets side by side.
     """
-    running: set[Future[Line]] = set()
+    running: set[Future[R]] = set()
     while True:
         while len(running) < jobs and (work := following()) is not None:
             function, given = work
@@ -42,11 +42,11 @@ def as_judged(pool: Executor, following: Callable[[], Work | None], jobs: int) -
         yield from (future.result() for future in ended)
 
 
-def parallel(judge: Callable[[T], Line], sets: Sequence[T], minutes: float, jobs: int) -> Iterator[Line]:
-    """Yield the lines of sets as they are judged, each in a process; none is begun after so many minutes."""
+def parallel(judge: Callable[[T], R], sets: Sequence[T], minutes: float, jobs: int) -> Iterator[R]:
+    """Yield what comes out of sets as they are judged, each in a process; none is begun after `minutes`."""
     end, waiting = time.monotonic() + 60 * minutes, list(sets)
 
-    def following() -> Work | None:
+    def following() -> Work[R] | None:
         return (judge, (waiting.pop(0),)) if waiting and time.monotonic() < end else None
 
     with ProcessPoolExecutor(jobs) as pool:
