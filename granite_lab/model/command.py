@@ -45,10 +45,14 @@ def relaxed(target: Any, mean: Any, speed: Any, length: Any) -> Any:
 
 
 def peak_velocity(variant: Variant) -> float:
-    """Return the largest desired velocity [m/s]; below v_Ru where the distance is too short for it."""
+    """Return the largest desired velocity [m/s]; below v_Ru where the distance is too short for it.
+
+    Of a trapezoid of symbols it is an expression, and so is the `duration`.
+    """
     if isinstance(variant, Course):
         return variant.peak
-    return min(variant.velocity, float(np.sqrt(variant.acceleration * variant.distance)))
+    peak: float = ca.fmin(variant.velocity, ca.sqrt(variant.acceleration * variant.distance))
+    return peak
 
 
 def reference_velocity(variant: Variant) -> float:
@@ -167,25 +171,19 @@ def distances_at(t: Array, variant: Variant) -> Array:
 
 def desired_velocity(t: Any, variant: Variant) -> Any:
     """Return v_Rd [m/s] at time t [s after command start] as an expression."""
-    v, a = _peak(variant), variant.acceleration
-    end = variant.distance / v + v / a
-    return ca.fmax(0, ca.fmin(v, ca.fmin(a * t, a * (end - t))))
+    a, end = variant.acceleration, duration(variant)
+    return ca.fmax(0, ca.fmin(peak_velocity(variant), ca.fmin(a * t, a * (end - t))))
 
 
 def desired_distance(t: Any, variant: Variant) -> Any:
     """Return s_Rxd [m], the integral of `desired_velocity`, as an expression."""
-    v, a = _peak(variant), variant.acceleration
+    v, a, end = peak_velocity(variant), variant.acceleration, duration(variant)
     ramp = v / a
-    end = variant.distance / v + ramp
     clipped = ca.fmax(0, ca.fmin(t, end))
     rising = a * ca.fmin(clipped, ramp) ** 2 / 2
     level = v * ca.fmax(0, ca.fmin(clipped, end - ramp) - ramp)
     falling = ca.fmax(0, clipped - (end - ramp))
     return rising + level + falling * (v - a * falling / 2)
-
-
-def _peak(variant: Variant) -> Any:
-    return ca.fmin(variant.velocity, ca.sqrt(variant.acceleration * variant.distance))
 
 
 def contact_angle_ratio(v_d: Any, p: ModelParameters) -> Any:

@@ -43,9 +43,9 @@ def virtual_trial(run: Run, seed: int, name: str) -> tuple[Trial, pd.DataFrame]:
     origin = STILL + rng.uniform(0, 0.05)  # the log's time at which the command starts
     end = origin + float(run.t[-1]) + STILL
     imu_t = _stamps(rng, robot.imu_grade.rate, end, 2e-5)
-    imu, tilt = _imu(run, robot, robot.imu_grade, imu_t, origin, rng)
+    imu, tilt = _imu(run, imu_t, origin, rng)
     enc_t = _stamps(rng, robot.encoders.rate, end, robot.encoders.jitter)
-    wheels = _encoders(run, robot, enc_t, origin)
+    wheels = _encoders(run, enc_t, origin)
     cur_t = _stamps(rng, robot.currents.rate, end, robot.encoders.jitter)
     stated = None if isinstance(run.variant, Course) else run.variant  # the log holds a course itself
     trial = Trial(
@@ -61,7 +61,7 @@ def virtual_trial(run: Run, seed: int, name: str) -> tuple[Trial, pd.DataFrame]:
         ),
         imu=imu,
         wheels=wheels,
-        currents=_currents(run, robot, cur_t, origin, rng),
+        currents=_currents(run, cur_t, origin, rng),
         command=Series(enc_t, _at(run, "v_desired_mps", enc_t - origin)),
     )
     names = ("x_m", "v_mps", "pitch_rad", "v_wheel_f_mps", "v_wheel_r_mps", "slip_f", "slip_r")
@@ -102,10 +102,8 @@ def _stamps(rng: np.random.Generator, rate: float, end: float, jitter: float) ->
     return np.asarray(np.round(t - min(t[0], 0.0), 6))
 
 
-def _imu(
-    run: Run, robot: Robot, grade: ImuGrade, t: Array, origin: float, rng: np.random.Generator
-) -> tuple[ImuStream, float]:
-    n = t.size
+def _imu(run: Run, t: Array, origin: float, rng: np.random.Generator) -> tuple[ImuStream, float]:
+    robot, grade, n = run.robot, run.robot.imu_grade, t.size
     force = np.zeros((n, 3))
     rate = np.zeros((n, 3))
     force[:, 0] = _mean_at(run, "imu_ax_mps2", t - origin, 1 / grade.rate)
@@ -113,8 +111,8 @@ def _imu(
     rate[:, 1] = _mean_at(run, "imu_gy_radps", t - origin, 1 / grade.rate)
     shaken = np.abs(_at(run, "v_wheel_f_mps", t - origin)) / 0.5
     for axis, share in enumerate((1.0, LATERAL_VIBRATION, 1.0)):
-        force[:, axis] += robot.imu.vibration * share * shaken * _vibration(robot, grade, n, rng)
-    rate[:, 1] += robot.imu.vibration_rate * shaken * _vibration(robot, grade, n, rng)
+        force[:, axis] += robot.imu.vibration * share * shaken * _vibration(robot, n, rng)
+    rate[:, 1] += robot.imu.vibration_rate * shaken * _vibration(robot, n, rng)
     tilt = rng.normal(0, robot.imu.tilt, 2)
     mounting = Rotation.from_euler("xyz", robot.imu.rotation, degrees=True)  # Rz Ry Rx
     turn = (mounting * Rotation.from_euler("xy", tilt, degrees=True)).inv()
@@ -131,11 +129,12 @@ def _imu(
     )
 
 
-def _vibration(robot: Robot, grade: ImuGrade, n: int, rng: np.random.Generator) -> Array:
+def _vibration(robot: Robot, n: int, rng: np.random.Generator) -> Array:
     """Return noise of unit rms in an octave around the frame's frequency; nothing near zero Hz."""
     low, high = robot.imu.vibration_frequency / np.sqrt(2), robot.imu.vibration_frequency * np.sqrt(2)
-    top = 0.45 * grade.rate
-    sos = butter(2, [min(low, 0.5 * top), min(high, top)], btype="bandpass", fs=grade.rate, output="sos")
+    top = 0.45 * robot.imu_grade.rate
+    band = [min(low, 0.5 * top), min(high, top)]
+    sos = butter(2, band, btype="bandpass", fs=robot.imu_grade.rate, output="sos")
     shaken = sosfilt(sos, rng.normal(size=n + 200))[200:]
     return np.asarray(shaken / shaken.std())
 
@@ -158,15 +157,16 @@ def _digitise(values: Array, limit: float, step: float) -> Array:
     return np.round(np.round(clipped / step) * step, 9) if step else clipped
 
 
-def _encoders(run: Run, robot: Robot, t: Array, origin: float) -> WheelStream:
+def _encoders(run: Run, t: Array, origin: float) -> WheelStream:
     angle = np.column_stack([_at(run, f"enc_{wheel[0]}_rad", t - origin) for wheel in WHEELS])
-    step = 2 * np.pi / robot.encoders.counts if robot.encoders.counts else 0.0
+    counts = run.robot.encoders.counts
+    step = 2 * np.pi / counts if counts else 0.0
     return WheelStream(t, np.floor(angle / step) * step if step else angle, resolution=(step,) * 4)
 
 
-def _currents(run: Run, robot: Robot, t: Array, origin: float, rng: np.random.Generator) -> CurrentStream:
+def _currents(run: Run, t: Array, origin: float, rng: np.random.Generator) -> CurrentStream:
     true = np.column_stack([_at(run, f"cur_{wheel[0]}_A", t - origin) for wheel in WHEELS])
-    c = robot.currents
+    c = run.robot.currents
     read = true * (1 + rng.normal(0, c.gain, 4)) + rng.normal(0, c.offset, 4)
     read += rng.normal(0, c.noise, read.shape)
     return CurrentStream(t, np.round(np.round(read / c.step) * c.step, 9) if c.step else read)
