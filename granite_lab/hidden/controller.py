@@ -28,7 +28,6 @@ class Controller(Truth):
     """The truth under another controller; `gains` are those of `Setup`."""
 
     id: ClassVar[str]
-    account: ClassVar[str]
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, robot: CompleteRobot) -> dict[str, float]:
@@ -78,10 +77,9 @@ def _limit(rng: np.random.Generator, robot: CompleteRobot) -> float:
 
 
 class OtherGains(Controller):
-    """The law of (26) with unknown gains."""
+    """(26) with 0.15 to 0.5 times the gains of the file, their ratio off by up to 1.4."""
 
     id = "other_gains"
-    account = "(26) with 0.15 to 0.5 times the gains of the file, their ratio off by up to 1.4"
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, robot: CompleteRobot) -> dict[str, float]:
@@ -99,10 +97,12 @@ class OtherGains(Controller):
 
 
 class FeedForward(Controller):
-    """A voltage for the speed, and a weak correction: the wheels fall behind under load."""
+    """A voltage for the speed, and a weak correction: the wheels fall behind under load.
+
+    u = share · EMF at the desired speed + a proportional gain on the error of the speed.
+    """
 
     id = "feed_forward"
-    account = "u = share · EMF at the desired speed + a proportional gain on the error of the speed"
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, robot: CompleteRobot) -> dict[str, float]:
@@ -117,13 +117,13 @@ class FeedForward(Controller):
 
 
 class Limited(Integrating):
-    """Proportional and integral on the speed; voltage and current are limited."""
+    """Proportional and integral on the speed; voltage and current are limited.
+
+    u = k_P e + k_I ∫ e dt within the bridge's voltage and R_d i_max about the EMF, the integral held back
+    while that limits (Åström and Hägglund, PID Controllers, 2nd ed., ISA 1995, ch. 3).
+    """
 
     id = "limited"
-    account = (
-        "u = k_P e + k_I ∫ e dt within the bridge's voltage and R_d i_max about the EMF, the integral held "
-        "back while that limits (Åström and Hägglund, PID Controllers, 2nd ed., ISA 1995, ch. 3)"
-    )
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, robot: CompleteRobot) -> dict[str, float]:
@@ -146,13 +146,13 @@ class Limited(Integrating):
 
 
 class Cascade(Integrating):
-    """A speed loop that asks a current loop for a limited current."""
+    """A speed loop that asks a current loop for a limited current.
+
+    i_d = k_P e + k_I ∫ e dt within ± i_max; a current loop of 3 ms with the EMF fed forward, bridges that
+    brake (Leonhard, Control of Electrical Drives, 3rd ed., Springer 2001, ch. 7).
+    """
 
     id = "cascade"
-    account = (
-        "i_d = k_P e + k_I ∫ e dt within ± i_max; a current loop of 3 ms with the EMF fed forward, "
-        "bridges that brake (Leonhard, Control of Electrical Drives, 3rd ed., Springer 2001, ch. 7)"
-    )
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, robot: CompleteRobot) -> dict[str, float]:
