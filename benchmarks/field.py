@@ -32,32 +32,27 @@ class Judged:
 
     Attributes:
         seed: of the draw.
-        grade: "good", "fair", "poor", or "refused".
-        slip, slip_std, slip_true: slip ratios [-]; NaN where there is none.
-        distance, distance_std, distance_true: [m]; NaN where the log was cut.
         fast: made from a sample, with its IMU at 50 Hz or more.
         drawn: what was drawn.
+        grade: "good", "fair", "poor", or "refused".
         message: verdict or refusal.
+        slip, slip_std: error of the slip ratio [-] and its std; NaN where there is none.
+        distance, distance_std: the same of the distance [m]; NaN where the log was cut, too.
     """
 
     seed: int
-    grade: str
-    slip: float
-    slip_std: float
-    slip_true: float
-    distance: float
-    distance_std: float
-    distance_true: float
     fast: bool
     drawn: dict[str, object]
+    grade: str
     message: str
+    slip: float = math.nan
+    slip_std: float = math.nan
+    distance: float = math.nan
+    distance_std: float = math.nan
 
     def of(self, index: int) -> tuple[tuple[float, float], ...]:
         """Return (error, std) of the slip ratio (0) or the distance (1), nothing where it is not known."""
-        error, std = (
-            (self.slip - self.slip_true, self.slip_std),
-            (self.distance - self.distance_true, self.distance_std),
-        )[index]
+        error, std = ((self.slip, self.slip_std), (self.distance, self.distance_std))[index]
         return ((error, std),) if math.isfinite(error) else ()
 
     @property
@@ -76,23 +71,17 @@ def judge(seed: int) -> Judged:
         if log.robot is not None:
             robot = Path(folder) / "robot.toml"
             robot.write_text(log.robot)
-        made = partial(
-            Judged, seed=seed, slip_true=log.slip, distance_true=log.distance,
-            fast=log.sample and log.imu_rate >= 49.0, drawn=log.drawn,
-        )  # fmt: skip
+        made = partial(Judged, seed, log.sample and log.imu_rate >= 49.0, log.drawn)
         try:
             motion = gl.ingest(path, robot=robot)[0].motion
         except LabError as refusal:
-            nan = math.nan
-            return made(
-                grade="refused", slip=nan, slip_std=nan, distance=nan, distance_std=nan, message=str(refusal)
-            )
+            return made("refused", str(refusal))
     # of a log that was cut, as a warning says, the distance is that of one stretch, whose truth is not known
     cut = any("the log is cut there" in line for line in motion.warnings)
     return made(
-        grade=motion.health.grade, slip=motion.slip_ratio.value, slip_std=motion.slip_ratio.std,
-        distance=math.nan if cut else motion.distance.value, distance_std=motion.distance.std,
-        message=motion.health.verdict,
+        motion.health.grade, motion.health.verdict,
+        slip=motion.slip_ratio.value - log.slip, slip_std=motion.slip_ratio.std,
+        distance=math.nan if cut else motion.distance.value - log.distance, distance_std=motion.distance.std,
     )  # fmt: skip
 
 
