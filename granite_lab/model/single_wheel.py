@@ -38,11 +38,6 @@ HOOKS = (
 )  # fmt: skip
 """Hooks by which an effect acts on a single wheel; the others need a robot, motors or sensors."""
 
-FORCES = (
-    "load_N", "drawbar_pull_N", "torque_Nm", "thrust_N", "resistance_N", "sinkage_m", "angle_front_rad",
-    "angle_rear_rad",
-)  # fmt: skip
-
 
 @dataclass(frozen=True)
 class Rolling:
@@ -188,8 +183,9 @@ class SingleWheel:
         self._chosen = tuple(e.effect for e in self.effects)
         self._effect_values = [x for e in self.effects for x in e.values]
         self._states = sum(len(e.states) for e in self._chosen)
-        self._buffer = np.empty(len(FORCES))
-        self._places, self._evaluate = _functions(self._chosen)[0].buffer()
+        forces = _functions(self._chosen)[0]
+        self._buffer = np.empty(forces.numel_out(0))
+        self._places, self._evaluate = forces.buffer()
         self._places.set_res(0, self._buffer.data)
 
     def at_load(self, load: float, motion: Rolling, ratio: Ratio) -> WheelPoint:
@@ -234,7 +230,7 @@ class SingleWheel:
         vector = self._vector(motion, ratio)
         states = self._settled(sinkage, vector, np.zeros(self._states))
         values = self._sound(self._forces(sinkage, states, vector))
-        load, pull, torque, thrust, resistance, _, front, rear = values.tolist()
+        load, pull, torque, thrust, resistance, front, rear = values.tolist()
         arc = _functions(self._chosen)[1](sinkage, states, vector).full()
         return WheelPoint(
             motion, rear / front, load, pull, torque, thrust, resistance, sinkage, front, rear, *arc.T
@@ -251,7 +247,7 @@ class SingleWheel:
         return np.array([motion.velocity, motion.rate, motion.angle, *vector_of(p), *self._effect_values])
 
     def _forces(self, sinkage: float, states: Array, vector: Array) -> Array:
-        """Return `FORCES`; the array is overwritten by the next call."""
+        """Return forces and angles, see `_functions`; the array is overwritten by the next call."""
         given = (np.array([sinkage]), states, vector)
         for k, numbers in enumerate(given):
             self._places.set_arg(k, numbers.data)
@@ -298,8 +294,9 @@ def _nothing(kind: type[Any]) -> Any:
 
 @lru_cache(maxsize=64)
 def _functions(effects: tuple[Effect, ...]) -> tuple[Any, Any, Any]:
-    """Return functions of sinkage, states and `SingleWheel._vector`: `FORCES`, the arc, the states' rates.
+    """Return functions of sinkage, states and `SingleWheel._vector`: forces, the arc, the states' rates.
 
+    The first one gives load, drawbar pull [N], torque [N m], thrust, resistance [N], ϑ_1 and ϑ_2 [rad].
     A front wheel is shown; the rear one only completes the pair for effects with states.
     """
     z, v, rate, angle = (ca.SX.sym(name) for name in ("z", "v", "rate", "angle"))
@@ -320,7 +317,7 @@ def _functions(effects: tuple[Effect, ...]) -> tuple[Any, Any, Any]:
     front, rear = wheel(True), wheel(False)
     forces, angles = front.forces, front.angles
     shown = ca.vertcat(
-        forces.normal, forces.longitudinal, -forces.moment, forces.thrust, forces.resistance, z,
+        forces.normal, forces.longitudinal, -forces.moment, forces.thrust, forces.resistance,
         angles.front, angles.rear,
     )  # fmt: skip
     ϑ = -angles.rear + (angles.front + angles.rear) * ca.DM(np.linspace(0, 1, NODES))
