@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from granite_lab.model.effect import Axle, Effect, EffectParameter, Shaft, Symbols
+from granite_lab.model.effect import Axle, Effect, Shaft, Symbols, turning_parameters
 
 
 class EncoderEccentricity(Effect):
@@ -26,11 +26,7 @@ class EncoderEccentricity(Effect):
         "Wheels, body and currents oscillate once per wheel turn (0.33-1.2 Hz at 0.2-0.7 m/s) while the "
         "encoders follow the command. wheel_eccentricity has vertical motion, too."
     )
-    parameters = tuple(
-        EffectParameter(f"{part}_{axle}", "rad", f"{word} part of the reading error, {axle} wheels",
-                        -0.3, 0.3, 0.0, -0.03, 0.03, per_trial=True)
-        for axle in ("front", "rear") for part, word in (("cos", "cosine"), ("sin", "sine"))
-    )  # fmt: skip
+    parameters = turning_parameters("rad", "reading error", 0.3, 0.03)
     circles = (("cos_front", "sin_front"), ("cos_rear", "sin_rear"))
 
     def reading(self, shaft: Shaft, axle: Axle, sym: Symbols) -> Shaft:

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 
 from granite_lab.model.contact import ContactAngles, WheelForces, WheelState, stiffer, stronger
-from granite_lab.model.effect import Effect, EffectParameter, Symbols
+from granite_lab.model.effect import Effect, Symbols, turning_parameters
 from granite_lab.parameters import Soil
 
 OF = {"": "pressure", "_strength": "shear strength", "_pull": "pull"}
@@ -39,11 +39,10 @@ class TreadRipple(Effect):
         "m/s. The mean is zero."
     )
     parameters = tuple(
-        EffectParameter(f"{part}_{axle}{of}", "", f"{word} part of the relative {what} ripple, {axle} wheels",
-                        -0.8, 0.8, 0.0, -0.3, 0.3, per_trial=True)
-        for of, what in OF.items() for axle in ("front", "rear")
-        for part, word in (("cos", "cosine"), ("sin", "sine"))
-    )  # fmt: skip
+        parameter
+        for of, what in OF.items()
+        for parameter in turning_parameters("", f"relative {what} ripple", 0.8, 0.3, of)
+    )
     circles = tuple((f"cos_{axle}{of}", f"sin_{axle}{of}") for of in OF for axle in ("front", "rear"))
 
     def soil(self, soil: Soil, state: WheelState, sym: Symbols) -> Soil:

@@ -9,7 +9,7 @@ import casadi as ca
 
 from granite_lab.model.command import V_FLOOR, smoothstep
 from granite_lab.model.contact import ContactAngles, WheelForces, WheelState
-from granite_lab.model.effect import Effect, EffectParameter, Symbols
+from granite_lab.model.effect import Effect, Symbols, turning_parameters
 from granite_lab.parameters import Soil
 
 
@@ -27,11 +27,7 @@ class WheelEccentricity(Effect):
     signature = (
         "Vertical motion, pitch and currents oscillate once per wheel turn (0.33-1.2 Hz at 0.2-0.7 m/s)."
     )
-    parameters = tuple(
-        EffectParameter(f"{part}_{axle}", "m", f"{word} part of the run-out, {axle} wheels",
-                        -0.01, 0.01, 0.0, -0.0015, 0.0015, per_trial=True)
-        for axle in ("front", "rear") for part, word in (("cos", "cosine"), ("sin", "sine"))
-    )  # fmt: skip
+    parameters = turning_parameters("m", "run-out", 0.01, 0.0015)
     circles = (("cos_front", "sin_front"), ("cos_rear", "sin_rear"))
 
     def wheel(self, state: WheelState, sym: Symbols) -> WheelState:

@@ -65,6 +65,26 @@ class EffectParameter:
     signs: tuple[str, str] = ("", "")
 
 
+def turning_parameters(
+    unit: str, what: str, bound: float, expected: float, end: str = ""
+) -> tuple[EffectParameter, ...]:
+    """Return the parameters of what turns with the wheels: a cosine and a sine part of each wheel pair.
+
+    They replace amplitude and phase, which keeps the model linear near zero. The initial angles of front and
+    rear wheels are unknown, hence the numbers for each trial.
+
+    Args:
+        unit, what: of either part.
+        bound, expected: of its magnitude.
+        end: of the names, as in ``cos_front`` + end.
+    """
+    return tuple(
+        EffectParameter(f"{part}_{axle}{end}", unit, f"{word} part of the {what}, {axle} wheels",
+                        -bound, bound, 0.0, -expected, expected, per_trial=True)
+        for axle in ("front", "rear") for part, word in (("cos", "cosine"), ("sin", "sine"))
+    )  # fmt: skip
+
+
 EFFECT_PARAMETERS = Table[EffectParameter](
     "effect",
     "Parameters of an effect",
