@@ -157,13 +157,11 @@ class _Drive:
     """One wheel pair as its motors drive it.
 
     Attributes:
-        name: "f" or "r".
         axle: kinematics and contact, with the voltage that its controller asks for.
         shaft, reading: motion of the motor's shaft, and what the encoder reads of it.
         voltage: that arrives at the motor [V].
     """
 
-    name: str
     axle: Axle
     shaft: Shaft
     reading: Shaft
@@ -180,17 +178,17 @@ def _drives(
     axles = [replace(axle, voltage=voltage) for axle, voltage in zip(axles, (front, rear), strict=True)]
     currents = axles[0].current, axles[1].current
     voltages = hooks.rewritten(Effect.voltages, (front, rear), currents, p.drive)
-    return tuple(map(_Drive, "fr", axles, *zip(*moving, strict=True), voltages))
+    return tuple(map(_Drive, axles, *zip(*moving, strict=True), voltages))
 
 
 def _unasked(axles: Sequence[Axle], p: ModelParameters, hooks: Hooks) -> tuple[_Drive, ...]:
     """Return the motors of wheels that are turned, with the voltage that (24) needs for a steady current."""
     drives = []
-    for name, axle in zip("fr", axles, strict=True):
+    for axle in axles:
         shaft, reading = _shaft_and_reading(axle, hooks)
         emf = p.drive.emf_constant * p.drive.gear_ratio * shaft.rate
         voltage = emf + p.drive.resistance * axle.current
-        drives.append(_Drive(name, axle, shaft, reading, voltage))
+        drives.append(_Drive(axle, shaft, reading, voltage))
     return tuple(drives)
 
 
@@ -220,7 +218,7 @@ def _axle_rates(drive: _Drive, p: ModelParameters, hooks: Hooks) -> dict[str, An
     turning = _turning(axle, p, hooks)
     current = current_rate(p.drive, drive.voltage, drive.shaft.rate, axle.current)
     rates = {"angle": axle.state.rate, "rate": turning, "current": current}
-    return {f"{name}_{drive.name}": rate for name, rate in rates.items()}
+    return {f"{name}_{axle.state.letter}": rate for name, rate in rates.items()}
 
 
 def _sensors(
@@ -229,7 +227,8 @@ def _sensors(
     """Return what the sensors read, and how far their stamps lag [s]."""
     sensors, delays = dict(imu), dict[str, Any]()
     for drive in drives:
-        sensors |= {f"enc_{drive.name}_rad": drive.reading.angle, f"cur_{drive.name}_A": drive.axle.current}
+        name = drive.axle.state.letter
+        sensors |= {f"enc_{name}_rad": drive.reading.angle, f"cur_{name}_A": drive.axle.current}
     sensors = hooks.rewritten(Effect.sensors, sensors, p)
     for e, sym in hooks:
         for prefix, lag in e.delays(sym).items():
@@ -362,8 +361,8 @@ def _mean(left: T, right: T) -> T:
 
 def _axle_outputs(drive: _Drive, radius: Any) -> dict[str, Any]:
     """Name what a run shows of one wheel pair; forces are those of one wheel."""
-    name, axle = drive.name, drive.axle
-    s, f = axle.state, axle.forces
+    axle = drive.axle
+    s, f, name = axle.state, axle.forces, axle.state.letter
     rim = replace(s, tread_rate=s.rate)  # slip as encoders see it
     return {
         f"theta_{name}_rad": s.angle,

@@ -180,11 +180,7 @@ class _Function:
             case ast.Name(id=name):
                 return self.expression(ast.Constant(value=self.numbers[name]))
             case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() | float() as value)):
-                return (
-                    self.expression(ast.Constant(value=-value))
-                    if isinstance(value, float)
-                    else ("i64", str(-value))
-                )
+                return self.expression(ast.Constant(value=-value))
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return self.new("double", f"fneg double {self.real(self.expression(operand))}")
             case ast.BinOp(left=left, op=op, right=right):
