@@ -124,19 +124,19 @@ class Summary:
 
     trials: int
     refused: int
-    v_rmse: float
-    v_worst: float
-    nees: float
-    v_cover: float
-    distance_rmse: float
-    distance_cover: float
-    slip_mean: float
-    slip_cover: float
-    offset_rmse: float
-    offset_mean: float
-    offset_cover: float
-    observable: float
-    white: tuple[float, ...]
+    v_rmse: float = np.nan
+    v_worst: float = np.nan
+    nees: float = np.nan
+    v_cover: float = np.nan
+    distance_rmse: float = np.nan
+    distance_cover: float = np.nan
+    slip_mean: float = np.nan
+    slip_cover: float = np.nan
+    offset_rmse: float = np.nan
+    offset_mean: float = np.nan
+    offset_cover: float = np.nan
+    observable: float = np.nan
+    white: tuple[float, ...] = (np.nan, np.nan, np.nan)
     nees_error: float = np.nan
     v_cover_error: float = np.nan
     slip_size: float = np.nan
@@ -148,8 +148,7 @@ def summarise(scores: list[Score]) -> Summary:
     """Put the scores of a cell together; refused trials count only as such."""
     good = [s for s in scores if not s.refused]
     if not good:
-        nan = float("nan")
-        return Summary(len(scores), len(scores), *(nan,) * 12, white=(nan,) * len(KINDS))
+        return Summary(len(scores), len(scores))
 
     def column(name: str) -> Array:
         return np.array([getattr(s, name) for s in good], dtype=float)

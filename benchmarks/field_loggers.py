@@ -66,12 +66,16 @@ def batch(size: int, log: Log, rng: Rng) -> Log:
     return replace(log, t=t[last] + late[last])
 
 
+def restamped(change: Callable[[Array], Array], log: Log) -> Log:
+    """Return a log with other stamps of both sensors."""
+    return replace(log, t=change(log.t), t_wheels=change(log.t_wheels))
+
+
 def both_batched(size: int, log: Log, rng: Rng) -> Log:
     """All rows are stamped when the computer reads the port."""
     step = size * float(np.median(np.diff(log.t)))
     start = step * rng.random()
-    t, t_wheels = (np.ceil((x - start) / step) * step + start for x in (log.t, log.t_wheels))
-    return replace(log, t=t, t_wheels=t_wheels)
+    return restamped(lambda t: np.ceil((t - start) / step) * step + start, log)
 
 
 def noise(factor: float, log: Log, rng: Rng) -> Log:
@@ -108,14 +112,12 @@ def imu_at(rate: float, mean: bool, log: Log, _: Rng) -> Log:
 
 
 def jitter(std: float, log: Log, rng: Rng) -> Log:
-    t, t_wheels = (x + std * rng.normal(size=x.size) for x in (log.t, log.t_wheels))
-    return replace(log, t=np.sort(t), t_wheels=np.sort(t_wheels))
+    return restamped(lambda t: np.sort(t + std * rng.normal(size=t.size)), log)
 
 
 def late_stamps(mean: float, log: Log, rng: Rng) -> Log:
     """Stamps of arrival: late by an exponential time, in order."""
-    t, t_wheels = (np.maximum.accumulate(x + rng.exponential(mean, x.size)) for x in (log.t, log.t_wheels))
-    return replace(log, t=t, t_wheels=t_wheels)
+    return restamped(lambda t: np.maximum.accumulate(t + rng.exponential(mean, t.size)), log)
 
 
 def kept(imu: Array, wheels: Array, log: Log) -> Log:
@@ -142,7 +144,7 @@ def burst(share: float, longest: float, log: Log, rng: Rng) -> Log:
         hangs = np.where(rng.random(t.size) < share, rng.uniform(0.0, longest, t.size), 0.0)
         return np.maximum.accumulate(t + hangs)
 
-    return replace(log, t=late(log.t), t_wheels=late(log.t_wheels))
+    return restamped(late, log)
 
 
 def repeated(times: int, length: float, log: Log, rng: Rng) -> Log:
@@ -196,7 +198,7 @@ def imu_clock(drift: float, log: Log, rng: Rng) -> Log:
 def both_clocks(drift: float, log: Log, rng: Rng) -> Log:
     """The logger's clock runs fast: nobody can tell."""
     factor = 1 + drift * rng.choice([-1, 1])
-    return replace(log, t=log.t * factor, t_wheels=log.t_wheels * factor, pace=factor)
+    return replace(restamped(lambda t: t * factor, log), pace=factor)
 
 
 def nominal_imu(drift: float, log: Log, rng: Rng) -> Log:
@@ -211,8 +213,7 @@ def offset(size: float, log: Log, rng: Rng) -> Log:
 
 
 def epoch(step: float, log: Log, _: Rng) -> Log:
-    t, t_wheels = (np.round((x + 1.7e9) / step) * step for x in (log.t, log.t_wheels))
-    return replace(log, t=t, t_wheels=t_wheels, origin=1.7e9)
+    return replace(restamped(lambda t: np.round((t + 1.7e9) / step) * step, log), origin=1.7e9)
 
 
 def dies(log: Log, rng: Rng) -> Log:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -58,7 +58,7 @@ class Setup:
     """
 
     law: Law
-    effects: Mapping[str, Mapping[str, float]] | None = None
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     radius: float = 0.0
     tyre_friction: float | None = None
 
@@ -72,7 +72,7 @@ def model(series: Series, row: Row, setup: Setup) -> WheelPoint | None:
     soil = series.soil
     if setup.tyre_friction is not None:
         soil = replace(soil, tyre_friction=setup.tyre_friction)
-    active = [activate(get(name), values) for name, values in (setup.effects or {}).items()]
+    active = [activate(get(name), values) for name, values in setup.effects.items()]
     try:
         return SingleWheel(wheels, soil, active).at_load(
             row.load, rolling(row.slip, wheels.radius), Ratio(setup.law(row.slip))
@@ -185,17 +185,19 @@ def law_forms(effects: Sequence[tuple[str, str]] = ()) -> list[Form]:
     more = tuple(f"{i}.{name}" for i, name in effects)
     low, high = tuple(q.low for q in bounds), tuple(q.high for q in bounds)
     start = tuple((q.prior_low + q.prior_high) / 2 for q in bounds)
-    n = len(effects)
 
     def on(x: Sequence[float]) -> dict[str, dict[str, float]]:
-        return {i: {name: float(value)} for (i, name), value in zip(effects, x[len(x) - n :], strict=True)}
+        return {
+            i: {name: float(value)}
+            for (i, name), value in zip(effects, x[len(x) - len(effects) :], strict=True)
+        }
 
     return [
         Form(("k_92", *more), (0.0, *low), (1.0, *high), ((0.3, *start), (0.8, *start)),
-             lambda x: Setup(constant(float(x[0])), on(x) if n else None)),
+             lambda x: Setup(constant(float(x[0])), on(x))),
         Form(("b0", "b1", *more), (0.0, -5.0, *low), (1.0, 5.0, *high),
              ((0.4, -0.5, *start), (0.4, 0.5, *start)),
-             lambda x: Setup(linear(float(x[0]), float(x[1])), on(x) if n else None)),
+             lambda x: Setup(linear(float(x[0]), float(x[1])), on(x))),
     ]  # fmt: skip
 
 

@@ -37,7 +37,7 @@ _TROUBLE = {
 """What integrators give as their reason, in words."""
 
 
-def most_steps(samples: int, corners: int = 0) -> int:
+def most_steps(samples: int, corners: int) -> int:
     """Return how many steps of the compiled integrator a run of so many rows may take; usual are 400.
 
     From each corner of a course on it begins anew, with a step that is short.
