@@ -28,11 +28,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind_code import ROOT, code_hash, commit
+from benchmarks.blind_code import ROOT
 from benchmarks.blind_page import DIAGRAM, every_stated, page
 from benchmarks.command_line import parser_of_sets
 from benchmarks.judging import Work, as_judged, judged, searched, short
-from benchmarks.lines import Line, add, current, of_code, read, show
+from benchmarks.lines import Line, add, continued, current, show
 from benchmarks.reliability import write_diagram
 from granite_lab.api.hidden import hide
 from granite_lab.effects import library
@@ -312,13 +312,8 @@ def main() -> None:
         print(json.dumps(one(Task(**asked["task"]), asked["detectable"]), allow_nan=False))
         return
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    lines = read(options.results)
-    if options.minutes > 0:
-        version = {"code": code_hash(), "commit": commit()}
-        lines = of_code(
-            lines, version["code"], options.results, afresh=options.afresh, page_only="--minutes 0"
-        )
-        run(options.results, lines, options.minutes, options.jobs, version)
+    lines, version = continued(options, judges=options.minutes > 0, page_only="--minutes 0")
+    run(options.results, lines, options.minutes, options.jobs, version)
     show(lines, partial(page, planned=len(schedule())), options.out)
     if options.out is not None:
         write_diagram(every_stated(current(lines)), options.out, DIAGRAM)

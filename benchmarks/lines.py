@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import sys
+from argparse import Namespace
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.blind_code import code_hash, commit
 from granite_lab.files import write_text
 
 Line = dict[str, Any]
@@ -34,24 +36,25 @@ def current(lines: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]]:
     return [line for line in lines if line["code"] == lines[-1]["code"]]
 
 
-def of_code(lines: list[Line], code: str, path: Path, *, afresh: bool, page_only: str) -> list[Line]:
-    """Return the lines that a benchmark continues; end the program where they are of other code.
+def continued(options: Namespace, *, judges: bool, page_only: str) -> tuple[list[Line], Line]:
+    """Return the lines that a benchmark continues, and the version of those to come.
+
+    The program ends where they are of other code.
 
     Args:
-        lines: of the results file.
-        code: hash of the code that is here.
-        path: of the results file.
-        afresh: drop lines of other code.
+        options: `results`: file of the lines; `afresh`: drop those of other code.
+        judges: sets are to be judged; else the lines are kept whatever their code.
         page_only: option that shows what there is.
     """
-    if afresh:
-        return [line for line in lines if line["code"] == code]
-    if lines and lines[-1]["code"] != code:
+    version, lines = {"code": code_hash(), "commit": commit()}, read(options.results)
+    if judges and options.afresh:
+        lines = [line for line in lines if line["code"] == version["code"]]
+    elif judges and lines and lines[-1]["code"] != version["code"]:
         sys.exit(
-            f"error: {path} is of code {lines[-1]['code']}, this is {code}\n"
+            f"error: {options.results} is of code {lines[-1]['code']}, this is {version['code']}\n"
             f"hint: --afresh begins anew; {page_only} shows what there is"
         )
-    return lines
+    return lines, version
 
 
 def add(path: Path, lines: list[Line], judged: Iterable[Line], version: Line) -> None:

@@ -19,12 +19,12 @@ from typing import Any
 
 import granite_lab
 from benchmarks.against_truth import percent, table
-from benchmarks.blind_code import ROOT, code_hash, commit
+from benchmarks.blind_code import ROOT
 from benchmarks.blind_page import every_stated
 from benchmarks.command_line import parser_of_sets
 from benchmarks.intervals import ratio
 from benchmarks.judging import attempted, parallel, short, stated
-from benchmarks.lines import Line, add, current, of_code, read, show
+from benchmarks.lines import Line, add, continued, current, show
 from benchmarks.reliability import section, write_diagram
 from granite_lab.errors import EstimateError
 
@@ -141,10 +141,7 @@ def main() -> None:
     parser.add_argument("--afresh", action="store_true", help="drop results of other code")
     parser.add_argument("--lab", default="wild", help="laboratory of `hide`")
     options = parser.parse_args()
-    version = {"code": code_hash(), "commit": commit()}
-    lines = read(options.results)
-    if options.count:
-        lines = of_code(lines, version["code"], options.results, afresh=options.afresh, page_only="--count 0")
+    lines, version = continued(options, judges=options.count > 0, page_only="--count 0")
     done = {x["key"] for x in lines}
     seeds = range(options.first, options.first + options.count)
     waiting = [s for s in seeds if f"{s}/{options.lab}" not in done]

@@ -27,10 +27,10 @@ from unittest import mock
 import numpy as np
 
 import granite_lab
-from benchmarks.blind_code import ROOT, code_hash, commit
+from benchmarks.blind_code import ROOT
 from benchmarks.command_line import parser_of_sets
 from benchmarks.judging import attempted, parallel, short
-from benchmarks.lines import Line, add, of_code, read, show
+from benchmarks.lines import Line, add, continued, show
 from benchmarks.mixtures import task
 from benchmarks.peers_learn import INPUTS, PEERS, Places, Table, measured, residuals_without, simulated
 from benchmarks.peers_page import GROUPS, page
@@ -174,12 +174,7 @@ def main() -> None:
     )
     parser.add_argument("--afresh", action="store_true", help="drop results of other code")
     options = parser.parse_args()
-    version = {"code": code_hash(), "commit": commit()}
-    lines = read(options.results)
-    if options.minutes > 0:
-        lines = of_code(
-            lines, version["code"], options.results, afresh=options.afresh, page_only="--minutes 0"
-        )
+    lines, version = continued(options, judges=options.minutes > 0, page_only="--minutes 0")
     done, only = {x["key"] for x in lines}, set(filter(None, options.only.split(",")))
     every = sets(options.outside, options.mixtures, options.blind)
     names = [n for n in every if Path(n).name not in done and (not only or Path(n).name in only)]
