@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 import granite_lab
 from benchmarks.lines import Line
+from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import Finding
 from granite_lab.errors import LabError
 from granite_lab.hidden.scoring import Score, score
@@ -73,39 +74,11 @@ def searched(logs: list[Path], jobs: int = 1, drive: str = "auto") -> Line:
 
 
 def document_of(finding: Finding) -> Line:
-    """Return what a judge needs of a `Finding`: the keys of `discover --json` that count."""
-    return {
-        "verdict": finding.verdict,
-        "probability": short(finding.probability),
-        "remainder": short(finding.remainder),
-        "effects": [
-            {
-                "id": effect.id,
-                "probability": short(effect.probability),
-                "indistinguishable_from": list(effect.twins),
-                "parameters": {
-                    p.name: {"value": short(p.estimate.value), "std": short(p.estimate.std)}
-                    for p in effect.parameters
-                },
-            }
-            for effect in finding.effects
-        ],
-        "description": {
-            "terms": [
-                {
-                    "id": term.id,
-                    "probability": short(term.probability),
-                    "empirical": term.empirical,
-                    "indistinguishable_from": list(term.twins),
-                }
-                for term in finding.description
-            ]
-        },
-        "gap": {
-            part: dict(zip(("before", "after"), map(short, getattr(finding.gap, part)), strict=True))
-            for part in ("train", "held_out")
-        },
-        "detectable": {f"{d.effect}.{d.parameter}": short(d.size) for d in finding.detectable},
+    """Return what a judge needs of a finding: the keys of `discover --json` that count."""
+    document = finding_as_json(finding)
+    kept = ("verdict", "probability", "remainder", "effects", "description", "gap")
+    return {key: document[key] for key in kept} | {
+        "detectable": {f"{d.effect}.{d.parameter}": short(d.size) for d in finding.detectable}
     }
 
 
