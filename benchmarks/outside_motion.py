@@ -80,8 +80,8 @@ def judged(log: Path) -> Judged:
     """Estimate a trial and compare it with the truth."""
     trial = read_trial(log)
     robot = load_robot(trial.info.robot or "granite")
-    solved = solve(trial, robot, soil=load_soil())
-    _, motion = finish(trial, robot, solved)
+    solution = solve(trial, robot, soil=load_soil())
+    _, motion = finish(trial, robot, solution)
     name = f"{log.parent.name}_{log.stem.removeprefix('trial_')}.csv"
     truth = np.genfromtxt(log.parent.parent / "truth" / name, delimiter=",", names=True)
     t, x, v = truth["t_s"], truth["x_m"], truth["v_mps"]
@@ -109,7 +109,7 @@ def judged(log: Path) -> Judged:
         float(slip),
         motion.slip_ratio.std,
         motion.health.grade,
-        coverages(motion, solved.solution, at, DRAWS, np.random.default_rng(crc32(name.encode()))),
+        coverages(motion, solution, at, DRAWS, np.random.default_rng(crc32(name.encode()))),
     )
 
 

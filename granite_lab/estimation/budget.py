@@ -19,8 +19,9 @@ import numpy as np
 
 from granite_lab.estimate import Kind, Part
 from granite_lab.estimation import error_model as model
-from granite_lab.estimation.error_model import BA, BG, BM, PD, TAU, TH, C, D, G, K, Noise, P, S, V, X
+from granite_lab.estimation.error_model import BA, BG, BM, PD, TAU, TH, C, D, G, K, P, S, V, X
 from granite_lab.estimation.nodes import Nodes
+from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.smoother import GYRO_SCALE, STEADY_SLIP, Smoothed, Solution, adjoint, widening
 from granite_lab.logs.sensors.standstill import ZERO_VELOCITY
 from granite_lab.logs.trial import Array
@@ -53,9 +54,7 @@ WALKING = {
 """Source of the noise of states that have one of their own."""
 
 
-def slip_parts(
-    solution: Solution, noise: Noise, scatter: float, slip: float, rolled: Array, span: tuple[int, int]
-) -> tuple[Part, ...]:
+def slip_parts(solution: Solution, slip: float, rolled: Array, span: tuple[int, int]) -> tuple[Part, ...]:
     """Split the variance of λ_R over the `span` of two nodes into its sources, largest first.
 
     Squares of the contributions add up to the variance that `outcome.robot_slip` states; parts below a
@@ -71,7 +70,7 @@ def slip_parts(
     variances = {name: widened * v for name, v in _variances(nodes, smoothed, towards, i, j).items()}
     for name, error in smoothed.common.items():
         variances[name] = float(towards @ (error[j] - error[i])) ** 2
-    sources = _sources(nodes, noise, scatter)
+    sources = _sources(nodes, solution.problem)
     parts = []
     for name, variance in sorted(variances.items(), key=lambda item: -item[1]):
         if variance > 1e-6 * sum(variances.values()):
@@ -81,9 +80,9 @@ def slip_parts(
     return tuple(parts)
 
 
-def _sources(nodes: Nodes, noise: Noise, scatter: float) -> Mapping[str, tuple[Kind, str, float]]:
+def _sources(nodes: Nodes, problem: Problem) -> Mapping[str, tuple[Kind, str, float]]:
     """Return how each source was evaluated, its unit, and its std in the filter."""
-    start = np.sqrt(np.diagonal(nodes.P0))
+    noise, start = problem.noise, np.sqrt(np.diagonal(nodes.P0))
     accel = math.hypot(noise.accel, max(noise.accel_motion, noise.accel_stamps))
     ticks = np.sqrt(nodes.updates.R[nodes.updates.kind == "wheel"])
     return {
@@ -93,7 +92,7 @@ def _sources(nodes: Nodes, noise: Noise, scatter: float) -> Mapping[str, tuple[K
         WHITE: ("A", "m/s²/√Hz", accel),
         RATE: ("A", "rad/s/√Hz", math.hypot(noise.gyro, noise.gyro_motion)),
         COUNTS: ("B", "m", float(np.median(ticks)) if ticks.size else 0.0),
-        VARYING: ("A", "1", scatter),
+        VARYING: ("A", "1", problem.slip.scatter),
         STEADY_SLIP: ("B", "1", model.ANY_SLIP),
         GYRO_SCALE: ("B", "1", noise.gyro_scale),
         SHAKING: ("A", "m/s²", noise.vibration),

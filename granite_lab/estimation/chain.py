@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from granite_lab.estimation.plausibility import (
     with_plausibility,
     with_radius,
 )
-from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.rest import named_rests
 from granite_lab.estimation.smoother import Solution
 from granite_lab.estimation.wheels import Rolling
@@ -74,10 +73,10 @@ def correct(trial: Trial, robot: Robot, *, soil: Soil | None = None) -> tuple[Tr
         motion = motion_without_imu(trial, robot, rolling, rests)
         return _with_warnings(clean_trial(trial, robot, motion, wheels, rolling), motion)
     trial, moved = synchronize_roughly(trial, robot)
-    solved = solve(trial, robot, rests=rests, soil=soil, moved=moved != 0.0)
-    clean, motion = finish(trial, robot, solved)
-    problem = solved.problem
-    yaw_rate = solved.solution.nominal.heading_rate if np.isfinite(problem.imu.yaw_rate).any() else None
+    solution = solve(trial, robot, rests=rests, soil=soil, moved=moved != 0.0)
+    clean, motion = finish(trial, robot, solution)
+    problem = solution.problem
+    yaw_rate = solution.nominal.heading_rate if np.isfinite(problem.imu.yaw_rate).any() else None
     unsure = (
         *common_gaps(motion, problem.faults.gaps, problem.wheels), *missing_rates(motion, problem.wheels),
         *open_end_changes(motion, problem.open_ends),
@@ -89,21 +88,9 @@ def correct(trial: Trial, robot: Robot, *, soil: Soil | None = None) -> tuple[Tr
     return clean, replace(motion, clock_offset=offset, clock_applied=motion.clock_applied + moved)
 
 
-@dataclass(frozen=True, eq=False)
-class Solved:
-    """A trial after the smoother.
-
-    Attributes:
-        problem, solution: what the filter was given, and what the smoother found.
-    """
-
-    problem: Problem
-    solution: Solution
-
-
 def solve(
     trial: Trial, robot: Robot, *, rests: Sequence[Interval] = (), soil: Soil, moved: bool = False
-) -> Solved:
+) -> Solution:
     """Filter and smooth a trial with an IMU; errors are those of `correct`.
 
     Args:
@@ -119,16 +106,13 @@ def solve(
         problem = replace(problem, doubts=(*problem.doubts, *doubt_rate(problem)))
     problem = stages.slip_and_noise(problem, clock, soil)
     problem = replace(problem, doubts=(*problem.doubts, *doubt_closure(problem, clock.near)))
-    solution = stages.smoothed(problem, clock, soil, _tape(trial, problem.rolling))
-    return Solved(problem, solution)
+    return stages.smoothed(problem, clock, soil, _tape(trial, problem.rolling))
 
 
-def finish(trial: Trial, robot: Robot, solved: Solved) -> tuple[Trial, Motion]:
+def finish(trial: Trial, robot: Robot, solution: Solution) -> tuple[Trial, Motion]:
     """Return the corrected trial and its motion, as `correct` does, from what the smoother found."""
-    problem, solution = solved.problem, solved.solution
-    health = assess(solution, problem)
-    motion = motion_of(trial, problem, solution, health)
-    clean = clean_trial(trial, robot, motion, problem.wheels, problem.rolling, problem, solution)
+    motion = motion_of(trial, solution, assess(solution))
+    clean = clean_trial(trial, robot, motion, solution.problem.wheels, solution.problem.rolling, solution)
     return _with_warnings(clean, motion)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from granite_lab.estimation.error_model import BA
 from granite_lab.estimation.motion import NAN, Motion
-from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.smoother import Solution
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import interpolated
@@ -33,7 +32,6 @@ def clean_trial(
     motion: Motion,
     wheels: WheelStream | None,
     rolling: Rolling | None,
-    problem: Problem | None = None,
     solution: Solution | None = None,
 ) -> Trial:
     """Return the trial with everything that estimation found out about its sensors put right.
@@ -44,12 +42,12 @@ def clean_trial(
     it is dead. Constant biases, tilt and gains stay in: they are for later stages to estimate. So does a
     clock offset of a few milliseconds; of a large one `Motion.clock_left` is what remains.
 
-    `wheels` and `rolling` are the encoders with the right order and signs; `problem` and `solution` are None
-    for a log without IMU.
+    `wheels` and `rolling` are the encoders with the right order and signs; `solution` is None for a log
+    without IMU.
     """
     stream, currents, doubts = None, trial.currents, list[Doubt]()
-    if problem is not None and solution is not None:
-        stream = _imu(problem, solution, motion)
+    if solution is not None:
+        stream = _imu(solution, motion)
     if wheels is not None and rolling is not None:
         wheels = _level(wheels, rolling, robot, doubts)
         if currents is not None:
@@ -59,8 +57,9 @@ def clean_trial(
     return replace(trial, imu=stream, **clocked, info=info, doubts=(*trial.doubts, *doubts))
 
 
-def _imu(problem: Problem, solution: Solution, motion: Motion) -> ImuStream:
+def _imu(solution: Solution, motion: Motion) -> ImuStream:
     """Return the IMU's samples put right."""
+    problem = solution.problem
     imu, faults = problem.imu, problem.faults
     force = np.stack([imu.forward, imu.left, imu.up], axis=1)
     rate = np.stack([imu.roll_rate, imu.pitch_rate, imu.yaw_rate], axis=1)

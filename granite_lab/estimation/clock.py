@@ -161,8 +161,8 @@ def find_offset(problem: Problem, *, moved: bool = False) -> Clock:
         return Clock(usual, shown, likely)
     applied = settle(problem, unusual, robust=False)
     # a body on a spring follows by a quarter of its period at most, whose square the compliance is
-    follows = 0.5 * np.pi * float(np.sqrt(applied.compliance)) + 2.0 * shown.std
-    lags = 0.0 < shown.value < follows and applied.compliance > problem.compliance
+    follows = 0.5 * np.pi * float(np.sqrt(applied.problem.compliance)) + 2.0 * shown.std
+    lags = 0.0 < shown.value < follows and applied.problem.compliance > problem.compliance
     if abs(shown.value) < OUTLYING * latency:
         return Clock(usual, shown, 0.0 if lags else likely)
     ordinary = settle(problem, usual, robust=False).by_filter.innovations

@@ -11,7 +11,6 @@ from scipy.special import gammaincc
 
 from granite_lab.estimation.error_model import BA, BG, V
 from granite_lab.estimation.motion import Health
-from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.smoother import REFERENCES, WANDERING, WANDERS, Solution, slow_excess, usual
 from granite_lab.logs.sensors.doubt import Grade
 from granite_lab.logs.sensors.standstill import Interval
@@ -52,10 +51,10 @@ class Statistics:
     slow: float  # `slow_excess` of them
 
 
-def assess(solution: Solution, problem: Problem) -> Health:
+def assess(solution: Solution) -> Health:
     """Build the health record of the smoother's last pass; biases at the IMU's stamps (N,)."""
+    problem, nodes, smoothed, nominal = solution.problem, solution.nodes, solution.smoothed, solution.nominal
     t, rests, faults, noise = problem.imu.t, problem.rests, problem.faults, problem.noise
-    nodes, smoothed, nominal = solution.nodes, solution.smoothed, solution.nominal
     came = smoothed.innovations
     sigma = np.sqrt(came.variance)
     kinds: dict[str, Statistics] = {}

@@ -18,7 +18,6 @@ from granite_lab.estimation.commanded import commanded
 from granite_lab.estimation.error_model import PD, TH, V_FLOOR, D, G, P, S, V, X, std_of
 from granite_lab.estimation.motion import NAN, BodyMotion, Health, Motion, PhaseName, Totals, WheelMotion
 from granite_lab.estimation.nodes import BAND, QUICK
-from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.rest import find_rests
 from granite_lab.estimation.smoother import Smoothed, Solution
 from granite_lab.estimation.straight import straightness_of
@@ -48,23 +47,23 @@ FEWEST_OF_IMU = 8
 """Samples of an IMU from which on it says something of the body."""
 
 
-def motion_of(trial: Trial, problem: Problem, solution: Solution, health: Health) -> Motion:
+def motion_of(trial: Trial, solution: Solution, health: Health) -> Motion:
     """Add the smoothed drift to the nominal motion and derive slip, phases and variant.
 
     Raises:
         EstimateError: the velocity or its std is not a number somewhere.
     """
-    t, rolling, offset = solution.nominal.t, problem.rolling, solution.offset
-    body = body_motion(problem, solution)
+    problem, t, offset = solution.problem, solution.nominal.t, solution.offset
+    body = body_motion(solution)
     if not np.isfinite(body.v + body.v_std).all():
         raise EstimateError(
             f"trial '{trial.name}': the filter has become numerically unstable",
             "cut the log with --from and --to",
         )
-    pace = body.v if rolling is None else rolling.speed_at(t, offset.value)
+    pace = body.v if problem.rolling is None else problem.rolling.speed_at(t, offset.value)
     straight = straightness_of(t, solution.nominal.heading_rate, pace, health.rests, problem.robot)
     course = find_phases(t, pace, health.rests, straight.off)
-    totals = totals_of(problem, solution, body, course.steady)
+    totals = totals_of(solution, body, course.steady)
     start = command_start(trial.command, offset, course.onset)
     variant, source, doubt = _command(trial, start, offset, replace(course, steady=totals.steady))
     more = [*straight.warnings, *([doubt] if doubt else [])]
@@ -75,7 +74,7 @@ def motion_of(trial: Trial, problem: Problem, solution: Solution, health: Health
         a, b = course.steady
         more.append(f"never steady: the robot's slip ratio is that of the drive from {a:.2f} s to {b:.2f} s")
     return Motion(
-        **vars(body), **vars(wheel_motion(problem, solution, body, health.rests)), **vars(totals),
+        **vars(body), **vars(wheel_motion(solution, body, health.rests)), **vars(totals),
         trial=trial.name, virtual=trial.info.virtual, t=t, phase=course.name, variant=variant,
         variant_source=source, t_start=start, clock_offset=offset, clock_applied=solution.applied,
         noise=problem.noise.as_dict(), health=health,
@@ -83,9 +82,9 @@ def motion_of(trial: Trial, problem: Problem, solution: Solution, health: Health
     )  # fmt: skip
 
 
-def body_motion(problem: Problem, solution: Solution) -> BodyMotion:
+def body_motion(solution: Solution) -> BodyMotion:
     """Return the nominal motion with the smoothed drift."""
-    nodes, drift, nominal = solution.nodes, solution.smoothed, solution.nominal
+    problem, nodes, drift, nominal = solution.problem, solution.nodes, solution.smoothed, solution.nominal
     t = nominal.t
 
     def at_stamps(values: Array) -> Array:
@@ -105,23 +104,21 @@ def body_motion(problem: Problem, solution: Solution) -> BodyMotion:
         # the origin of the reference is not that of the motion
         x_std = np.hypot(x_std, x_std[0])
     return BodyMotion(
-        x=x - x[0], x_std=x_std, v=v, v_std=np.hypot(v_std, _by_latency(t, v, problem, solution)),
+        x=x - x[0], x_std=x_std, v=v, v_std=np.hypot(v_std, _by_latency(t, v, solution)),
         pitch=nominal.pitch + at_stamps(drift.x[:, TH]), pitch_std=at_stamps(std_of(drift.P, {TH: 1.0})),
     )  # fmt: skip
 
 
-def wheel_motion(
-    problem: Problem, solution: Solution, body: BodyMotion, rests: Sequence[Interval]
-) -> WheelMotion:
+def wheel_motion(solution: Solution, body: BodyMotion, rests: Sequence[Interval]) -> WheelMotion:
     """Return velocities and slip of the wheels, the latter NaN at rest."""
-    nodes, drift, t = solution.nodes, solution.smoothed, solution.nominal.t
-    v_wheel, v_wheel_std = wheels_at(t, problem.rolling, solution.offset.value)
+    nodes, drift, t, rolling = solution.nodes, solution.smoothed, solution.nominal.t, solution.problem.rolling
+    v_wheel, v_wheel_std = wheels_at(t, rolling, solution.offset.value)
     ratio, ratio_std = wheel_slip(v_wheel, v_wheel_std, body.v, body.v_std)
     rest = inside(t, rests)
     ratio[rest], ratio_std[rest] = NAN, NAN
     u = nodes.w * (nodes.mean_slip + drift.x[:, S] + drift.x[:, G])
     u_std = np.abs(nodes.w) * std_of(drift.P, {S: 1.0, G: 1.0})
-    if problem.rolling is None:
+    if rolling is None:
         u, u_std = np.full(u.shape, NAN), np.full(u.shape, NAN)
     return WheelMotion(
         v_wheel=v_wheel, v_wheel_std=v_wheel_std, slip=ratio, slip_std=ratio_std,
@@ -129,11 +126,11 @@ def wheel_motion(
     )  # fmt: skip
 
 
-def totals_of(problem: Problem, solution: Solution, body: BodyMotion, steady: Interval) -> Totals:
+def totals_of(solution: Solution, body: BodyMotion, steady: Interval) -> Totals:
     """Return both distances, and λ_R over the `steady` part [s], which is moved to the nearest nodes."""
     distance = Estimate(float(body.x[-1]), float(body.x_std[-1]))
     totals = Totals(steady=steady, slip_ratio=Estimate(NAN), distance=distance, distance_wheels=Estimate(NAN))
-    if problem.rolling is None:
+    if solution.problem.rolling is None:
         return totals
     nodes, drift = solution.nodes, solution.smoothed
     travelled = solution.nominal.x[nodes.index] + drift.x[:, X] - drift.x[:, P]
@@ -145,7 +142,7 @@ def totals_of(problem: Problem, solution: Solution, body: BodyMotion, steady: In
         return totals
     i, j = (int(np.argmin(np.abs(nodes.t - edge))) for edge in steady)
     slip = robot_slip(drift, travelled, lost, i, j)
-    parts = slip_parts(solution, problem.noise, problem.slip.scatter, slip.value, travelled + lost, (i, j))
+    parts = slip_parts(solution, slip.value, travelled + lost, (i, j))
     return replace(totals, steady=(float(nodes.t[i]), float(nodes.t[j])), slip_ratio=slip, slip_parts=parts)
 
 
@@ -180,13 +177,13 @@ def motion_without_imu(trial: Trial, robot: Robot, rolling: Rolling, by_hand: Se
     )  # fmt: skip
 
 
-def _by_latency(t: Array, v: Array, problem: Problem, solution: Solution) -> Array:
+def _by_latency(t: Array, v: Array, solution: Solution) -> Array:
     """(N,) std of the velocity by not knowing whose stamps are late, the IMU's or the wheels' [m/s].
 
     An IMU that lags by its latency shows a motion later than it was, by acceleration times latency. The
     offset is the difference of the latencies of both sensors; what they have in common is unknown.
     """
-    offset = solution.offset
+    problem, offset = solution.problem, solution.offset
     if problem.slip.far or not np.isfinite(offset.std):
         return np.zeros(t.size)
     late = 0.5 * math.hypot(offset.std, offset.value - solution.applied, LATENCY, problem.stamp_std)

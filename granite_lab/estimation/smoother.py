@@ -126,16 +126,16 @@ class Settled:
     """The last pass, not smoothed yet.
 
     Attributes:
+        problem: what the filter was given, with the variances and the compliance of this pass.
         nominal, nodes, by_filter: nominal motion, nodes about it, and what the filter found.
         near: by which the wheels' stamps were moved [s].
-        compliance: by which the displacement between wheels and body walked [s^2].
     """
 
+    problem: Problem
     nominal: Nominal
     nodes: Nodes
     by_filter: Filtered
     near: float
-    compliance: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -359,7 +359,7 @@ def settle(
                 gyro_bias=nominal.gyro_bias + float(middle[BG]),
                 pitch=start.pitch + float(x[0, TH]),
             )
-    return Settled(nominal, nodes, by_filter, at, problem.compliance)
+    return Settled(problem, nominal, nodes, by_filter, at)
 
 
 def smooth(last: Settled) -> Solution:

@@ -188,7 +188,7 @@ def smoothed(problem: Problem, clock: Clock, soil: Soil, distance: Estimate | No
     solution = smooth(settle(problem, clock.expected, near=clock.near, distance=distance))
     offset = clock.expected
     if clock.shown is not offset:
-        offset = agreed(clock.shown, solution.offset, solution.compliance)
+        offset = agreed(clock.shown, solution.offset, solution.problem.compliance)
     applied = 0.0 if problem.far else clock.expected.value
     solution = replace(solution, offset=offset, applied=applied)
     if problem.noise.gyro_scale > 0.0:
