@@ -54,18 +54,13 @@ WALKING = {
 """Source of the noise of states that have one of their own."""
 
 
-def slip_parts(solution: Solution, slip: float, rolled: Array, span: tuple[int, int]) -> tuple[Part, ...]:
-    """Split the variance of λ_R over the `span` of two nodes into its sources, largest first.
+def slip_parts(solution: Solution, towards: Array, i: int, j: int) -> tuple[Part, ...]:
+    """Split the variance of λ_R between nodes i and j into its sources, largest first.
 
-    Squares of the contributions add up to the variance that `outcome.robot_slip` states; parts below a
-    millionth of it are left out. `slip` is λ_R, `rolled` (K,) the way of the wheels at the nodes [m].
+    Squares of the contributions add up to the variance that `outcome.totals_of` states; parts below a
+    millionth of it are left out. `towards` (14,) is the gradient of λ_R towards the difference of the states.
     """
-    if not math.isfinite(slip):
-        return ()
-    nodes, smoothed, (i, j) = solution.nodes, solution.smoothed, span
-    length = float(rolled[j] - rolled[i])
-    towards = np.zeros(model.SIZE)  # λ = slipped / rolled: its gradient towards the difference of the states
-    towards[[D, X, P]] = (1.0 - slip) / length, -slip / length, slip / length
+    nodes, smoothed = solution.nodes, solution.smoothed
     widened = widening(smoothed.innovations)  # as `smooth` did
     variances = {name: widened * v for name, v in _variances(nodes, smoothed, towards, i, j).items()}
     for name, error in smoothed.common.items():

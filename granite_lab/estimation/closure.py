@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import expit
 
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.error_model import PD, P, SlipModel, V, X, std_of
+from granite_lab.estimation.error_model import PD, SIZE, P, SlipModel, V, X, std_of
 from granite_lab.estimation.problem import Problem
 from granite_lab.estimation.reference import lag_of
 from granite_lab.estimation.smoother import Solution, settle, smooth
@@ -145,11 +145,7 @@ def _probability_of_imu(own: float, reference: float, rolled: float) -> float:
 
 def _way(solution: Solution, begin: float, end: float) -> Estimate:
     """Return the way from one instant to another [s] of a motion, with its std [m]."""
-    nodes, drift = solution.nodes, solution.smoothed
-    i, j = (int(np.argmin(np.abs(nodes.t - edge))) for edge in (begin, end))
-    travelled = solution.nominal.x[nodes.index] + drift.x[:, X] - drift.x[:, P]
-    cross = drift.cross(i, j)
-    gradient = np.zeros(drift.x.shape[1])
-    gradient[[X, P]] = 1.0, -1.0
-    variance = gradient @ (drift.P[i] + drift.P[j] - cross - cross.T) @ gradient
-    return Estimate(float(travelled[j] - travelled[i]), math.sqrt(max(float(variance), 0.0)))
+    i, j = (int(np.argmin(np.abs(solution.nodes.t - edge))) for edge in (begin, end))
+    way, weights = solution.travelled[j] - solution.travelled[i], np.zeros(SIZE)
+    weights[[X, P]] = 1.0, -1.0
+    return Estimate(float(way), solution.smoothed.std_of_change(weights, i, j))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaincc
 
-from granite_lab.estimation.error_model import BA, BG, V
+from granite_lab.estimation.error_model import BA, BG, V, std_of
 from granite_lab.estimation.motion import Health
 from granite_lab.estimation.smoother import REFERENCES, WANDERING, WANDERS, Solution, slow_excess, usual
 from granite_lab.logs.sensors.doubt import Grade
@@ -54,7 +54,6 @@ class Statistics:
 def assess(solution: Solution) -> Health:
     """Build the health record of the smoother's last pass; biases at the IMU's stamps (N,)."""
     problem, nodes, smoothed, nominal = solution.problem, solution.nodes, solution.smoothed, solution.nominal
-    t, rests, faults, noise = problem.imu.t, problem.rests, problem.faults, problem.noise
     came = smoothed.innovations
     sigma = np.sqrt(came.variance)
     kinds: dict[str, Statistics] = {}
@@ -67,29 +66,18 @@ def assess(solution: Solution) -> Health:
         kinds[kind] = Statistics(
             nis, ratio.size, correlation(ratio), ljung_box(ratio), wild, slow_excess(ratio)
         )
-    std = np.sqrt(np.maximum(np.diagonal(smoothed.P, axis1=1, axis2=2), 0.0))
-
-    def at_stamps(values: Array) -> Array:
-        return np.interp(t, nodes.t, values)
-
-    # where a log moves at an end, nothing shows whether the biases are what they were
-    ends = (math.inf if side in problem.open_ends else float(std[k, V]) for side, k in SIDES)
-    grade, reasons, remark = judge_health(
-        kinds, rests, ends=tuple(ends),
-        pace=float(np.max(np.abs(nodes.w))),
-        middle=float(np.median(std[nodes.moving, V])) if nodes.moving.any() else 0.0,
-        shaken=noise.gyro_motion / noise.gyro if noise.gyro > 0 else 0.0,
-    )  # fmt: skip
+    at_stamps, (grade, reasons, remark) = solution.at_stamps, judge_health(kinds, solution)
     return Health(
         t=nodes.t[came.updates.node], kind=tuple(came.updates.kind.tolist()), innovation=came.value,
         innovation_std=sigma, nis={kind: statistics.nis for kind, statistics in kinds.items()},
-        accel_bias=at_stamps(smoothed.x[:, BA] + nominal.accel_bias), accel_bias_std=at_stamps(std[:, BA]),
-        gyro_bias=at_stamps(smoothed.x[:, BG] + nominal.gyro_bias), gyro_bias_std=at_stamps(std[:, BG]),
-        rests=rests, verdict=sentence(grade, reasons, remark), grade=grade,
-        reasons=reasons,
+        accel_bias=at_stamps(smoothed.x[:, BA] + nominal.accel_bias),
+        accel_bias_std=at_stamps(std_of(smoothed.P, {BA: 1.0})),
+        gyro_bias=at_stamps(smoothed.x[:, BG] + nominal.gyro_bias),
+        gyro_bias_std=at_stamps(std_of(smoothed.P, {BG: 1.0})),
+        rests=problem.rests, verdict=sentence(grade, reasons, remark), grade=grade, reasons=reasons,
         whiteness={kind: statistics.white for kind, statistics in kinds.items()},
         ljung_box={kind: statistics.chance for kind, statistics in kinds.items()},
-        gaps=faults.gaps, plateaus=faults.plateaus,
+        gaps=problem.faults.gaps, plateaus=problem.faults.plateaus,
     )  # fmt: skip
 
 
@@ -116,19 +104,13 @@ def scattering(kind: str, nis: float) -> str:
     return f"{WHAT[kind]} {size}, and the std is widened by as much"
 
 
-def judge_health(
-    kinds: dict[str, Statistics], rests: tuple[Interval, ...], *,
-    ends: tuple[float, ...], pace: float, middle: float, shaken: float,
-) -> tuple[Grade, tuple[str, ...], str]:  # fmt: skip
+def judge_health(kinds: dict[str, Statistics], solution: Solution) -> tuple[Grade, tuple[str, ...], str]:
     """Return a grade, the reasons for it, and a remark on a good one.
 
     It is "poor" where nothing anchors the velocity or its std is more than a tenth of the pace, "fair" where
     the std had to be widened or grows for want of samples or of a standstill, and "good" otherwise.
-
-    `ends` are the std of the velocity at start and end, infinite where the log moves there, `middle` is its
-    median in motion [m/s], `pace` the largest wheel speed [m/s], `shaken` the white noise of the pitch gyro
-    in motion over that at rest.
     """
+    problem, nodes, noise = solution.problem, solution.nodes, solution.problem.noise
     complaints, referred = [], bool(kinds.keys() & {*REFERENCES})
     for kind, statistics in kinds.items():
         if statistics.nis > max(3.0, usual(statistics.count)):
@@ -140,12 +122,16 @@ def judge_health(
             complaints.append(
                 f"slow changes of {WHAT[kind]} are larger than {known} explains, and the std is widened"
             )
+    shaken = noise.gyro_motion / noise.gyro if noise.gyro > 0 else 0.0
     if shaken > SHAKEN:
         complaints.append(f"motion makes the pitch gyro {shaken:.0f} times as noisy as it is at rest")
+    v_std, pace = std_of(solution.smoothed.P, {V: 1.0}), float(np.max(np.abs(nodes.w)))
     limit = max(ANCHORED * pace, SLOW)
-    loose = [side for (side, _), std in zip(SIDES, ends, strict=True) if std > limit]
-    anchored = _anchor(rests, loose, referred=referred)
-    nothing_anchors = not rests and not referred
+    # where a log moves at an end, nothing shows whether the biases are what they were
+    loose = [side for side, k in SIDES if side in problem.open_ends or v_std[k] > limit]
+    anchored = _anchor(problem.rests, loose, referred=referred)
+    nothing_anchors = not problem.rests and not referred
+    middle = float(np.median(v_std[nodes.moving])) if nodes.moving.any() else 0.0
     if nothing_anchors or middle > VAGUE * max(pace, SLOW):
         if not nothing_anchors:
             complaints.append(f"the velocity is known to {middle:.2g} m/s only")

@@ -15,11 +15,11 @@ from granite_lab.estimate import Estimate
 from granite_lab.estimation.budget import slip_parts
 from granite_lab.estimation.clock import LATENCY
 from granite_lab.estimation.commanded import commanded
-from granite_lab.estimation.error_model import PD, TH, V_FLOOR, D, G, P, S, V, X, std_of
+from granite_lab.estimation.error_model import PD, SIZE, TH, V_FLOOR, D, G, P, S, V, X, std_of
 from granite_lab.estimation.motion import NAN, BodyMotion, Health, Motion, PhaseName, Totals, WheelMotion
 from granite_lab.estimation.nodes import BAND, QUICK
 from granite_lab.estimation.rest import find_rests
-from granite_lab.estimation.smoother import Smoothed, Solution
+from granite_lab.estimation.smoother import Solution
 from granite_lab.estimation.straight import straightness_of
 from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import Mask, integral, mad_std, runs
@@ -85,11 +85,7 @@ def motion_of(trial: Trial, solution: Solution, health: Health) -> Motion:
 def body_motion(solution: Solution) -> BodyMotion:
     """Return the nominal motion with the smoothed drift."""
     problem, nodes, drift, nominal = solution.problem, solution.nodes, solution.smoothed, solution.nominal
-    t = nominal.t
-
-    def at_stamps(values: Array) -> Array:
-        return np.interp(t, nodes.t, values)
-
+    t, at_stamps = nominal.t, solution.at_stamps
     # between sparse nodes the vibration is unknown again, so it stays in the velocity and in its std
     sparse = np.ones(t.size, dtype=bool)
     sparse[nodes.index] = False
@@ -122,28 +118,38 @@ def wheel_motion(solution: Solution, body: BodyMotion, rests: Sequence[Interval]
         u, u_std = np.full(u.shape, NAN), np.full(u.shape, NAN)
     return WheelMotion(
         v_wheel=v_wheel, v_wheel_std=v_wheel_std, slip=ratio, slip_std=ratio_std,
-        slip_velocity=np.interp(t, nodes.t, u), slip_velocity_std=np.interp(t, nodes.t, u_std),
+        slip_velocity=solution.at_stamps(u), slip_velocity_std=solution.at_stamps(u_std),
     )  # fmt: skip
 
 
 def totals_of(solution: Solution, body: BodyMotion, steady: Interval) -> Totals:
-    """Return both distances, and λ_R over the `steady` part [s], which is moved to the nearest nodes."""
+    """Return both distances, and λ_R by (2) over the `steady` part [s], which is moved to the nearest nodes.
+
+    The covariance of distances at different instants comes from the smoother's gains.
+    """
     distance = Estimate(float(body.x[-1]), float(body.x_std[-1]))
     totals = Totals(steady=steady, slip_ratio=Estimate(NAN), distance=distance, distance_wheels=Estimate(NAN))
     if solution.problem.rolling is None:
         return totals
-    nodes, drift = solution.nodes, solution.smoothed
-    travelled = solution.nominal.x[nodes.index] + drift.x[:, X] - drift.x[:, P]
-    lost = nodes.lost + drift.x[:, D]
-    total = float(travelled[-1] + lost[-1] - travelled[0] - lost[0])
-    rolled = Estimate(total, float(std_of(drift.P[-1:], {X: 1.0, D: 1.0, P: -1.0})[0]))
-    totals = replace(totals, distance_wheels=rolled)
+    nodes, drift, x = solution.nodes, solution.smoothed, solution.travelled
+    d = nodes.lost + drift.x[:, D]  # rolled minus travelled distance
+    total = float(x[-1] + d[-1] - x[0] - d[0])
+    whole = Estimate(total, float(std_of(drift.P[-1:], {X: 1.0, D: 1.0, P: -1.0})[0]))
+    totals = replace(totals, distance_wheels=whole)
     if not np.isfinite(steady[0]):
         return totals
     i, j = (int(np.argmin(np.abs(nodes.t - edge))) for edge in steady)
-    slip = robot_slip(drift, travelled, lost, i, j)
-    parts = slip_parts(solution, slip.value, travelled + lost, (i, j))
-    return replace(totals, steady=(float(nodes.t[i]), float(nodes.t[j])), slip_ratio=slip, slip_parts=parts)
+    totals = replace(totals, steady=(float(nodes.t[i]), float(nodes.t[j])))
+    travelled, slipped = x[j] - x[i], d[j] - d[i]
+    rolled = travelled + slipped
+    if abs(rolled) < 1e-3:
+        return totals
+    # λ = slipped / rolled: its gradient towards the difference of the states
+    gradient = np.zeros(SIZE)
+    gradient[[D, X, P]] = travelled, -slipped, slipped
+    gradient /= rolled**2
+    slip = Estimate(float(slipped / rolled), drift.std_of_change(gradient, i, j))
+    return replace(totals, slip_ratio=slip, slip_parts=slip_parts(solution, gradient, i, j))
 
 
 def motion_without_imu(trial: Trial, robot: Robot, rolling: Rolling, by_hand: Sequence[Interval]) -> Motion:
@@ -225,25 +231,6 @@ def wheel_slip(v_o: Array, v_o_std: Array, v: Array, v_std: Array) -> tuple[Arra
     d_wheel = (1 - ratio * by_wheel) / size
     d_body = (-1 - ratio * by_body) / size
     return ratio, np.hypot(d_wheel * v_o_std, d_body * body_std)
-
-
-def robot_slip(smoothed: Smoothed, x: Array, d: Array, i: int, j: int) -> Estimate:
-    """Return λ_R by (2) between nodes i and j, 1 - (travelled / rolled).
-
-    At the nodes: travelled distance x and rolled minus travelled distance d (K,) [m]. The covariance of
-    distances at different instants comes from the smoother's gains.
-    """
-    travelled, slipped = x[j] - x[i], d[j] - d[i]
-    rolled = travelled + slipped
-    if abs(rolled) < 1e-3:
-        return Estimate(NAN)
-    # λ = slipped / rolled: its gradient towards the difference of the states
-    gradient = np.zeros(smoothed.x.shape[1])
-    gradient[[D, X, P]] = travelled, -slipped, slipped
-    gradient /= rolled**2
-    cross = smoothed.cross(i, j)
-    covariance = smoothed.P[i] + smoothed.P[j] - cross - cross.T
-    return Estimate(float(slipped / rolled), float(np.sqrt(max(gradient @ covariance @ gradient, 0.0))))
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from scipy.special import ndtri
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation.clock import STILL
-from granite_lab.estimation.error_model import BA, BM, TH, P, SlipModel, V, X, std_of
+from granite_lab.estimation.error_model import BA, BM, TH, SlipModel, V, std_of
 from granite_lab.estimation.nodes import Nodes, build
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.problem import Problem
@@ -157,7 +157,6 @@ def at_calm_instants(nominal: Nominal, interval: Interval, rests: Sequence[Inter
 def slip_changes(by_imu: Solution, rolling: Rolling, offset: float) -> Changes:
     """Compare the rolled distance with that of the solution `by_imu` alone, bin by bin of each motion."""
     nodes, smoothed = by_imu.nodes, by_imu.smoothed
-    travelled = np.interp(nodes.t, by_imu.nominal.t, by_imu.nominal.x) + smoothed.x[:, X] - smoothed.x[:, P]
     v_std = std_of(smoothed.P, {V: 1.0})
     pull = std_of(smoothed.P, {TH: GRAVITY, BA: -1.0, BM: -1.0})
     parts = [np.empty((8, 0))]
@@ -166,7 +165,7 @@ def slip_changes(by_imu: Solution, rolling: Rolling, offset: float) -> Changes:
         edges = np.linspace(begin, end, max(round((end - begin) / BIN), 1) + 1)
         width = edges[1] - edges[0]
         pace = np.diff(interpolated(edges, rolling.t + offset, rolling.mean)) / width
-        slip = pace - np.diff(np.interp(edges, nodes.t, travelled)) / width
+        slip = pace - np.diff(np.interp(edges, nodes.t, by_imu.travelled)) / width
         wheel = np.where(pace < 0.0, -1.0, 1.0) * np.maximum(np.abs(pace), COAST)
         unsure, drift = (np.interp(edges[1:-1], nodes.t, std) for std in (v_std, pull))
         pairs = (edges[:-2], edges[2:], slip[:-1], slip[1:], wheel[:-1], wheel[1:], unsure, width * drift)

@@ -13,6 +13,7 @@ from scipy.linalg import blas
 from scipy.special import gammaincinv
 
 from granite_lab.estimate import Estimate
+from granite_lab.estimation import error_model as model
 from granite_lab.estimation.error_model import ANY_SLIP, BA, BG, SIZE, TAU, TH, C, D, S, Updates, V, X
 from granite_lab.estimation.nodes import Nodes, build, pace_of
 from granite_lab.estimation.nominal import AT_REST, Nominal, Start, integrate, quieten
@@ -120,6 +121,12 @@ class Smoothed(Filtered):
         first, second = shared[:, 0], shared[:, 1]
         return np.asarray(total @ (self.P[j] - second.T @ second) + first.T @ second)
 
+    def std_of_change(self, weights: Array, i: int, j: int) -> float:
+        """Return the std of ``weights @ (x[j] - x[i])``, for `weights` (14,) and nodes i <= j."""
+        cross = self.cross(i, j)
+        variance = weights @ (self.P[i] + self.P[j] - cross - cross.T) @ weights
+        return float(np.sqrt(max(variance, 0.0)))
+
 
 @dataclass(frozen=True, eq=False)
 class Settled:
@@ -151,6 +158,16 @@ class Solution(Settled):
     smoothed: Smoothed
     offset: Estimate
     applied: float = 0.0
+
+    @property
+    def travelled(self) -> Array:
+        """(K,) distance of the body at the nodes [m]."""
+        drift = self.smoothed.x
+        return np.asarray(self.nominal.x[self.nodes.index] + drift[:, X] - drift[:, model.P])
+
+    def at_stamps(self, values: Array) -> Array:
+        """(N,) values at the IMU's stamps, from those at the nodes (K,)."""
+        return np.interp(self.nominal.t, self.nodes.t, values)
 
 
 def forward(nodes: Nodes) -> Filtered:
