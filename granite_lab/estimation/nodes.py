@@ -3,17 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from functools import cache
 
 import numpy as np
-from scipy.ndimage import (
-    convolve1d,
-    gaussian_filter1d,
-    maximum_filter1d,
-    minimum_filter1d,
-    uniform_filter1d,
-)
-from scipy.signal import savgol_coeffs
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d, uniform_filter1d
+from scipy.signal import savgol_filter
 
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import error_model as model
@@ -101,13 +94,7 @@ def derivative_of(values: Array, window: int, order: int, derivative: int = 1) -
 
     The first and the last value continue beyond the ends.
     """
-    return np.asarray(convolve1d(values, _weights(window, order, derivative), mode="nearest"))
-
-
-@cache
-def _weights(window: int, order: int, derivative: int) -> Array:
-    """Return what `savgol_filter` would work out each time."""
-    return np.asarray(savgol_coeffs(window, order, derivative, GRID))
+    return np.asarray(savgol_filter(values, window, order, derivative, GRID, mode="nearest"))
 
 
 def pace_of(rolling: Rolling, offset: float, t: Array) -> Pace:

@@ -103,13 +103,21 @@ def white_in_motion(frequency: Array, density: Array, rest: float, *, turns: boo
     return rest * float(np.sqrt(level - 1.0)) if level - 1.0 > NEGLIGIBLE else 0.0
 
 
+def in_bands(frequency: Array, values: Array, per_octave: int = 1) -> tuple[Array, Array]:
+    """(B,) ordinates in each band of the frequencies (F,) [Hz], and (B,) means of values (F,) over them.
+
+    Bands without ordinates are left out.
+    """
+    _, place = np.unique(np.floor(per_octave * np.log2(frequency)), return_inverse=True)
+    number = np.bincount(place).astype(float)
+    return number, np.bincount(place, values) / number
+
+
 def evident_resonance(frequency: Array, density: Array) -> bool:
     """Whether a resonance stands out of the periodogram (F,) at `frequency` (F,) [Hz] beyond the motion."""
     beyond = frequency > RESTLESS
-    octave = np.floor(np.log2(frequency[beyond])).astype(int)
-    number = np.bincount(octave)
-    seen = number >= FEWEST
-    mean = np.bincount(octave, density[beyond])[seen] / number[seen]
+    number, mean = in_bands(frequency[beyond], density[beyond])
+    mean = mean[number >= FEWEST]
     return bool(mean.size > 1 and float(mean.max()) > EVIDENT * float(mean.min()))
 
 
@@ -124,13 +132,9 @@ def white_below_resonance(frequency: Array, density: Array, rest: float, resonan
     frequency, density = frequency[beyond], density[beyond] / (2.0 * rest**2)
     low = frequency < min(HIGH, BELOW * resonance)
     ratio = (frequency[low] / resonance) ** 2
-    octave = np.floor(np.log2(frequency[~low])).astype(int)
-    number = np.bincount(octave).astype(float)
-    mean = np.bincount(octave, density[~low])[number > 0] / number[number > 0]
+    number, mean = in_bands(frequency[~low], density[~low])
     tail, quick = ratio / (1.0 - ratio) ** 2, frequency[low] > RESTLESS
-    added = min(
-        _added(density[low][use], tail[use], mean, number[number > 0]) for use in (quick | True, quick)
-    )
+    added = min(_added(density[low][use], tail[use], mean, number) for use in (quick | True, quick))
     return rest * float(np.sqrt(added)) if added > NEGLIGIBLE else 0.0
 
 
@@ -153,12 +157,10 @@ def _added(density: Array, tail: Array, mean: Array, number: Array) -> float:
 
 def levels(frequency: Array, density: Array) -> Levels:
     """Weigh levels of the white noise by a periodogram (F,), in shares of that at rest."""
-    place = np.floor(PER_OCTAVE * np.log2(frequency)).astype(int)
-    _, place = np.unique(place, return_inverse=True)
-    ordinates = np.bincount(place).astype(float)
-    centre, total = (np.bincount(place, values) / ordinates for values in (frequency, density))
-    bands = Bands(centre, INDEPENDENT * ordinates, INDEPENDENT * ordinates * total)
-    decades = float(np.log10(max(float(np.max(total)), 1.0))) + 0.5
+    ordinates, mean = in_bands(frequency, density, PER_OCTAVE)
+    centre = in_bands(frequency, frequency, PER_OCTAVE)[1]
+    bands = Bands(centre, INDEPENDENT * ordinates, INDEPENDENT * ordinates * mean)
+    decades = float(np.log10(max(float(np.max(mean)), 1.0))) + 0.5
     white = np.logspace(0.0, decades, max(int(decades * STEPS), 2))
     height = np.logspace(-2.0, decades + 2.0, int((decades + 4.0) * STEPS / 2))
     only_white, more = outside(bands, white)
@@ -214,9 +216,7 @@ def rising_to(
 
 def _mean(models: Array | list[Array]) -> Array:
     """(W,) logarithm of the mean probability of models (M, W), from logarithms."""
-    stack = np.asarray(models)
-    most = stack.max(axis=0)
-    return np.asarray(most + np.log(np.mean(np.exp(stack - most), axis=0)))
+    return np.asarray(logsumexp(models, axis=0) - np.log(len(models)))
 
 
 def _summed(values: Array) -> Array:
