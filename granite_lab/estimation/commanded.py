@@ -25,8 +25,10 @@ def commanded(
     steady: tuple[float, float],
     variant: Variant,
     source: str,
-) -> tuple[Variant, str, str | None]:
-    """Return the command, a trapezoid or a logged course, with its source and a doubt or None.
+) -> tuple[Course, str, str | None] | None:
+    """Return the command that is stated or logged, with its source and a doubt or None.
+
+    None where that is the trapezoid, or nothing else is known.
 
     Args:
         trial: with its command, and what its metadata state.
@@ -40,13 +42,13 @@ def commanded(
     if trial.info.command:
         return _from_start(np.array(parse_path(trial.info.command)).T, measured), "stated", None
     if trial.command is None or not math.isfinite(start.value):
-        return variant, source, None
+        return None
     t, v = _points(trial.command, np.nan_to_num(offset.value) - start.value)
     if t.size < 3 or v.max() <= 0:
-        return variant, source, None
+        return None
     off = _deviation(t, v, variant)
     if source != "measured" and off <= SAME:
-        return variant, source, None
+        return None
     doubt = None
     if source == "given":
         doubt = (

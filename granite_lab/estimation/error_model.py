@@ -31,7 +31,7 @@ import numpy as np
 
 from granite_lab.estimation.nominal import Nominal
 from granite_lab.estimation.reference import Readings
-from granite_lab.estimation.wheels import Rolling
+from granite_lab.estimation.wheels import Rolling, nearest
 from granite_lab.logs.counters import repeated, runs
 from granite_lab.logs.sensors.faults import Faults
 from granite_lab.logs.sensors.mounting import BodyImu
@@ -395,8 +395,7 @@ def wheel_updates(rolling: Rolling, nominal: Nominal, course: Course, offset: fl
     usable = np.isfinite(rolling.mean) & np.isfinite(rolling.speed)
     usable &= (stamps >= t[0] - 1e-3) & (stamps <= t[-1] + 1e-3)
     samples = np.flatnonzero(usable)
-    place = np.clip(np.searchsorted(t, stamps[samples]), 1, t.size - 1)
-    place -= (stamps[samples] - t[place - 1]) < (t[place] - stamps[samples])
+    place = nearest(t, stamps[samples])
     order = np.lexsort((np.abs(t[place] - stamps[samples]), place))
     k, first = np.unique(place[order], return_index=True)
     m = samples[order[first]]
@@ -430,11 +429,9 @@ def reference_updates(readings: Readings, nominal: Nominal, course: Course) -> U
     """
     t, inner = course.t, (readings.t >= course.t[0]) & (readings.t <= course.t[-1])
     stamps, value, std = readings.t[inner], readings.value[inner], readings.std[inner]
-    after = np.clip(np.searchsorted(t, stamps), 1, t.size - 1)
-    k = after - (stamps - t[after - 1] < t[after] - stamps)
     if readings.kind == "reference_v":
         z, H = value - np.interp(stamps, nominal.t, nominal.v), {V: 1.0, PD: -1.0}
     else:
         z, H = value - np.interp(stamps, nominal.t, nominal.x), {X: 1.0, P: -1.0}
         z = z - z[:1]
-    return updates_of(readings.kind, k, z, H, std**2)
+    return updates_of(readings.kind, nearest(t, stamps), z, H, std**2)

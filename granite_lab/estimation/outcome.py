@@ -21,7 +21,7 @@ from granite_lab.estimation.nodes import BAND, QUICK
 from granite_lab.estimation.rest import find_rests
 from granite_lab.estimation.smoother import Solution
 from granite_lab.estimation.straight import straightness_of
-from granite_lab.estimation.wheels import Rolling
+from granite_lab.estimation.wheels import Rolling, nearest
 from granite_lab.logs.counters import Mask, integral, mad_std, runs
 from granite_lab.logs.sensors.standstill import MOVING, Interval, bridged, inside
 from granite_lab.logs.trial import Array, Series, Trial, TrialInfo
@@ -208,12 +208,10 @@ def wheels_at(t: Array, rolling: Rolling | None, offset: float) -> tuple[Array, 
         finite = np.flatnonzero(np.isfinite(rolling.velocity[:, i]))
         if finite.size < 2:
             continue
-        after = np.clip(np.searchsorted(stamps[finite], t), 1, finite.size - 1)
-        near = (
-            np.minimum(np.abs(stamps[finite[after]] - t), np.abs(t - stamps[finite[after - 1]])) < 3 * period
-        )
-        value[near, i] = np.interp(t[near], stamps[finite], rolling.velocity[finite, i])
-        std[near, i] = np.interp(t[near], stamps[finite], rolling.velocity_std[finite, i])
+        known = stamps[finite]
+        near = np.abs(known[nearest(known, t)] - t) < 3 * period
+        value[near, i] = np.interp(t[near], known, rolling.velocity[finite, i])
+        std[near, i] = np.interp(t[near], known, rolling.velocity_std[finite, i])
     return value, std
 
 
@@ -350,9 +348,8 @@ def _command(
     trial: Trial, start: Estimate, offset: Estimate, course: Phases
 ) -> tuple[Variant, str, str | None]:
     """Return the command, a course or else the trapezoid, with its source and a doubt or None."""
-    variant, source, doubt = recognise(course, trial.info, load_variants())
-    command, of, other = commanded(trial, start, offset, course.steady, variant, source)
-    return (command, of, other) if of in ("logged", "stated") else (variant, source, doubt)
+    found = recognise(course, trial.info, load_variants())
+    return commanded(trial, start, offset, course.steady, *found[:2]) or found
 
 
 def _onset(t: Array, pace: Array, plateau: float) -> tuple[Estimate, float]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.wheels import Rolling
+from granite_lab.estimation.wheels import Rolling, nearest
 from granite_lab.logs.counters import integral, interpolated
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.standstill import Interval, inside
@@ -130,7 +130,7 @@ def readings_of(trial: Trial, rolling: Rolling | None, offset: float) -> tuple[R
         speeds = _readings("reference_v", speed, std)
         if position is None or position.places > 1:
             readings.append(_ahead(speeds, rolling, offset) if position is not None else speeds)
-        elif not readings or trial.reference_v.places == 1:  # type: ignore[union-attr]
+        elif not readings or speed.places == 1:
             readings.append(speeds)
     if readings:
         return tuple(readings)
@@ -180,6 +180,5 @@ def anchors(readings: Sequence[Readings], t: Array, rests: Sequence[Interval]) -
     stamps = np.sort(np.concatenate([reading.t for reading in readings]))
     if not stamps.size:
         return False
-    after = np.clip(np.searchsorted(stamps, grid), 0, stamps.size - 1)
-    near = np.minimum(np.abs(stamps[after] - grid), np.abs(stamps[np.maximum(after - 1, 0)] - grid))
-    return bool(((near <= PAUSE) | inside(grid, rests)).all())
+    near = np.abs(stamps[nearest(stamps, grid)] - grid) <= PAUSE
+    return bool((near | inside(grid, rests)).all())

@@ -220,6 +220,12 @@ def side_mean(values: Array) -> Array:
     return mean_known(np.stack([mean_known(values[:, side::2]) for side in (0, 1)], axis=1))
 
 
+def nearest(t: Array, at: Array) -> np.ndarray:
+    """(K,) places of the stamps t (M,) nearest to instants `at` (K,); of two that are as near, the later."""
+    after = np.clip(np.searchsorted(t, at), 1, t.size - 1)
+    return np.asarray(after - (at - t[after - 1] < t[after] - at))
+
+
 def local_slope(t: Array, y: Array, sigma: Array) -> Array:
     """Differentiate y (M,) by local straight lines, the window as wide as the motion allows.
 
