@@ -40,6 +40,9 @@ robot that rings at 10 Hz [rad/s] follows its wheels so much later, a softer one
 STILL, MOVED = 0.25, 0.5
 """How much of the log judges a clock offset on the standing and the moving side of a change [s]."""
 
+MOST = 2
+"""So many onsets, and so many stops, judge a clock offset at most."""
+
 HIDDEN = 0.015
 """Std of an offset that rests on changes during which samples are missing or at the rail [s]."""
 
@@ -201,7 +204,7 @@ def agreed(by_onsets: Estimate, by_filter: Estimate, compliance: float) -> Estim
     return Estimate(share * by_onsets.value + (1.0 - share) * by_filter.value, float(np.hypot(common, apart)))
 
 
-def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
+def changes(problem: Problem, offset: float) -> list[Interval]:
     """Windows around the first onsets of motion and the first stops, given a rough clock offset [s]."""
     assert problem.rolling is not None
     begin, end = problem.imu.t[0], problem.imu.t[-1]
@@ -216,7 +219,7 @@ def changes(problem: Problem, offset: float, most: int = 2) -> list[Interval]:
             starts.append((b - STILL, max(b, float(ahead[0])) + MOVED))
         if a > begin + MOVED and behind.size:
             stops.append((min(a, float(behind[-1])) - MOVED, a + STILL))
-    return starts[:most] + stops[:most]
+    return starts[:MOST] + stops[:MOST]
 
 
 def bridged_rests(rests: Sequence[Interval], turning: Array) -> list[Interval]:

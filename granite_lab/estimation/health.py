@@ -11,7 +11,15 @@ from scipy.special import gammaincc
 
 from granite_lab.estimation.error_model import BA, BG, V, std_of
 from granite_lab.estimation.motion import Health
-from granite_lab.estimation.smoother import REFERENCES, WANDERING, WANDERS, Solution, slow_excess, usual
+from granite_lab.estimation.smoother import (
+    REFERENCES,
+    WANDERING,
+    WANDERS,
+    Solution,
+    correlation,
+    slow_excess,
+    usual,
+)
 from granite_lab.logs.sensors.doubt import Grade
 from granite_lab.logs.sensors.standstill import Interval
 from granite_lab.logs.trial import Array
@@ -79,13 +87,6 @@ def assess(solution: Solution) -> Health:
         ljung_box={kind: statistics.chance for kind, statistics in kinds.items()},
         gaps=problem.faults.gaps, plateaus=problem.faults.plateaus,
     )  # fmt: skip
-
-
-def correlation(ratio: Array, lag: int = 1) -> float:
-    """Correlation of normalised innovations a lag apart; 0 is white, NaN for fewer than eight."""
-    if ratio.size < 8 or not np.any(ratio):
-        return float("nan")
-    return float(np.sum(ratio[lag:] * ratio[:-lag]) / np.sum(ratio**2))
 
 
 def ljung_box(ratio: Array, lags: int = 10) -> float:

@@ -333,8 +333,6 @@ def with_radius(motion: Motion, robot: Robot) -> Motion:
 
 def _with_rolled_std(motion: Motion, share: float) -> Motion:
     """Return the motion whose wheels' distance has an error of the std `share` [-] more."""
-    if share == 0.0:
-        return motion
     slip, rolled = motion.slip_ratio, motion.distance_wheels
     pace = share * np.abs(np.nan_to_num(mean_known(motion.v_wheel)))
     return replace(
@@ -356,8 +354,6 @@ def _downhill(motion: Motion) -> float:
 
 def _with_distance_std(motion: Motion, std: float, after: float) -> Motion:
     """Return the motion whose distance has an error of this std [m] more `after` an instant [s]."""
-    if std == 0.0:
-        return motion
     x_std = np.where(motion.t >= after, np.hypot(motion.x_std, std), motion.x_std)
     distance, rolled = (
         replace(travelled, std=math.hypot(travelled.std, std))
@@ -368,8 +364,6 @@ def _with_distance_std(motion: Motion, std: float, after: float) -> Motion:
 
 def _with_slip_std(motion: Motion, std: float) -> Motion:
     """Return the motion whose std covers an error of the slip ratio of `std` [-], in all that follows it."""
-    if std == 0.0:
-        return motion
     pace = np.abs(np.nan_to_num(mean_known(motion.v_wheel)))
     rolled = integral(motion.t, pace)
 

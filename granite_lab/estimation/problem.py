@@ -56,8 +56,8 @@ class Sensors:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Standing:
-    """Where the robot stands.
+class Problem(Sensors):
+    """A trial ready for the filter.
 
     Attributes:
         rests: standstills [s].
@@ -65,20 +65,6 @@ class Standing:
         coasts: the log ends while the wheels coast to rest.
         spins: wheels may turn in a standstill.
         far: the robot moves, or may have moved, for longer than integration lasts.
-    """
-
-    rests: tuple[Interval, ...]
-    unseen: Array
-    coasts: bool = False
-    spins: bool = True
-    far: bool = False
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Problem(Sensors, Standing):
-    """A trial ready for the filter.
-
-    Attributes:
         noise, slip: what drifts, and how much.
         jumps: (N,) square of the slip velocity's jumps per second, at the IMU's stamps [m^2/s^3].
         compliance: by which the displacement between wheels and body walks as thrust changes [s^2].
@@ -88,6 +74,11 @@ class Problem(Sensors, Standing):
         reference: what an external reference measured.
     """
 
+    rests: tuple[Interval, ...]
+    unseen: Array
+    coasts: bool = False
+    spins: bool = True
+    far: bool = False
     noise: Noise
     slip: SlipModel = field(default_factory=SlipModel)
     jumps: Array | None = None

@@ -418,13 +418,19 @@ def slow_excess(ratio: Array) -> float:
     Where successive ones correlate by r, as autoregressive noise does, their density at low frequencies is
     (1 + r) / (1 - r) times that of white noise, which is what adds up over many samples.
     """
-    squares = float(np.sum(ratio**2))
-    if ratio.size < 8 or squares == 0.0:
+    r = min(correlation(ratio), 0.999)
+    if np.isnan(r):
         return 0.0
-    r = min(float(np.sum(ratio[1:] * ratio[:-1])) / squares, 0.999)
     if abs(r) < 3.0 / np.sqrt(ratio.size):  # of white noise by chance
         r = 0.0
-    return squares / ratio.size * (1.0 + r) / (1.0 - r)
+    return float(np.mean(ratio**2)) * (1.0 + r) / (1.0 - r)
+
+
+def correlation(ratio: Array, lag: int = 1) -> float:
+    """Correlation of normalised innovations a lag apart; 0 is white, NaN for fewer than eight."""
+    if ratio.size < 8 or not np.any(ratio):
+        return float("nan")
+    return float(np.sum(ratio[lag:] * ratio[:-lag]) / np.sum(ratio**2))
 
 
 def usual(n: int) -> float:

@@ -10,8 +10,8 @@ from scipy.signal import lfilter
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
 from granite_lab.estimation import Motion, judge
-from granite_lab.estimation.health import correlation, ljung_box
-from granite_lab.estimation.smoother import slow_excess, usual
+from granite_lab.estimation.health import ljung_box
+from granite_lab.estimation.smoother import correlation, slow_excess, usual
 from granite_lab.logs.trial import Series, Trial
 from granite_lab.parameters import load_robot
 from tests.soak import sampled
