@@ -45,9 +45,8 @@ def clean_trial(
     `wheels` and `rolling` are the encoders with the right order and signs; `solution` is None for a log
     without IMU.
     """
-    stream, currents, doubts = None, trial.currents, list[Doubt]()
-    if solution is not None:
-        stream = _imu(solution, motion)
+    stream = None if solution is None else _imu(solution, motion)
+    currents, doubts = trial.currents, list[Doubt]()
     if wheels is not None and rolling is not None:
         wheels = _level(wheels, rolling, robot, doubts)
         if currents is not None:

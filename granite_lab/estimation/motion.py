@@ -34,8 +34,10 @@ LEAST_WAY = 0.05
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Consistency:
-    """How the measurements met their predictions, U scalar updates in all.
+class Health:
+    """How the filter fared; what the report draws.
+
+    U scalar updates met their predictions; biases are at the IMU's N stamps.
 
     Attributes:
         t: (U,) stamps of the updates [s].
@@ -46,6 +48,13 @@ class Consistency:
         whiteness: correlation of successive normalised innovations per update kind (0 is ideal).
         ljung_box: probability per update kind that white innovations would correlate as much over ten
             lags by chance; NaN for too few.
+        accel_bias, accel_bias_std: (N,) of the forward accelerometer, with tilt [m/s^2].
+        gyro_bias, gyro_bias_std: (N,) of the pitch gyro [rad/s].
+        rests: intervals (start, end) [s] in which the robot stood still.
+        gaps, plateaus: intervals [s] of missing and of saturated IMU samples.
+        grade: "good"; "fair": usable within a std that had to grow; "poor": look twice.
+        reasons: for the grade, one clause each.
+        verdict: one sentence in plain words.
     """
 
     t: Array
@@ -55,35 +64,10 @@ class Consistency:
     nis: dict[str, float]
     whiteness: dict[str, float] = field(default_factory=dict)
     ljung_box: dict[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Biases:
-    """Biases (N,) at the IMU's stamps, each with its std.
-
-    Attributes:
-        accel_bias, accel_bias_std: of the forward accelerometer, with tilt [m/s^2].
-        gyro_bias, gyro_bias_std: of the pitch gyro [rad/s].
-    """
-
     accel_bias: Array
     accel_bias_std: Array
     gyro_bias: Array
     gyro_bias_std: Array
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Health(Consistency, Biases):
-    """How the filter fared; what the report draws.
-
-    Attributes:
-        rests: intervals (start, end) [s] in which the robot stood still.
-        gaps, plateaus: intervals [s] of missing and of saturated IMU samples.
-        grade: "good"; "fair": usable within a std that had to grow; "poor": look twice.
-        reasons: for the grade, one clause each.
-        verdict: one sentence in plain words.
-    """
-
     rests: tuple[tuple[float, float], ...]
     gaps: tuple[tuple[float, float], ...] = ()
     plateaus: tuple[tuple[float, float], ...] = ()

@@ -17,7 +17,7 @@ from granite_lab.estimation.straight import WIDTH
 from granite_lab.logs.counters import Mask, integral, mean_known, runs
 from granite_lab.logs.sensors.doubt import Doubt, Grade
 from granite_lab.logs.sensors.signs import TURNING
-from granite_lab.logs.sensors.standstill import MOVING, Interval
+from granite_lab.logs.sensors.standstill import MOVING, Interval, inside
 from granite_lab.logs.trial import Array, WheelStream
 from granite_lab.parameters import GRAVITY, WHEELS, Robot, Soil
 
@@ -98,7 +98,7 @@ def missing_rates(motion: Motion, wheels: WheelStream | None) -> Iterator[Doubt]
     """
     if wheels is None or wheels.rate is None:
         return
-    steady = (motion.t >= motion.steady[0]) & (motion.t <= motion.steady[1])
+    steady = inside(motion.t, [motion.steady])
     silent = ~np.isfinite(motion.v_wheel[steady]).any(axis=1)
     share = float(np.mean(silent)) if steady.any() else 0.0
     if share > OUTLIERS:
@@ -114,7 +114,7 @@ def open_end_changes(motion: Motion, open_ends: Sequence[str]) -> Iterator[Doubt
 
     A bias that changes in motion looks like that, and no standstill tells them apart: each is as likely.
     """
-    wheels, body, _ = _speeds(motion, _in_phase(motion, "steady"))
+    wheels, body, _ = _steady_speeds(motion)
     rolls = np.abs(wheels) > MOVING
     if not open_ends or np.count_nonzero(rolls) < FEWEST:
         return
@@ -148,7 +148,7 @@ def _doubts(motion: Motion, soil: Soil, least: float) -> Iterator[Doubt]:
     stated = soil.slip_std < 1.0
     low = -SlipModel.per_acceleration * GRAVITY * max(_downhill(motion), 0.0)
     usual = soil.slip if stated else SlipModel.steady
-    steady = SteadyPart(*_speeds(motion, _in_phase(motion, "steady")), low, usual, stated)
+    steady = SteadyPart(*_steady_speeds(motion), low, usual, stated)
     for kind, nis in motion.health.nis.items():
         if nis > UNFIT**2:
             yield Doubt(scattering(kind, nis), grade="poor")
@@ -240,13 +240,13 @@ def _differing_wheel(motion: Motion) -> Iterator[Doubt]:
     now and then, by which it adds up to more than the std of the slip ratio. Three wheels alike show that the
     robot does not turn. Which is right, the one or the three, no log tells.
     """
-    inside = (motion.t >= motion.steady[0]) & (motion.t <= motion.steady[1])
-    if not inside.any() or not np.isfinite(motion.v_wheel[inside]).all():
+    steady = inside(motion.t, [motion.steady])
+    if not steady.any() or not np.isfinite(motion.v_wheel[steady]).all():
         return
-    far = _differing_share(np.sum(motion.v_wheel[inside], axis=0, keepdims=True))
+    far = _differing_share(np.sum(motion.v_wheel[steady], axis=0, keepdims=True))
     how = f"{'more' if far.sum() > 0 else 'less'} than the others, which agree"
     if not far.any():
-        far = _differing_share(_means(motion, motion.v_wheel, inside))
+        far = _differing_share(_means(motion, motion.v_wheel, steady))
         far *= np.abs(far) > len(WHEELS) * motion.slip_ratio.std
         how = "unlike the others, which agree, in some moments"
     if far.any():
@@ -268,16 +268,16 @@ def disagreeing_wheels(motion: Motion, yaw_rate: Array | None, robot: Robot) -> 
         yaw_rate: (N,) by the gyro, without its bias, positive to the left [rad/s]; None: not known.
         robot: with its track. Sides differ where it turns; skidding takes a part of the turn.
     """
-    inside = (motion.t >= motion.steady[0]) & (motion.t <= motion.steady[1])
-    t = motion.t[inside]
+    steady = inside(motion.t, [motion.steady])
+    t = motion.t[steady]
     # NaN of a wheel that is not known all along
-    ways = np.asarray(np.trapezoid(motion.v_wheel[inside], t, axis=0))
+    ways = np.asarray(np.trapezoid(motion.v_wheel[steady], t, axis=0))
     if np.count_nonzero(np.isfinite(ways)) < 2:
         return
     usual = float(np.nanmean(ways))
     left, right = (mean_known(ways[side::2], axis=0) for side in (0, 1))
     track = robot.chassis.track if robot.chassis is not None else WIDTH
-    turned = math.nan if yaw_rate is None else float(integral(t, yaw_rate[inside])[-1])
+    turned = math.nan if yaw_rate is None else float(integral(t, yaw_rate[steady])[-1])
     if not turned * track * np.sign(right - left) <= TURNING * abs(right - left):  # a bend, or not known
         ways = ways - np.where(np.arange(len(WHEELS)) % 2 == 0, left, right) + usual
     share = float(np.nanstd(ways)) / max(abs(usual), LEAST_WAY)
@@ -304,10 +304,10 @@ def _in_phase(motion: Motion, name: str) -> Mask:
     return np.array([phase == name for phase in motion.phase])
 
 
-def _speeds(motion: Motion, where: Mask) -> tuple[Array, Array, Array]:
-    """Speed of the wheels, of the body and its std, each (M,) as `_means` [m/s]."""
-    wheels, body, std = (mean_known(motion.v_wheel), motion.v, motion.v_std)
-    return _means(motion, wheels, where), _means(motion, body, where), _means(motion, std, where)
+def _steady_speeds(motion: Motion) -> tuple[Array, Array, Array]:
+    """Steady speed of the wheels, speed of the body and its std, each (M,) as `_means` [m/s]."""
+    where, wheels = _in_phase(motion, "steady"), mean_known(motion.v_wheel)
+    return _means(motion, wheels, where), _means(motion, motion.v, where), _means(motion, motion.v_std, where)
 
 
 def _means(motion: Motion, values: Array, where: Mask) -> Array:
@@ -345,7 +345,7 @@ def _with_rolled_std(motion: Motion, share: float) -> Motion:
 
 def _downhill(motion: Motion) -> float:
     """Return the slope by which the robot drives down [rad]: the upper bound of the mean pitch in motion."""
-    moving = np.array([phase != "rest" for phase in motion.phase])
+    moving = ~_in_phase(motion, "rest")
     if not moving.any():
         return 0.0
     ahead = math.copysign(1.0, motion.distance_wheels.value)

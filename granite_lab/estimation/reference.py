@@ -21,7 +21,7 @@ from granite_lab.estimation.wheels import Rolling, nearest
 from granite_lab.logs.counters import integral, interpolated
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.standstill import Interval, inside
-from granite_lab.logs.trial import Array, Series, Trial
+from granite_lab.logs.trial import Array, Series, Trial, part
 
 TOLD = 3.0
 """Speeds by positions in a plane are magnitudes: below this many std they may be noise alone."""
@@ -125,9 +125,7 @@ def readings_of(trial: Trial, rolling: Rolling | None, offset: float) -> tuple[R
     if position is not None and position.places == 1 and info.ref_x_std:
         readings.append(_readings("reference_x", position, info.ref_x_std))
     if speed is not None and (std := _speed_std(trial)):
-        if speed.places > 1:
-            speed = Series(speed.t[:: speed.places], speed.value[:: speed.places], speed.places)
-        speeds = _readings("reference_v", speed, std)
+        speeds = _readings("reference_v", part(speed, slice(None, None, speed.places)), std)
         if position is None or position.places > 1:
             readings.append(_ahead(speeds, rolling, offset) if position is not None else speeds)
         elif not readings or speed.places == 1:

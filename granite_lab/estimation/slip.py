@@ -218,9 +218,6 @@ def identify_scatter(problem: Problem, offset: float) -> SlipModel:
     shows. A level of slip, on the contrary, stays free. Windows with faults tell nothing; the slip model is
     unchanged where nothing can be told.
     """
-    imu = problem.imu
-    if problem.rolling is None or problem.slip.far or not imu.has_pitch_rate or not imu.gravity:
-        return problem.slip
     windows = [window for window in scatter_windows(problem) if not problem.faults.touch(*window)]
     if not windows:
         return problem.slip

@@ -169,18 +169,19 @@ def slip_and_noise(problem: Problem, clock: Clock, soil: Soil) -> Problem:
     """Say how the slip ratio may change, and how loud motion makes the IMU."""
     if problem.far:
         return _slip_of_soil(problem, clock.expected.value, soil)
-    if problem.rolling is not None and _far_from_rest(problem.rests, problem.imu):
+    if problem.rolling is None:
+        return problem
+    if _far_from_rest(problem.rests, problem.imu):
         # a reference tells the velocity, and with it the pitch
         noise = with_motion_noise(problem, clock.expected.value, folding=False)
         return replace(problem, noise=replace(noise, gyro=LOST_PITCH))
-    least = SPIN if _turned_at_rest(problem, clock.expected.value) else 0.0
-    if problem.rolling is not None:
-        problem = (
-            with_jumps(problem, clock.near) if problem.imu.has_pitch_rate and problem.imu.gravity else problem
-        )
-        problem = replace(problem, noise=with_motion_noise(problem, clock.near))
-    scattering = identify_scatter(problem, clock.near)
-    return replace(problem, slip=replace(scattering, walk=max(scattering.walk, least)))
+    least = SPIN if _turned_at_rest(problem.rolling, problem.rests, clock.expected.value) else 0.0
+    tells_pitch = problem.imu.has_pitch_rate and problem.imu.gravity
+    if tells_pitch:
+        problem = with_jumps(problem, clock.near)
+    problem = replace(problem, noise=with_motion_noise(problem, clock.near))
+    slip = identify_scatter(problem, clock.near) if tells_pitch else problem.slip
+    return replace(problem, slip=replace(slip, walk=max(slip.walk, least)))
 
 
 def smoothed(problem: Problem, clock: Clock, soil: Soil, distance: Estimate | None = None) -> Solution:
@@ -210,12 +211,10 @@ def _slip_of_soil(problem: Problem, offset: float, soil: Soil) -> Problem:
     return replace(problem, slip=model, noise=noise, doubts=(*problem.doubts, doubt))
 
 
-def _turned_at_rest(problem: Problem, offset: float) -> bool:
+def _turned_at_rest(rolling: Rolling, rests: Sequence[Interval], offset: float) -> bool:
     """Whether wheels turned during a standstill."""
-    if problem.rolling is None:
-        return False
-    resting = inside(problem.rolling.t + offset, problem.rests)
-    turning = np.abs(np.nan_to_num(problem.rolling.speed)) > MOVING
+    resting = inside(rolling.t + offset, rests)
+    turning = np.abs(np.nan_to_num(rolling.speed)) > MOVING
     return float(np.sum(resting & turning)) > 0.1 * max(float(np.sum(resting)), 1.0)
 
 
