@@ -18,7 +18,7 @@ from granite_lab.model import Run
 from granite_lab.model.command import V_FLOOR
 from granite_lab.model.symbols import DIRECT
 from granite_lab.parameters import WHEELS, Robot
-from granite_lab.shown import Shown
+from granite_lab.shown import Shown, frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -107,9 +107,7 @@ class Comparison(Shown):
 
     def to_frame(self) -> pd.DataFrame:
         """Return the misfits, one row a channel and phase; `unit` is that of rms, bias and peak."""
-        import pandas as pd  # noqa: PLC0415
-
-        return pd.DataFrame([dataclasses.asdict(misfit) for misfit in self.misfits])
+        return frame([dataclasses.asdict(misfit) for misfit in self.misfits])
 
 
 def compare(motion: Motion, trial: Trial, fit: K92Fit, run: Run) -> Comparison:

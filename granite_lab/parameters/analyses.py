@@ -12,6 +12,7 @@ from granite_lab.columns import Column, Table, words
 from granite_lab.parameters.catalogue import DEFAULT, Provenance
 from granite_lab.parameters.quantity import key_of
 from granite_lab.parameters.records import Chassis, Drive, Wheels
+from granite_lab.shown import frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,10 +62,8 @@ class Allowed:
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row."""
-        import pandas as pd  # noqa: PLC0415, heavy
-
         row = dataclasses.asdict(self) | {k: " ".join(getattr(self, k)) for k in ("missing", "assumed")}
-        return pd.DataFrame([row | {"allowed": self.allowed}])
+        return frame([row | {"allowed": self.allowed}])
 
 
 def needed(record: type[Any]) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ from granite_lab.parameters.changes import OPTION, Changes, changed
 from granite_lab.parameters.quantity import build, key_of, read_toml, table_of
 from granite_lab.parameters.records import WHEELS, Imu, ImuGrade, Paper, Published, Robot, Soil, Variant
 from granite_lab.rounding import tidy_unit
+from granite_lab.shown import frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -179,9 +180,7 @@ class Provenance:
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row."""
-        import pandas as pd  # noqa: PLC0415, heavy
-
-        return pd.DataFrame([dataclasses.asdict(self)])
+        return frame([dataclasses.asdict(self)])
 
 
 def provenance_table(*, origin: bool) -> Table[Provenance]:

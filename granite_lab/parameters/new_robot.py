@@ -41,8 +41,8 @@ def questions(analysis: str) -> dict[str, str]:
     order = [a.id for a in analyses()]
     if analysis not in order:
         raise UsageError(f"unknown analysis '{analysis}'", f"known: {', '.join(order)}")
-    needed = analyses()[: order.index(analysis) + 1]
-    keys = dict.fromkeys(f"robot.{key}" for each in needed for key in (*each.needs, *each.expects))
+    wanted = analyses()[: order.index(analysis) + 1]
+    keys = dict.fromkeys(f"robot.{key}" for each in wanted for key in (*each.needs, *each.expects))
     return {key: _question(**quantities()[key]) for key in keys}
 
 
