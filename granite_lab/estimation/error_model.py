@@ -68,7 +68,6 @@ class Noise:
         accel_bias, gyro_bias: std before the first standstill [m/s^2], [rad/s]; the former with tilt.
         accel_walk, gyro_walk: random walk of the biases [m/s^2/sqrt(s)], [rad/s/sqrt(s)].
         accel_scale, gyro_scale: std of the scale errors of accelerometer and pitch gyro [-].
-        pitch: std of the pitch at the start [rad].
         motion_bias: std of a bias that is there only in motion [m/s^2].
         vibration: rms of the frame's vibration along x in motion [m/s^2] at `vibration_speed` [m/s].
         vibration_frequency: its dominant frequency [Hz].
@@ -86,7 +85,6 @@ class Noise:
     accel_walk: float
     gyro_walk: float
     accel_scale: float
-    pitch: float
     motion_bias: float
     vibration: float
     vibration_speed: float
@@ -428,10 +426,10 @@ def reference_updates(readings: Readings, nominal: Nominal, course: Course) -> U
     the drift hardly changes.
     """
     t, inner = course.t, (readings.t >= course.t[0]) & (readings.t <= course.t[-1])
-    stamps, value, std = readings.t[inner], readings.value[inner], readings.std[inner]
+    stamps, value = readings.t[inner], readings.value[inner]
     if readings.kind == "reference_v":
         z, H = value - np.interp(stamps, nominal.t, nominal.v), {V: 1.0, PD: -1.0}
     else:
         z, H = value - np.interp(stamps, nominal.t, nominal.x), {X: 1.0, P: -1.0}
         z = z - z[:1]
-    return updates_of(readings.kind, nearest(t, stamps), z, H, std**2)
+    return updates_of(readings.kind, nearest(t, stamps), z, H, readings.std**2)

@@ -45,6 +45,9 @@ SWAY = 0.25
 ORIGIN = 10.0
 """Std of the place at the start by the origin of an external reference [m]: nothing is known."""
 
+SLOPE = float(np.radians(2.0))
+"""Std of the pitch at the start [rad]."""
+
 FREE = 10.0
 """Distance that wheels which spin on the spot may roll between two nodes [m]."""
 
@@ -309,7 +312,7 @@ def _start_std(
     """
     noise, slip, rest, omega = problem.noise, problem.slip, course.rest[0], problem.noise.vibration_omega
     return np.array([
-        1e-6, np.hypot(1e-6, start), ZERO_VELOCITY if rest else 1.0 + abs(course.speed[0]), noise.pitch,
+        1e-6, np.hypot(1e-6, start), ZERO_VELOCITY if rest else 1.0 + abs(course.speed[0]), SLOPE,
         noise.accel_bias, max(noise.gyro_bias, noise.gyro_level, abs(nominal.gyro_bias)),
         1e-7 if rest else noise.motion_bias, 1e-6 if rest else slip.limit,
         1e-6 if rest else slip.scatter, left, noise.accel_scale,

@@ -193,7 +193,6 @@ def identify(imu: BodyImu, rolling: Rolling | None, robot: Robot, rests: Sequenc
         accel_walk=float(np.hypot(grade.accel_instability * walk, attitude)),
         gyro_walk=grade.gyro_instability * walk,
         accel_scale=grade.accel_scale,
-        pitch=float(np.radians(2.0)),
         motion_bias=float(np.hypot(np.hypot(2.0 * grade.accel_instability, blind), accel_level)),
         vibration=rms,
         vibration_speed=max(speed, 0.05),

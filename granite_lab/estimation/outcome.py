@@ -269,7 +269,7 @@ def find_phases(t: Array, speed: Array, rests: Sequence[Interval], off: Mask | N
             longest = (a + first, a + last)
             ramp = slice(a, a + max(first, 1))
             onset, acceleration = _onset(t[ramp], pace[ramp], plateau)
-            if not np.isfinite(acceleration) or onset.value < t[a] - ENTRY:
+            if not onset.value >= t[a] - ENTRY:
                 onset = first_crossing(t, pace, rest, a, plateau)
     i, j = longest
     constant = j - i >= 3 and t[j - 1] - t[i] >= SETTLED
@@ -353,13 +353,15 @@ def _command(
 
 
 def _onset(t: Array, pace: Array, plateau: float) -> tuple[Estimate, float]:
-    """Extend the straight part of the ramp (15 to 60 % of the plateau) back to zero velocity."""
+    """Extend the straight part of the ramp (15 to 60 % of the plateau) back to zero velocity.
+
+    Returns:
+        when the wheels set off [s], and their acceleration [m/s^2]; NaN where no such part rises.
+    """
     use = (pace > 0.15 * plateau) & (pace < 0.6 * plateau)
-    if use.sum() < 4:
-        return Estimate(float(t[-1]), 0.05), NAN
-    slope, level = np.polyfit(t[use] - t[0], pace[use], 1)
-    if slope <= 0:
-        return Estimate(float(t[0]), 0.1), NAN
+    slope, level = np.polyfit(t[use] - t[0], pace[use], 1) if use.sum() >= 4 else (NAN, NAN)
+    if not slope > 0:
+        return Estimate(NAN), NAN
     residual = float(np.std(pace[use] - slope * (t[use] - t[0]) - level))
     # the corner of the ramp is rounded by the drive
     std = float(np.hypot(0.01, float(np.median(np.diff(t))) + residual / slope))

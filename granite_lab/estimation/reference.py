@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -49,13 +49,14 @@ class Readings:
     Attributes:
         kind: what is measured.
         t: (U,) stamps on the IMU's clock [s].
-        value, std: (U,) [m/s] or [m].
+        value: (U,) [m/s] or [m].
+        std: of each.
     """
 
     kind: Literal["reference_v", "reference_x"]
     t: Array
     value: Array
-    std: Array
+    std: float
 
     def distance(self, begin: float, end: float) -> Estimate | None:
         """Return the way from one instant to another [s], with its std [m].
@@ -65,10 +66,10 @@ class Readings:
         t = np.concatenate(([begin], self.t[(self.t > begin) & (self.t < end)], [end]))
         if self.t.size < 2 or np.diff(t).max() > PAUSE:
             return None
-        x, std = np.interp(t, self.t, self.value), float(np.median(self.std))
+        x = np.interp(t, self.t, self.value)
         if self.kind == "reference_x":
-            return Estimate(float(x[-1] - x[0]), math.sqrt(2.0) * std)
-        return Estimate(float(np.trapezoid(x, t)), std * (end - begin) / math.sqrt(t.size))
+            return Estimate(float(x[-1] - x[0]), math.sqrt(2.0) * self.std)
+        return Estimate(float(np.trapezoid(x, t)), self.std * (end - begin) / math.sqrt(t.size))
 
     def moved(self) -> Array:
         """(U,) way since the first reading [m]."""
@@ -158,7 +159,7 @@ def _speed_std(trial: Trial) -> float:
 
 def _readings(kind: Literal["reference_v", "reference_x"], series: Series, std: float) -> Readings:
     finite = np.isfinite(series.value)
-    return Readings(kind, series.t[finite], series.value[finite], np.full(np.count_nonzero(finite), std))
+    return Readings(kind, series.t[finite], series.value[finite], std)
 
 
 def _ahead(speeds: Readings, rolling: Rolling | None, offset: float) -> Readings:
@@ -167,7 +168,7 @@ def _ahead(speeds: Readings, rolling: Rolling | None, offset: float) -> Readings
     t, value = speeds.t[kept], speeds.value[kept]
     if rolling is not None and t.size:
         value = value * np.where(rolling.speed_at(t, offset) < 0, -1.0, 1.0)
-    return Readings(speeds.kind, t, value, speeds.std[kept])
+    return replace(speeds, t=t, value=value)
 
 
 def anchors(readings: Sequence[Readings], t: Array, rests: Sequence[Interval]) -> bool:
