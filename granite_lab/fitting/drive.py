@@ -184,9 +184,9 @@ def _turned(motion: Motion, robot: Robot, split: Array | None) -> tuple[Estimate
         motion, robot: as in `driven`.
         split: as `_split` returns it; None where the sides turn alike.
     """
-    axles = [motion.v_wheel[:, :2], motion.v_wheel[:, 2:]]
-    stds = [motion.v_wheel_std[:, :2], motion.v_wheel_std[:, 2:]]
-    v, std = [mean_known(a) for a in axles], [mean_known(s) for s in stds]
+    v, std = (
+        [mean_known(axle) for axle in np.hsplit(each, 2)] for each in (motion.v_wheel, motion.v_wheel_std)
+    )
     for k, other in ((0, 1), (1, 0)):  # an axle without encoders turns as the other
         if not np.isfinite(v[k]).any():
             v[k], std[k] = v[other], std[other]

@@ -15,7 +15,7 @@ from granite_lab.columns import Column, Table, words
 from granite_lab.errors import InputError, UsageError, known_names
 from granite_lab.parameters.changes import OPTION, Changes, changed
 from granite_lab.parameters.quantity import build, key_of, read_toml, table_of
-from granite_lab.parameters.records import WHEELS, Imu, ImuGrade, Paper, Published, Robot, Soil, Variant
+from granite_lab.parameters.records import WHEELS, Imu, ImuGrade, Paper, Robot, Soil, Variant
 from granite_lab.rounding import tidy_unit
 from granite_lab.shown import frame
 
@@ -138,11 +138,7 @@ def load_variants() -> tuple[Variant, ...]:
 def load_paper() -> Paper:
     """Read the published figures: a_θ, the line of Fig. 4 and Table 3."""
     path = CATALOGUE / "paper.toml"
-    table = dict(read_toml(path))
-    rows = tuple(
-        build(Published, row, str(path), f"table3.{i}") for i, row in enumerate(table.pop("table3"), 1)
-    )
-    return dataclasses.replace(build(Paper, table, str(path)), table3=rows)
+    return build(Paper, read_toml(path), str(path))
 
 
 def variant_of(velocity: float) -> Variant:
