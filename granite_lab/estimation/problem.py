@@ -8,12 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from granite_lab.estimation.error_model import Noise, SlipModel
-from granite_lab.estimation.reference import Readings, anchors
-from granite_lab.estimation.wheels import Rolling
+from granite_lab.estimation.reference import PAUSE, Readings
+from granite_lab.estimation.wheels import Rolling, nearest
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.faults import Faults
 from granite_lab.logs.sensors.mounting import BodyImu
-from granite_lab.logs.sensors.standstill import MOVING, Interval
+from granite_lab.logs.sensors.standstill import MOVING, Interval, inside
 from granite_lab.logs.trial import Array, ImuStream, WheelStream, part
 from granite_lab.parameters import Robot
 
@@ -90,8 +90,13 @@ class Problem(Sensors):
 
     @property
     def anchored(self) -> bool:
-        """Whether a reference tells the velocity all along."""
-        return anchors(self.reference, self.imu.t, self.rests)
+        """Whether reference and standstills together tell the velocity all along."""
+        stamps = np.sort(np.concatenate([np.empty(0), *(readings.t for readings in self.reference)]))
+        if not stamps.size:
+            return False
+        grid = np.arange(self.imu.t[0], self.imu.t[-1], 0.5 * PAUSE)
+        near = np.abs(stamps[nearest(stamps, grid)] - grid) <= PAUSE
+        return bool((near | inside(grid, self.rests)).all())
 
     @property
     def open_ends(self) -> tuple[str, ...]:

@@ -9,7 +9,6 @@ many counts.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -17,10 +16,9 @@ import numpy as np
 
 from granite_lab.errors import EstimateError
 from granite_lab.estimate import Estimate
-from granite_lab.estimation.wheels import Rolling, nearest
+from granite_lab.estimation.wheels import Rolling
 from granite_lab.logs.counters import integral, interpolated
 from granite_lab.logs.sensors.doubt import Doubt
-from granite_lab.logs.sensors.standstill import Interval, inside
 from granite_lab.logs.trial import Array, Series, Trial, part
 
 TOLD = 3.0
@@ -169,15 +167,3 @@ def _ahead(speeds: Readings, rolling: Rolling | None, offset: float) -> Readings
     if rolling is not None and t.size:
         value = value * np.where(rolling.speed_at(t, offset) < 0, -1.0, 1.0)
     return replace(speeds, t=t, value=value)
-
-
-def anchors(readings: Sequence[Readings], t: Array, rests: Sequence[Interval]) -> bool:
-    """Whether reference and standstills together anchor the velocity at all stamps t (N,) [s]."""
-    if not readings:
-        return False
-    grid = np.arange(t[0], t[-1], 0.5 * PAUSE)
-    stamps = np.sort(np.concatenate([reading.t for reading in readings]))
-    if not stamps.size:
-        return False
-    near = np.abs(stamps[nearest(stamps, grid)] - grid) <= PAUSE
-    return bool((near | inside(grid, rests)).all())
