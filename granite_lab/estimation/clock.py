@@ -80,10 +80,8 @@ def coarse_offset(imu: BodyImu, rolling: Rolling) -> Estimate:
     if end - begin < 4 * LARGEST or rolling.t.size < 8:
         return Estimate(0.0)
     grid = np.arange(begin, end, STEP)
-    wheel, force = (
-        changing(np.gradient(rolling.speed_at(grid), STEP)),
-        changing(interpolated(grid, imu.t, imu.forward)),
-    )
+    wheel = changing(np.gradient(rolling.speed_at(grid), STEP))
+    force = changing(interpolated(grid, imu.t, imu.forward))
     if float(np.max(np.abs(wheel))) < LEAST_RAMP:
         return Estimate(0.0)
     reach = round(LARGEST / STEP)

@@ -123,7 +123,7 @@ def judge_health(kinds: dict[str, Statistics], solution: Solution) -> tuple[Grad
             complaints.append(
                 f"slow changes of {WHAT[kind]} are larger than {known} explains, and the std is widened"
             )
-    shaken = noise.gyro_motion / noise.gyro if noise.gyro > 0 else 0.0
+    shaken = noise.gyro_motion / noise.gyro
     if shaken > SHAKEN:
         complaints.append(f"motion makes the pitch gyro {shaken:.0f} times as noisy as it is at rest")
     v_std, pace = std_of(solution.smoothed.P, {V: 1.0}), float(np.max(np.abs(nodes.w)))

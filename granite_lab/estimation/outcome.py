@@ -253,6 +253,7 @@ def find_phases(t: Array, speed: Array, rests: Sequence[Interval], off: Mask | N
     Nothing is steady where the robot is `off` (N,) a straight course.
     """
     period = float(np.median(np.diff(t)))
+    off = np.zeros(t.size, dtype=bool) if off is None else off
     smooth = uniform_filter1d(speed, max(round(0.05 / period), 1), mode="nearest")
     pace = np.abs(smooth)
     rest = inside(t, rests)
@@ -263,8 +264,7 @@ def find_phases(t: Array, speed: Array, rests: Sequence[Interval], off: Mask | N
         if pace[a:b].max() < MOVING:
             name[a:b] = UP if b == t.size else DOWN
             continue
-        straight = np.ones(b - a, dtype=bool) if off is None else ~off[a:b]
-        name[a:b], plateau, (first, last) = _drive(t[a:b], pace[a:b], straight, period)
+        name[a:b], plateau, (first, last) = _drive(t[a:b], pace[a:b], ~off[a:b], period)
         if last - first > longest[1] - longest[0]:
             longest = (a + first, a + last)
             ramp = slice(a, a + max(first, 1))
@@ -308,15 +308,14 @@ def _drive(
     return label, plateau, (first, last)
 
 
-def _whole(t: Array, pace: Array, speed: Array, rest: Mask, off: Mask | None) -> Interval:
+def _whole(t: Array, pace: Array, speed: Array, rest: Mask, off: Mask) -> Interval:
     """Return the longest drive off which the robot never is [s]; NaN where the wheels hardly turn in it."""
     moving = np.flatnonzero(~rest & (pace > MOVING))
     if moving.size < 2:
         return NAN, NAN
     a, b = max(int(moving[0]) - 1, 0), min(int(moving[-1]) + 1, t.size - 1)
     rolled = integral(t, speed)
-    straight = np.ones(b + 1 - a, dtype=bool) if off is None else ~off[a : b + 1]
-    pieces = [(a + i, a + j - 1) for i, j in runs(straight)]
+    pieces = [(a + i, a + j - 1) for i, j in runs(~off[a : b + 1])]
     first, last = max(pieces, key=lambda piece: rolled[piece[1]] - rolled[piece[0]], default=(a, a))
     return (float(t[first]), float(t[last])) if rolled[last] - rolled[first] > LEAST_WAY else (NAN, NAN)
 

@@ -56,7 +56,7 @@ def with_plausibility(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) 
         limits: what was put right or could not be judged while the motion was estimated.
     """
     least = max((doubt.std for doubt in limits), default=0.0)
-    doubts = [*limits, *(_doubts(motion, soil, least) if np.isfinite(motion.v).any() else ())]
+    doubts = [*limits, *_doubts(motion, soil, least)]
     if not doubts:
         return motion
     order: tuple[Grade, ...] = ("poor", "fair", "good")
@@ -65,9 +65,8 @@ def with_plausibility(motion: Motion, soil: Soil, limits: Sequence[Doubt] = ()) 
     health = replace(motion.health, grade=grade, reasons=reasons, verdict=sentence(grade, reasons))
     motion = _with_slip_std(motion, max(doubt.std for doubt in doubts))
     for doubt in doubts:
-        motion = _with_rolled_std(
-            _with_distance_std(motion, doubt.distance_std, doubt.after), doubt.rolled_std
-        )
+        motion = _with_distance_std(motion, doubt.distance_std, doubt.after)
+        motion = _with_rolled_std(motion, doubt.rolled_std)
     return replace(motion, health=health)
 
 
