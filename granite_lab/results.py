@@ -107,18 +107,15 @@ class StudyResult(Shown):
         """Return one row a trial that went through: slip, distance and k_92, units in the column names."""
         import pandas as pd  # noqa: PLC0415
 
-        rows = []
-        for result in self.trials:
-            motion, fit = result.motion, result.fit
-            rows.append(
-                fit.to_frame().iloc[0].to_dict()
-                | {
-                    "distance_m": motion.distance.value,
-                    "distance_std_m": motion.distance.std,
-                    "verdict": motion.health.verdict,
-                }
+        frames = [
+            r.fit.to_frame().assign(
+                distance_m=r.motion.distance.value,
+                distance_std_m=r.motion.distance.std,
+                verdict=r.motion.health.verdict,
             )
-        return pd.DataFrame(rows)
+            for r in self.trials
+        ]
+        return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
 
 
 def of_search(finding: Finding, folder: Path) -> StudyResult:

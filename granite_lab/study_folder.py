@@ -50,8 +50,7 @@ def write(
     finding = result.finding
     if finding is not None:
         pairs = searched or [(r.trial, r.motion) for r in result.trials]
-        trials, motions = [trial for trial, _ in pairs], [motion for _, motion in pairs]
-        model = save_finding(finding, options, trials, motions, guard)
+        model = save_finding(finding, options, pairs, guard)
     name = model.name if model and result.trials else model
 
     def complete() -> StudyResult:
@@ -106,11 +105,7 @@ def _record(given: tuple[StudyResult, Sequence[Path]], k: int) -> None:
 
 
 def save_finding(
-    finding: Finding,
-    options: Options,
-    trials: Sequence[Trial],
-    motions: Sequence[Motion],
-    guard: Guard,
+    finding: Finding, options: Options, pairs: Sequence[tuple[Trial, Motion]], guard: Guard
 ) -> Path | None:
     """Write the likeliest model as fitted, and beside it what a plan needs.
 
@@ -119,9 +114,10 @@ def save_finding(
     """
     from granite_lab.planning.design import save_design  # noqa: PLC0415, a defect there is guarded
 
+    trials = [trial for trial, _ in pairs]
     saved = guard.run("model", lambda: save_model_of(finding, options, trials, guard.folder))
-    pairs = [(trial, motion.variant) for trial, motion in zip(trials, motions, strict=True)]
-    trapezoids = [(trial, variant) for trial, variant in pairs if not isinstance(variant, Course)]
+    commanded = [(trial, motion.variant) for trial, motion in pairs]
+    trapezoids = [(trial, variant) for trial, variant in commanded if not isinstance(variant, Course)]
 
     def design() -> None:
         with replacing(guard.folder, "design") as new:

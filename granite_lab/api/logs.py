@@ -145,13 +145,8 @@ def ingest(
     pairs = list(zip(chosen.files, outcomes, strict=True))
     estimated = [(path, outcome) for path, outcome in pairs if not isinstance(outcome, LabError)]
     referred = [path for path, (trial, _, _) in estimated if trial.info.use_reference]
-    blind = dict(
-        zip(
-            referred,
-            each_trial(corrected_without_reference, referred, options, execution=execution),
-            strict=True,
-        )
-    )
+    without = each_trial(corrected_without_reference, referred, options, execution=execution)
+    blind = dict(zip(referred, without, strict=True))
     records = [_ingested(path, outcome, against_reference, blind.get(path)) for path, outcome in pairs]
     ingested, failed = split_failures(chosen.files, records, strict=strict)
     warnings = [f"{item.name}: {line}" for item in ingested for line in item.motion.warnings]

@@ -65,17 +65,14 @@ class _Model(NamedTuple):
 def _model(
     robot: File | Robot,
     soil: File | Soil,
-    law: tuple[float | None, float | None],
+    k92: float | None,
+    a_theta: float | None,
     model: File,
     effects: File,
     active: Switched,
     changes: Changes,
 ) -> _Model:
-    """Return the model that was asked for; what is given replaces numbers of the model file.
-
-    `law` is (k_92, a_θ), of which at most one is given.
-    """
-    k92, a_theta = law
+    """Return the model that was asked for; what is given replaces numbers of the model file."""
     if k92 is not None and a_theta is not None:
         raise UsageError("--k92 and --a-theta exclude each other", "give one of the two")
     refuse_outside("k92", k92, 0, 1)
@@ -143,7 +140,7 @@ def simulate(
         course, robot, soil = _of_log(Path(wheels), robot, soil, changes, column_map)
     else:
         course = _trapezoid(*trapezoid) if command is None else _commanded(command)
-    chosen = _model(robot, soil, (k92, a_theta), model, effects, active, changes)
+    chosen = _model(robot, soil, k92, a_theta, model, effects, active, changes)
     if chosen.robot.tow is not None and wheels is None:
         course = hauling(course, constant(chosen.robot), chosen.robot.tow.height)
     run = run_model(
@@ -264,7 +261,7 @@ def wheel(
     refuse_outside("load", load, 0.001, 100_000)
     if load is not None and sinkage is not None:
         raise UsageError("--load and --sinkage exclude each other", "give one of the two")
-    chosen = _model(robot, soil, (k92, a_theta), model, effects, active, changes)
+    chosen = _model(robot, soil, k92, a_theta, model, effects, active, changes)
     rim, ground = chosen.robot.wheels, chosen.soil
     ratio = Ratio(chosen.k92, load_paper().a_theta if chosen.a_theta is None else chosen.a_theta)
     if load is None and sinkage is None:

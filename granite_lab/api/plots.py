@@ -33,11 +33,10 @@ def plot(record: Any) -> Figure:
     Raises:
         TypeError: there is no figure of such a record.
     """
-    if isinstance(record, Records) and len(record):
-        if all(isinstance(item, K92Fit) for item in record):
-            return fits_figure(
-                [(f.variant.velocity, f.k92) for f in record], any(f.virtual for f in record)
-            ).draw()
+    fits = record if isinstance(record, Records) else [record]
+    if fits and all(isinstance(item, K92Fit) for item in fits):
+        return fits_figure([(f.variant.velocity, f.k92) for f in fits], any(f.virtual for f in fits)).draw()
+    if isinstance(record, Records) and record:
         if len(record) == 1:
             return plot(record[0])
         raise TypeError("plot(): of fits all are drawn, of other records one, as in plot(records[0])")
@@ -48,20 +47,12 @@ def plot(record: Any) -> Figure:
             return run_plot(record)
         case WheelRun():
             return wheel_figure(record.points, f"One wheel on {record.soil.title}")
-    return _figure_of(record).draw()
-
-
-def _figure_of(record: Any) -> canvas.Figure:
-    """Return the figure of a record as a report has it."""
-    match record:
-        case K92Fit():
-            return fits_figure([(record.variant.velocity, record.k92)], record.virtual)
         case AThetaFit():
-            return fits_figure([(v, k92) for _, v, k92, _ in record.points], record.virtual, record)
+            return fits_figure([(v, k92) for _, v, k92, _ in record.points], record.virtual, record).draw()
         case Comparison():
-            return comparison_figure(record, 0)
+            return comparison_figure(record, 0).draw()
         case Finding():
-            return gap_figure(record)
+            return gap_figure(record).draw()
     raise TypeError(f"plot(): there is no figure of {type(record).__name__}")
 
 

@@ -77,7 +77,7 @@ def test_what_was_commanded_is_recognised_and_a_plan_can_start_from_it(
     silent = [replace(t, info=replace(t.info, v_desired=None)) for t in trials]
     assert {r.trial for r in found.residuals} <= {t.name for t in silent}
     guard = Guard(tmp_path)
-    save_finding(found, Options(), silent, motions, guard)
+    save_finding(found, Options(), list(zip(silent, motions, strict=True)), guard)
     assert guard.lines == []
     driven = {d.variant for d in load_design(tmp_path / "design.json").driven}
     assert driven
