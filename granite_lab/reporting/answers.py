@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from granite_lab.discovery.words import waving
 from granite_lab.estimate import mean_over
 from granite_lab.estimation.motion import no_slip_is_known
 from granite_lab.estimation.plausibility import BY_RADIUS
-from granite_lab.fitting.fit import TRIALS, AThetaFit, View, views_of
+from granite_lab.fitting.fit import TRIALS, AThetaFit, View, ViewName, views_of
 from granite_lab.inference.constants import FEWEST_SPEEDS
 from granite_lab.parameters import by_speed, load_paper
 from granite_lab.reporting.channels import AGREES, SMALL, ChannelAnswer, judged_channels
@@ -242,22 +242,23 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
     """Say whether a_θ agrees with the paper's; a finding says whether the model lacks something."""
     number, agrees = a_theta_of(fit)
     question = f"Does a_θ agree with the paper's {load_paper().a_theta:g} s/m?"
-    views = finding.a_theta if finding is not None and finding.a_theta else views_of(fit) if fit else ()
+    stated = finding.a_theta if finding is not None and finding.a_theta else views_of(fit) if fit else ()
+    views = {view.by: view for view in stated}
     depends = _depends(views)
-    if (fit is None or number is None) and views:
-        return _by_views(question, views, depends)
     if fit is None or number is None:
+        if views:
+            return _by_views(question, views, depends)
         return Answer("a_theta", question, "Not known", "a_θ needs a trial in which k_92 could be fitted.")
     text = (
         f"{LAW} With soil and robot as in their files, a_θ = {number.with_std} s/m, 95 % interval "
         f"{number.interval} s/m, from {plural(len(fit.points), 'trial')}.{depends}"
     )
-    if agrees is None and _speeds_of(fit) >= FEWEST_SPEEDS:
+    speeds = _speeds_of(fit)
+    if agrees is None and speeds >= FEWEST_SPEEDS:
         text += " The interval holds 0: these trials do not show that k_92 falls with the velocity."
         return Answer("a_theta", question, "Not known", text)
     if agrees is None:
-        few = _speeds_of(fit)
-        text += f" A test of this law needs {FEWEST_SPEEDS} speeds; these trials have {few}."
+        text += f" A test of this law needs {FEWEST_SPEEDS} speeds; these trials have {speeds}."
         return Answer("a_theta", question, "Not tested", text)
     if agrees:
         but, more = _limits(fit, views)
@@ -269,11 +270,16 @@ def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:
             " This k_92 is fitted with the paper's model; what is missing from the model can cause the "
             "difference."
         )
-    inside = any(v.ci95[0] <= fit.published <= v.ci95[1] for v in views if v.by != "files")
+    inside = any(_holds(view, fit.published) for by, view in views.items() if by != "files")
     return Answer("a_theta", question, "Not by these files alone" if inside else "No", text, "fair")
 
 
-def _limits(fit: AThetaFit, views: Sequence[View]) -> tuple[str, str]:
+def _holds(view: View, a_theta: float) -> bool:
+    """Say whether the interval of a view holds a value [s/m]."""
+    return view.ci95[0] <= a_theta <= view.ci95[1]
+
+
+def _limits(fit: AThetaFit, views: Mapping[ViewName, View]) -> tuple[str, str]:
     """Return what limits the answer that a_θ agrees by the files, and the numbers of it."""
     but, more = "", ""
     if off := _k92_off(fit):
@@ -282,38 +288,36 @@ def _limits(fit: AThetaFit, views: Sequence[View]) -> tuple[str, str]:
             f", but not k_92 at {where} m/s",
             f" k_92 itself lies {far} std from the paper's at {where} m/s.",
         )
-    augmented = next((v.ci95 for v in views if v.by == "found"), None)
-    if augmented is not None and not augmented[0] <= fit.published <= augmented[1]:
+    if "found" in views and not _holds(views["found"], fit.published):
         but = " by these files, but not with what was found"
     return but, more
 
 
-def _by_views(question: str, views: Sequence[View], depends: str) -> Answer:
+def _by_views(question: str, views: Mapping[ViewName, View], depends: str) -> Answer:
     """Answer of a search alone: by the model with what was found."""
-    paper, (low, high) = load_paper().a_theta, views[-1].ci95
-    agrees = low <= paper <= high
-    text = ""
-    if (filed := next((v for v in views if v.by == "files"), None)) is not None:
-        number = rounded(filed.a_theta.value, filed.a_theta.std, *filed.ci95)
-        text = f"With soil and robot as in their files: {number.with_std} s/m, {number.interval} s/m."
+    *_, last = views.values()
+    agrees = _holds(last, load_paper().a_theta)
+    text = f"With soil and robot as in their files: {_stated(views['files'])}" if "files" in views else ""
     verdict, tone = ("Yes, with what was found", "good") if agrees else ("No", "fair")
     return Answer("a_theta", question, verdict, f"{LAW} {text.strip()}{depends}", tone)
 
 
-def _depends(views: Sequence[View]) -> str:
+def _stated(view: View) -> str:
+    """Return a_θ by a view, with its std and its interval."""
+    number = rounded(view.a_theta.value, view.a_theta.std, *view.ci95)
+    return f"{number.with_std} s/m, {number.interval} s/m."
+
+
+def _depends(views: Mapping[ViewName, View]) -> str:
     """Say how far a_θ depends on the files of soil and robot, and on what was found; empty if not known."""
-    by = {v.by: v for v in views}
     text = ""
-    if (wide := by.get("uncertain")) is not None:
+    if (wide := views.get("uncertain")) is not None:
         most = next(part.name for part in wide.parts if part.name != TRIALS).replace(",", "")
         ends = interval(*wide.ci95, "s/m")
         text += f" With the uncertainty of soil and wheel radius, mostly from {most}, the interval is {ends}."
-    if (augmented := by.get("found")) is not None:
-        number = rounded(augmented.a_theta.value, augmented.a_theta.std, *augmented.ci95)
-        text += (
-            " With the soil fitted to all sensors and what was found added to the model: "
-            f"{number.with_std} s/m, {number.interval} s/m."
-        )
+    if "found" in views:
+        added = "With the soil fitted to all sensors and what was found added to the model:"
+        text += f" {added} {_stated(views['found'])}"
     return text
 
 

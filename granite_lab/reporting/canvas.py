@@ -15,6 +15,7 @@ import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup, escape
+from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Plain
 from matplotlib.ticker import MaxNLocator
@@ -64,12 +65,7 @@ STYLE = Path(__file__).parent / "templates" / "figure.mplstyle"
 
 def styled() -> AbstractContextManager[None]:
     """Return a context in which figures have the report's style, whatever the user's matplotlibrc says."""
-    return mpl.rc_context(_style())
-
-
-@cache
-def _style() -> Any:
-    return mpl.rc_params_from_file(STYLE, use_default_template=False)
+    return style.context(STYLE)
 
 
 @dataclass(frozen=True, eq=False)

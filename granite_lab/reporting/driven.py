@@ -46,16 +46,14 @@ def of_simulator(result: StudyResult) -> str:
             "A simulator wrote the sensor logs of these trials; no robot was driven. Nothing here is about "
             "real sand."
         )
-    count, n = (
-        sum(r.trial.info.virtual or r.motion.virtual for r in result.trials),
-        len(result.trials),
-    )
+    count, n = sum(r.trial.info.virtual or r.motion.virtual for r in result.trials), len(result.trials)
+    if not count:
+        return ""
     which = "All trials are" if count == n else f"{count} of {n} trials are"
-    text = (
+    return (
         f"{which} virtual: a simulator wrote the sensor logs and no robot was driven. “Measured” means "
         "estimated from the virtual sensors. Nothing here is about real sand."
     )
-    return text if count else ""
 
 
 def assumptions(result: StudyResult) -> str:

@@ -10,11 +10,11 @@ import dataclasses
 import json
 import math
 from collections.abc import Iterator, Sequence
-from importlib import resources
 from typing import Any, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
+from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
 
 from granite_lab.comparison.compare import STANDSTILL, UNITS, Comparison, simulated_channels, standstill_mean
 from granite_lab.discovery.finding import Finding
@@ -76,7 +76,6 @@ def explore_data(result: StudyResult, jobs: int = 1) -> dict[str, Any]:
     for row in trials:
         for id_, packed in row["curves"].items():
             quantities.setdefault(id_, packed.pop("about"))
-            packed.pop("about", None)
     order = [*UNITS, *(f"search_{name}" for name in SENSORS), *sorted(quantities)]
     named = {id_: quantities[id_] for id_ in sorted(quantities, key=order.index)}
     left = len(result.trials) - len(trials)
@@ -90,9 +89,8 @@ def explore_data(result: StudyResult, jobs: int = 1) -> dict[str, Any]:
 def to_explore(result: StudyResult, name: str, jobs: int = 1) -> str:
     """Return the page of a study that is called `name`; `jobs` as in `processes.forked_map`."""
     data = explore_data(result, jobs)
-    program = (resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
-    script = Markup(as_script(data))
-    return rendered("explore.html", name=name, data=data, script=script, plotly=Markup(program))
+    script, program = Markup(as_script(data)), Markup(get_plotlyjs())
+    return rendered("explore.html", name=name, data=data, script=script, plotly=program)
 
 
 def _shown(trials: Sequence[Comparison]) -> list[Comparison]:

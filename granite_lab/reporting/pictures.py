@@ -68,15 +68,14 @@ def log_figure(trial: Trial, rests: Sequence[tuple[float, float]] = ()) -> Canva
         raise InputError(
             f"{trial.name}: no samples, nothing to plot", "granite-lab inspect lists its columns"
         )
-    start = min(float(trace.t[0]) for _, traces in panels for trace in traces)
+    start = min(float(trace.t[0]) for traces in panels.values() for trace in traces)
     origin = float(np.floor(start)) if start > DATE else 0.0
     with canvas.styled():
-        labels, time = [label for label, _ in panels], f"time − {origin:.0f} s [s]" if origin else "time [s]"
+        time = f"time − {origin:.0f} s [s]" if origin else "time [s]"
         time += "; grey: standstill" if rests else ""
-        figure, axes = canvas.panels(
-            [HEIGHT] * len(panels), frame=canvas.Frame(head=0.46, width=WIDTH), y=labels, x=time
-        )
-        for axis, (_, traces) in zip(axes, panels, strict=True):
+        frame = canvas.Frame(head=0.46, width=WIDTH)
+        figure, axes = canvas.panels([HEIGHT] * len(panels), frame=frame, y=list(panels), x=time)
+        for axis, traces in zip(axes, panels.values(), strict=True):
             for begin, end in rests:
                 axis.axvspan(begin - origin, end - origin, color=canvas.SHADE, lw=0, zorder=0)
             for trace in traces:
@@ -88,9 +87,9 @@ def log_figure(trial: Trial, rests: Sequence[tuple[float, float]] = ()) -> Canva
     return figure
 
 
-def _panels(trial: Trial) -> list[tuple[str, list[Trace]]]:
+def _panels(trial: Trial) -> dict[str, list[Trace]]:
     """Return the label of each panel with its unit, and the lines in it; empty channels are left out."""
-    panels: list[tuple[str, list[Trace]]] = []
+    panels: dict[str, list[Trace]] = {}
     if (imu := trial.imu) is not None:
         force = "acceleration" if imu.gravity_removed else "specific force"
         for label, values in (
@@ -98,24 +97,21 @@ def _panels(trial: Trial) -> list[tuple[str, list[Trace]]]:
             ("angular rate [rad/s]", imu.angular_rate),
         ):
             colours = (canvas.MEASURED, canvas.MEASURED_LIGHT, canvas.GREY)
-            panels.append((label, [Trace(imu.t, values[:, k], "xyz"[k], colours[k]) for k in range(3)]))
+            panels[label] = [Trace(imu.t, values[:, k], "xyz"[k], colours[k]) for k in range(3)]
     if (wheels := trial.wheels) is not None:
         label = "wheel angle [rad]" if wheels.rate is None else "wheel rate [rad/s]"
-        panels.append((label, _of_wheels(wheels.t, wheels.angle if wheels.rate is None else wheels.rate)))
+        panels[label] = _of_wheels(wheels.t, wheels.angle if wheels.rate is None else wheels.rate)
     if trial.currents is not None:
-        panels.append(("motor current [A]", _of_wheels(trial.currents.t, trial.currents.current)))
+        panels["motor current [A]"] = _of_wheels(trial.currents.t, trial.currents.current)
     for label, series, name, colour in (
         ("velocity [m/s]", trial.command, "command", canvas.DESIRED),
         ("velocity [m/s]", trial.reference_v, "reference", canvas.MEASURED),
         ("distance [m]", trial.reference_x, "reference", canvas.MEASURED),
     ):
         if series is not None:
-            if panels and panels[-1][0] == label:
-                panels[-1][1].append(Trace(series.t, series.value, name, colour))
-            else:
-                panels.append((label, [Trace(series.t, series.value, name, colour)]))
-    filled = [(label, [x for x in traces if np.isfinite(x.values).any()]) for label, traces in panels]
-    return [(label, traces) for label, traces in filled if traces]
+            panels.setdefault(label, []).append(Trace(series.t, series.value, name, colour))
+    filled = {label: [x for x in lines if np.isfinite(x.values).any()] for label, lines in panels.items()}
+    return {label: lines for label, lines in filled.items() if lines}
 
 
 def _of_wheels(t: Array, values: Array) -> list[Trace]:

@@ -158,12 +158,13 @@ def _flat(blocks: Iterable[Block]) -> Iterator[Block]:
 Maybe = Block | None
 
 
-def _shared(blocks: Iterable[Maybe]) -> tuple[Block, ...]:
+def _filled(blocks: Iterable[Maybe]) -> tuple[Block, ...]:
+    """Return the blocks that hold something."""
     return tuple(block for block in blocks if block)
 
 
 def _fold(title: str, *blocks: Maybe, printed: bool = False) -> Fold | None:
-    return Fold(title, _shared(blocks), printed) if any(blocks) else None
+    return Fold(title, _filled(blocks), printed) if any(blocks) else None
 
 
 def _gallery(*figures: Figure | None) -> Gallery | None:
@@ -182,12 +183,12 @@ def study_report(
     answers = of_study(result, model, folder)
     sections = []
     if result.trials:
-        slip = _slip_alone(answers) if answers.slip_unknown else _slip(result, answers)
-        sections = [Section("slip", "Slip" if answers.slip_unknown else "Slip and k_92", _shared(slip))]
+        title = "Slip" if answers.slip_unknown else "Slip and k_92"
+        sections = [Section("slip", title, _filled(_slip(result, answers)))]
         if not answers.slip_unknown:
-            sections.append(Section("model", "Model and measurement", _shared(_model(result, answers))))
+            sections.append(Section("model", "Model and measurement", _filled(_model(result, answers))))
     if result.finding is not None:
-        sections.append(Section("missing", "What is missing", _shared(_missing(result.finding))))
+        sections.append(Section("missing", "What is missing", _filled(_missing(result.finding))))
     numbers, kind, pages = "finding.json", "search for a missing effect", {}
     if result.trials:
         numbers, kind, pages = "report.json", "study", {"explore": LINES, "PDF": "report.pdf"}
@@ -197,7 +198,7 @@ def study_report(
             effects = dict(result.source.options).get("effects", "")
             options = saved_model(model, folder or result.name, effects)
         quality = _quality(result, answers, looks, options)
-        sections.append(Section("trials", "Quality of the trials", _shared(quality)))
+        sections.append(Section("trials", "Quality of the trials", _filled(quality)))
     sections.append(_provenance(result.source, answers.steps[1:]))
     addresses = pages | {
         "Markdown": "report.md", "JSON": numbers, "recordings": f"{recordings}/" if recordings else "",
@@ -208,7 +209,15 @@ def study_report(
 
 
 def _slip(result: StudyResult, answers: Answers) -> Iterator[Maybe]:
+    """Show slip and k_92 by speed; the slip alone where it is not known well enough for k_92."""
     fit, paper = result.a_theta, load_paper()
+    if answers.slip_unknown:
+        yield (
+            "No slip ratio is known to 5 points. So k_92, the comparison with the model and the search for a "
+            "missing effect are left out."
+        )
+        yield _gallery(plot_results.slip_figure(answers, paper))
+        return
     yield _gallery(plot_results.slip_figure(answers, paper), plot_results.k92_figure(answers, fit, paper))
     if result.finding is None and fit is not None:
         yield tables.A_THETA.fill(views_of(fit), virtual=bool(answers.virtual))
@@ -219,15 +228,6 @@ def _slip(result: StudyResult, answers: Answers) -> Iterator[Maybe]:
         list(fit.notes) if fit else None,
     )
     yield _fold("Uncertainty budgets", *tables.budget_tables(result, answers.speeds))
-
-
-def _slip_alone(answers: Answers) -> Iterator[Maybe]:
-    """Show the motion of each speed, where no slip ratio is known well enough for k_92."""
-    yield (
-        "No slip ratio is known to 5 points. So k_92, the comparison with the model and the search for a "
-        "missing effect are left out."
-    )
-    yield _gallery(plot_results.slip_figure(answers, load_paper()))
 
 
 def _model(result: StudyResult, answers: Answers) -> Iterator[Maybe]:
@@ -293,10 +293,6 @@ def _missing(finding: Finding) -> Iterator[Maybe]:
     yield _fold("Sand and sensors, as fitted", search_tables.fitted_table(finding))
 
 
-def _failures(result: StudyResult) -> list[str]:
-    return [f"{f.trial}: {f.message}" + (f" ({f.hint})" if f.hint else "") for f in result.failures]
-
-
 def _looks(result: StudyResult, folder: str, recordings: str) -> Looks:
     """Return name, page of lines and command of the recording of each trial."""
     names = recordings_of(result)
@@ -319,7 +315,7 @@ def _quality(result: StudyResult, answers: Answers, looks: Looks, model: str) ->
     )
     yield [f"{r.trial.name}: {r.motion.health.verdict}" for r in doubtful]
     yield "Trials that were left out:" if result.failures else None
-    yield _failures(result)
+    yield [f"{f.trial}: {f.message}" + (f" ({f.hint})" if f.hint else "") for f in result.failures]
     warnings = shared([(r.trial.name, warnings_of(r)) for r in result.trials])
     yield "Warnings:" if warnings else None
     yield list(warnings)
@@ -349,7 +345,7 @@ def _provenance(source: Source, steps: Sequence[Step]) -> Section:
         _fold("Files that were read", tables.INPUTS.fill(source.inputs)),
     )
     title = "Further steps, and how to repeat this" if steps else "How to repeat this"
-    return Section("provenance", title, _shared(blocks))
+    return Section("provenance", title, _filled(blocks))
 
 
 def today() -> str:

@@ -134,10 +134,6 @@ def ceiling_table(finding: Finding) -> FilledTable | None:
     most = finding.ceiling
     largest = {name: next((w for w in most.where if w.quantity == name), None) for name in FORCES}
 
-    def closes(name: str) -> Cell:
-        value = most.parts.get(name, most.value)
-        return Cell(percent(value), (value,))
-
     def place(name: str) -> Cell:
         w = largest.get(name)
         if w is None:
@@ -152,7 +148,7 @@ def ceiling_table(finding: Finding) -> FilledTable | None:
         "found_ceiling",
         "What any force could close beside this model",
         Column("force", lambda name: FORCES.get(name, "all of them together")),
-        Column("closes of the gap", closes, "closes"),
+        Column("closes of the gap", lambda name: share(most.parts.get(name, most.value)), "closes"),
         Column("largest", place, "speed start end"),
         Column("size there", size, "size"),
         note="Forces free in time, smooth over about 0.3 s, fitted beside the model to all trials and not "

@@ -195,10 +195,12 @@ def reach_in_words(speeds: Sequence[Speed]) -> str:
     reached = [s for s in speeds if all(map(math.isfinite, s.reach))]
     if not reached:
         return ""
-    ends = [f"{significant(max(s.reach[0], 0.0), 2)} to {significant(s.reach[1], 2)} %" for s in reached]
+
+    def span(low: float, high: float) -> str:
+        return f"{significant(max(low, 0.0), 2)} to {significant(high, 2)} %"
+
+    where = listed([f"{span(*s.reach)} at {s.velocity:.3g} m/s" for s in reached])
     if len(reached) > 3:
-        low, high = min(s.reach[0] for s in reached), max(s.reach[1] for s in reached)
-        where = f"{significant(max(low, 0.0), 2)} to {significant(high, 2)} %, depending on speed"
-    else:
-        where = listed([f"{end} at {s.velocity:.3g} m/s" for s, end in zip(reached, ends, strict=True)])
+        ends = min(s.reach[0] for s in reached), max(s.reach[1] for s in reached)
+        where = f"{span(*ends)}, depending on speed"
     return f"On this soil the model reaches a slip of {where}."

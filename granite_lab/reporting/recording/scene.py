@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import rerun as rr
+from scipy.integrate import cumulative_trapezoid
 
 from granite_lab.comparison.compare import Comparison
 from granite_lab.logs.trial import Array
@@ -65,8 +66,7 @@ def poses(comparison: Comparison, t: Array) -> tuple[Pose, Pose]:
     τ = motion.t - comparison.start
     x0 = float(_at(np.zeros(1), τ, motion.x)[0])
     rate = np.column_stack([_at(t, τ, motion.v_wheel[:, i]) for i in range(4)]) / r
-    steps = (rate[1:] + rate[:-1]) / 2 * np.diff(t)[:, None]
-    spin = np.concatenate([np.zeros((1, 4)), np.cumsum(steps, axis=0)])
+    spin = cumulative_trapezoid(rate, t, axis=0, initial=0)
     measured = Pose(_at(t, τ, motion.x) - x0, z, _at(t, τ, motion.pitch), spin)
     x_run0 = float(_at(np.zeros(1), run.t, run["x_m"])[0])
     angle = [_at(t, run.t, run[f"theta_{axle}_rad"]) for axle in "ffrr"]

@@ -47,7 +47,7 @@ class Writer:
 
 
 @contextmanager
-def recording(path: Path, name: str, blueprint: Any) -> Iterator[Any]:
+def recording(path: Path, name: str, blueprint: Any) -> Iterator[Writer]:
     """Open a recording with a name and a layout; it appears at `path` only if all went well.
 
     Raises:
@@ -68,7 +68,7 @@ def recording(path: Path, name: str, blueprint: Any) -> Iterator[Any]:
             file = Path(folder) / "recording.rrd"
             stream.save(file, default_blueprint=blueprint)
             stream.send_recording_name(drawable(name))
-            yield stream
+            yield Writer(stream)
             stream.disconnect()  # writes the footer
             write_bytes(path, file.read_bytes())
     finally:

@@ -26,7 +26,7 @@ from granite_lab.reporting.recording.lines import (
     write_lines,
 )
 from granite_lab.reporting.recording.scene import VIEWPOINT, write_scene
-from granite_lab.reporting.recording.stream import TIMELINE, Writer, drawable, recording
+from granite_lab.reporting.recording.stream import TIMELINE, drawable, recording
 from granite_lab.reporting.render import to_markdown
 
 TITLES = {
@@ -145,8 +145,7 @@ def record_trial(comparison: Comparison, path: Path, *, finding: Finding | None 
     """
     lines, bars = lines_of(comparison, finding), intervals_of(comparison, finding)
     content = layout(lines, lanes=len({bar.channel for bar in bars}), name=drawable(comparison.trial.name))
-    with recording(path, comparison.trial.name, blueprint(content)) as stream:
-        writer = Writer(stream)
+    with recording(path, comparison.trial.name, blueprint(content)) as writer:
         write_lines(writer, lines)
         write_scene(writer, comparison)
         write_events(writer, comparison, bars, finding)
