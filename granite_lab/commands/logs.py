@@ -109,9 +109,7 @@ CHECKS: Table[Check] = Table(
 def _show_checks(printer: Printer, checked: Checked) -> None:
     """Print each check of one run."""
     printer.json("check/1", _check_as_json(checked))
-    printer.rows(CHECKS, checked.checks)
-    if checked.virtual:
-        printer.say("virtual data: written by a simulator.", "yellow")
+    reporting.table.show_table(CHECKS.fill(checked.checks, virtual=checked.virtual), printer.shown)
     if checked.error is not None:
         raise checked.error
     printer.say("The run is good.", "bold green")
@@ -189,7 +187,7 @@ def ingest(
     given |= {"variant": variant}
     ending = ending_of(None, table_format)
     folder = out or results_folder(given["logs"] or [file for file in (imu,) if file], "ingest")
-    with progress("ingesting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
+    with progress("ingesting", quiet=quiet, total=count_of(given["logs"])) as watch:
         ingested = gl.ingest(**given, against_reference=bool(against_reference), done=watch.done)
     written = [(item.motion, folder / f"{item.name}{ending}", item.judgement) for item in ingested]
     tables = {item.log: path for item, (_, path, _) in zip(ingested, written, strict=True)}

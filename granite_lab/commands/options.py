@@ -91,15 +91,15 @@ Quiet = Annotated[bool, Option("--quiet", "-q", help="No progress display.")]
 Json = Annotated[bool, Option("--json", help="Print one JSON document instead of tables.")]
 
 
-def picture(text: str, **more: Any) -> Any:
-    """Return the option for the file of a figure; `more` as of `typer.Option`."""
+def picture(text: str) -> Any:
+    """Return the option for the file of a figure."""
 
     def checked(option: typer.CallbackParam, path: Path | None) -> Path | None:
         if path and path.suffix.lower() not in (".png", ".svg", ".pdf"):
             raise UsageError(f"{option.opts[0]} {path}: not a picture", "end the name in .png, .svg or .pdf")
         return path
 
-    return Option(help=f"{text} (.png, .svg or .pdf).", callback=checked, **more)
+    return Option(help=f"{text} (.png, .svg or .pdf).", callback=checked)
 
 
 def keywords_of(options: Mapping[str, Any]) -> dict[str, Any]:

@@ -75,10 +75,10 @@ def fit_k92(
     Fits without an optimum are marked; --verbose prints notes on all fits.
     """
     given = at_hand(locals())
-    with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
+    with progress("fitting", quiet=quiet, total=count_of(given["logs"])) as watch:
         fits = gl.fit_k92(**given, done=watch.done)
     if out is not None:
-        write_text(out, reporting.tables.k92_table(list(fits)).to_csv())
+        write_text(out, reporting.tables.k92_table(fits).to_csv())
     rows = [
         {"trial": fit.trial, "virtual": fit.virtual, "speed_mps": fit.variant.velocity}
         | {"slip_ratio": fit.slip_measured.as_json()}
@@ -87,7 +87,7 @@ def fit_k92(
     ]
     printer = Printer(as_json)
     printer.json("fit-k92/2", {"fits": rows} | provenance(fits.origin))
-    reporting.terminal.show_k92_fits(list(fits), printer.shown, notes=verbose)
+    reporting.terminal.show_k92_fits(fits, printer.shown, notes=verbose)
 
 
 def fit_atheta(
@@ -111,7 +111,7 @@ def fit_atheta(
     A verdict needs three speeds.
     """
     given = keywords_of(locals()) if published else at_hand(locals())
-    with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
+    with progress("fitting", quiet=quiet, total=count_of(given["logs"])) as watch:
         fit = gl.fit_a_theta(**given, published=published, done=watch.done)
     if out is not None:
         table = fit.to_frame()
@@ -147,7 +147,7 @@ def compare(
 
     given = at_hand(locals())
     out = out or results_folder(given["logs"], "compare")
-    with progress("fitting", quiet=quiet, total=count_of(given["logs"] or ())) as watch:
+    with progress("fitting", quiet=quiet, total=count_of(given["logs"])) as watch:
         comparisons = gl.compare(**given, out=out, done=watch.done)
     rows = [
         {"trial": c.motion.trial, "virtual": c.motion.virtual, "variant_mps": c.fit.variant.velocity}
@@ -156,7 +156,7 @@ def compare(
     ]
     printer, origin = Printer(as_json), comparisons.origin
     printer.json("compare/1", {"trials": rows, "files": origin.written.files} | provenance(origin))
-    reporting.terminal.show_misfits(list(comparisons), printer.shown)
+    reporting.terminal.show_misfits(comparisons, printer.shown)
     printer.line(f"figures and tables: {out}")
 
 

@@ -125,7 +125,7 @@ def of_study(result: StudyResult, model: Path | str | None = None, folder: str =
         model: path of the model file, for the commands that use it.
         folder: of the report, for the same; by default the name of the study.
     """
-    finding, speeds = result.finding, speeds_of(result, load_paper())
+    finding, speeds = result.finding, speeds_of(result)
     a_theta, agrees = a_theta_of(result.a_theta)
     channels = judged_channels(pooled_misfits(result.trials), finding)
     questions, no_k92 = [], why_no_k92(result)
@@ -227,7 +227,7 @@ def _k92_off(fit: AThetaFit) -> dict[float, float]:
     distances = {}
     for velocity, positions in by_speed(v for _, v, _, _ in fit.points).items():
         k92 = mean_over(fit.points[i][2] for i in positions)
-        published = published_at(velocity, load_paper())
+        published = published_at(velocity)
         distances[velocity] = (
             abs(k92.value - published.k92) / k92.std if published and k92.std > 0 else math.nan
         )

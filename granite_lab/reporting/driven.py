@@ -46,7 +46,7 @@ def of_simulator(result: StudyResult) -> str:
             "A simulator wrote the sensor logs of these trials; no robot was driven. Nothing here is about "
             "real sand."
         )
-    count, n = sum(r.trial.info.virtual or r.motion.virtual for r in result.trials), len(result.trials)
+    count, n = sum(r.motion.virtual for r in result.trials), len(result.trials)
     if not count:
         return ""
     which = "All trials are" if count == n else f"{count} of {n} trials are"

@@ -139,7 +139,7 @@ def k92_as_json(fit: K92Fit) -> dict[str, Any]:
 def _trial(r: Comparison) -> dict[str, Any]:
     motion = r.motion
     about = picked(r.trial, "name", "layout") | {
-        "virtual": r.trial.info.virtual or motion.virtual,
+        "virtual": motion.virtual,
         "repetition": r.trial.info.repetition,
         "effects": r.run.effects,
         "misfits": r.misfits,

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from granite_lab.comparison.compare import Comparison
 from granite_lab.estimate import Estimate
 from granite_lab.fitting.fit import AThetaFit, K92Fit
-from granite_lab.parameters import Paper, load_paper
+from granite_lab.parameters import load_paper
 from granite_lab.reporting import canvas
 from granite_lab.reporting.answers import Answers
 from granite_lab.reporting.canvas import Canvas, Figure
@@ -33,7 +33,7 @@ Point = tuple[Estimate, Estimate, int]
 """x and y of a trial, and the number of trials at its speed."""
 
 
-def slip_figure(answers: Answers, paper: Paper) -> Figure:
+def slip_figure(answers: Answers) -> Figure:
     """Draw λ_R over the desired velocity: each trial, the means with their intervals, and the paper."""
     with_slip = [s for s in answers.speeds if s.slip_is_known]
     rising = all(a.slip.value < b.slip.value for a, b in pairwise(with_slip))
@@ -62,7 +62,7 @@ def slip_figure(answers: Answers, paper: Paper) -> Figure:
                 s.velocity, s.slip.value, yerr=bars, color=canvas.MEASURED, marker="D", markersize=4.5,
                 capsize=4, linewidth=1.4, label=label if k == 0 else None,
             )  # fmt: skip
-        _published(axis, [(p.velocity, 100 * p.slip_measured) for p in paper.table3])
+        _published(axis, [(p.velocity, 100 * p.slip_measured) for p in load_paper().table3])
         axis.set_xlim(left=0)
         axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
 
@@ -74,7 +74,7 @@ def slip_figure(answers: Answers, paper: Paper) -> Figure:
     return Figure("slip_over_speed", title, caption, make, bool(answers.virtual))
 
 
-def k92_figure(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
+def k92_figure(answers: Answers, fit: AThetaFit | None) -> Figure:
     """Draw k_92 over the desired velocity with the fitted law and the paper's: Fig. 3 of the paper."""
     number = answers.a_theta
     title = "k_92 by trial; the law could not be fitted"
@@ -83,10 +83,10 @@ def k92_figure(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
             True: "the paper's {:g} s/m lies in the interval",
             False: "the paper's {:g} s/m lies outside the interval",
             None: "these trials do not test the law",
-        }[answers.a_theta_agrees].format(paper.a_theta)
+        }[answers.a_theta_agrees].format(load_paper().a_theta)
         title = f"a_θ = {number.with_std} s/m; {where}"
     points, law = _over_speed(answers.speeds, lambda c: _usable(c.fit)), fit if number is not None else None
-    draw = partial(_k92_panel, points, [s.velocity for s in answers.speeds], law, paper)
+    draw = partial(_k92_panel, points, [s.velocity for s in answers.speeds], law)
     caption = (
         "Ratio of the rear to the front contact angle, fitted to the slip of each trial, with the law "
         "k_92 = exp(−a_θ v) and its 95 % interval. Dashed: the law of the paper (as in its Fig. 3)."
@@ -100,14 +100,13 @@ def fits_figure(
 ) -> Figure:
     """Draw (velocity [m/s], k_92) of each trial beside the paper, with a fitted law where there is one."""
     points = [(Estimate(v, 0.0), k92, 1) for v, k92 in fits]
-    draw = partial(_k92_panel, points, [v for v, _ in fits], law, load_paper())
+    draw = partial(_k92_panel, points, [v for v, _ in fits], law)
     return Figure("k92", "k_92 by trial", "", partial(_panel, draw, VELOCITY, RATIO), virtual)
 
 
-def _k92_panel(
-    points: Sequence[Point], speeds: Sequence[float], fit: AThetaFit | None, paper: Paper, axis: Axes
-) -> None:
+def _k92_panel(points: Sequence[Point], speeds: Sequence[float], fit: AThetaFit | None, axis: Axes) -> None:
     """Draw k_92 of trials, the fitted law with its interval, and law and values of the paper."""
+    paper = load_paper()
     top = max([*speeds, *(p.velocity for p in paper.table3)]) * 1.1
     v = np.linspace(0, top, 200)
     if fit is not None:
@@ -121,9 +120,9 @@ def _k92_panel(
     axis.set(xlim=(0, top), ylim=(-0.03, 1.03))
 
 
-def k92_over_slip(answers: Answers, fit: AThetaFit | None, paper: Paper) -> Figure:
+def k92_over_slip(answers: Answers, fit: AThetaFit | None) -> Figure:
     """Draw k_92 over the robot slip ratio with the fitted line and the paper's: Fig. 4 of the paper."""
-    line = fitted_line(fit)
+    line, paper = fitted_line(fit), load_paper()
     root = significant(-100 * paper.fig4_intercept / paper.fig4_slope, 3)
     title = f"The paper's line reaches k_92 = 0, the limit of the model, at {root} % slip"
     if line is not None and line[1] < 0:

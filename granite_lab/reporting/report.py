@@ -14,7 +14,6 @@ from granite_lab.columns import FilledTable
 from granite_lab.discovery.finding import Finding
 from granite_lab.fitting.fit import views_of
 from granite_lab.origin import Source
-from granite_lab.parameters import load_paper
 from granite_lab.reporting import plot_motion, plot_results, plot_search, search_tables, tables
 from granite_lab.reporting.answers import Answers, all_good, of_study
 from granite_lab.reporting.canvas import Figure
@@ -210,20 +209,20 @@ def study_report(
 
 def _slip(result: StudyResult, answers: Answers) -> Iterator[Maybe]:
     """Show slip and k_92 by speed; the slip alone where it is not known well enough for k_92."""
-    fit, paper = result.a_theta, load_paper()
+    fit = result.a_theta
     if answers.slip_unknown:
         yield (
             "No slip ratio is known to 5 points. So k_92, the comparison with the model and the search for a "
             "missing effect are left out."
         )
-        yield _gallery(plot_results.slip_figure(answers, paper))
+        yield _gallery(plot_results.slip_figure(answers))
         return
-    yield _gallery(plot_results.slip_figure(answers, paper), plot_results.k92_figure(answers, fit, paper))
+    yield _gallery(plot_results.slip_figure(answers), plot_results.k92_figure(answers, fit))
     if result.finding is None and fit is not None:
         yield tables.A_THETA.fill(views_of(fit), virtual=bool(answers.virtual))
     yield _fold(
         "k_92 over slip, and laws compared",
-        _gallery(plot_results.k92_over_slip(answers, fit, paper)),
+        _gallery(plot_results.k92_over_slip(answers, fit)),
         tables.law_table(fit, bool(answers.virtual)) if fit else None,
         list(fit.notes) if fit else None,
     )

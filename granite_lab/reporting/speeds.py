@@ -14,7 +14,7 @@ from granite_lab.comparison.compare import Comparison
 from granite_lab.estimate import mean_over
 from granite_lab.estimation.motion import TELLING
 from granite_lab.fitting.fit import BOUNDS
-from granite_lab.parameters import Paper, Published, by_speed
+from granite_lab.parameters import Published, by_speed, load_paper
 from granite_lab.reporting.names import listed
 from granite_lab.results import StudyResult
 from granite_lab.rounding import NONE, Number, rounded, significant
@@ -108,7 +108,7 @@ def first_table(speeds: Sequence[Speed], *, slip_unknown: bool, virtual: bool) -
     ).fill(speeds, virtual=virtual)  # fmt: skip
 
 
-def speeds_of(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
+def speeds_of(result: StudyResult) -> tuple[Speed, ...]:
     """Group the trials by desired velocity (`parameters.by_speed`)."""
     from granite_lab.fitting.atheta import k92_interval  # noqa: PLC0415, heavy
 
@@ -122,7 +122,7 @@ def speeds_of(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
         k92 = mean_over((f.k92 for f in inner), parts=[f.parts for f in inner])
         # The interval is by the likelihood where the covariance is not enough.
         ends = k92_interval(inner, (k92.low, k92.high))
-        published = published_at(velocity, paper)
+        published = published_at(velocity)
         rows.append(
             Speed(
                 velocity, tuple(trials), count, rounded(*slip, unit="%", scale=100),
@@ -137,9 +137,9 @@ def speeds_of(result: StudyResult, paper: Paper) -> tuple[Speed, ...]:
     return tuple(rows)
 
 
-def published_at(velocity: float, paper: Paper) -> Published | None:
+def published_at(velocity: float) -> Published | None:
     """Return the row of Table 3 of the paper at a velocity [m/s]; None where it has none."""
-    return next((row for row in paper.table3 if abs(row.velocity - velocity) < 0.005), None)
+    return next((row for row in load_paper().table3 if abs(row.velocity - velocity) < 0.005), None)
 
 
 def velocities_of(result: StudyResult) -> list[float]:

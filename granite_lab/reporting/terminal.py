@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
 from rich.text import Text
@@ -177,15 +177,15 @@ def show_run(run: Run, console: Console) -> None:
     """Print means over the steady part of a simulated run."""
     steady = (run.t >= run.steady[0]) & (run.t <= run.steady[1])
 
-    def mean(axle: str) -> Callable[[tuple[str, str, float, str]], float]:
-        return lambda row: row[2] * float(run[row[1].format(axle)][steady].mean())
+    def mean(signal: str) -> float:
+        return float(run[signal][steady].mean())
 
     table = Table[tuple[str, str, float, str]](
         "run",
         "Means over the steady part",
         Column("quantity", lambda row: row[0]),
-        Column("front", mean("f"), "front", form=".2f"),
-        Column("rear", mean("r"), "rear", form=".2f"),
+        Column("front", lambda row: row[2] * mean(row[1].format("f")), "front", form=".2f"),
+        Column("rear", lambda row: row[2] * mean(row[1].format("r")), "rear", form=".2f"),
         Column("unit", lambda row: row[3]),
     )
     rows = (
@@ -316,9 +316,8 @@ def show_plan(plan: Plan, console: Console) -> None:
         motion = f"{v.velocity:g} m/s, {v.acceleration:g} m/s², {v.distance:g} m"
         return f"{motion}, {under}" if under else motion
 
-    def cells(k: int, p: Proposal) -> tuple[str, ...]:
-        because = f"{names.outlook(p.improves)}: {p.trial.why}" if len(plan.now) > 1 else p.trial.why
-        return (str(k), command(p.trial), change(p), because)
+    def because(p: Proposal) -> str:
+        return f"{names.outlook(p.improves)}: {p.trial.why}" if len(plan.now) > 1 else p.trial.why
 
     count = sum(int(d.count) for d in plan.design.driven)
     trials = f"the {count} trials at hand" if count > 1 else "the one trial at hand"
@@ -340,16 +339,15 @@ def show_plan(plan: Plan, console: Console) -> None:
     if not plan.worth:
         why = "none lowers the std by a fifth" if sharpens else "none adds 3 to a log Bayes factor (20 to 1)"
         say(console, f"No trial is recommended: {why}.", "bold")
-    table = Table[tuple[str, ...]](
+    table: Table[tuple[int, Proposal]] = Table(
         "plan",
         "Proposals",
         Column("", lambda row: row[0], "rank"),
-        Column("next trial", lambda row: row[1]),
-        Column("std" if sharpens else "adds", lambda row: row[2], "change"),
-        Column("because", lambda row: row[3]),
+        Column("next trial", lambda row: command(row[1].trial)),
+        Column("std" if sharpens else "adds", lambda row: change(row[1]), "change"),
+        Column("because", lambda row: because(row[1])),
     )
-    rows = (cells(k, p) for k, p in enumerate(plan.proposals[:PROPOSALS], 1))
-    show_table(table.fill(rows), console)
+    show_table(table.fill(enumerate(plan.proposals[:PROPOSALS], 1)), console)
     if plan.worth:
         best = plan.proposals[0].trial
         say(console, f"First choice, {command(best)}: {best.how}.")

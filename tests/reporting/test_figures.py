@@ -13,7 +13,6 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from granite_lab.logs import inspect_logs
-from granite_lab.parameters import load_paper
 from granite_lab.reporting.canvas import Figure, converted, envelope, saved, styled
 from granite_lab.reporting.pictures import log_figure
 from granite_lab.reporting.plot_motion import comparison_figure
@@ -119,7 +118,7 @@ def test_svg_text_is_what_was_drawn(of_study: list[Figure]) -> None:
 @pytest.mark.parametrize("trials", [1, 3, 300])
 def test_all_trials_of_a_speed_stand_close_to_it(trials: int) -> None:
     """The speeds of the paper are 0.1 m/s apart: trials of one must not stand at another."""
-    (speed,) = speeds_of(made_up_study(speeds=(0.2,), repetitions=1), load_paper())
+    (speed,) = speeds_of(made_up_study(speeds=(0.2,), repetitions=1))
     x = abscissae(dataclasses.replace(speed, results=speed.results * trials))
     assert len(set(x)) == trials
     assert np.mean(x) == pytest.approx(0.2)

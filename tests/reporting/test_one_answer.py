@@ -50,16 +50,32 @@ def test_each_answer_has_one_wording(
     twelve: StudyResult, twelve_folder: Path, outputs: dict[str, str]
 ) -> None:
     decided = decide.of_study(twelve, "model.toml", twelve_folder.name)
+    assert [q.id for q in decided.questions] == [
+        "slip", "a_theta", "model", "missing", "closes", "trust", "next",
+    ]  # fmt: skip
     told = json.loads((twelve_folder / "report.json").read_text(encoding="utf-8"))["answers"]
     for answer, written in zip(decided.questions, told["questions"], strict=True):
         assert (written["verdict"] or "", written["text"]) == (answer.verdict, answer.text)
         for name, text in outputs.items():
             for part in (answer.verdict, answer.text):
                 assert squeezed(part) in squeezed(text), (name, part)
+
+
+def test_each_number_is_the_same_in_every_output(
+    twelve: StudyResult, twelve_folder: Path, outputs: dict[str, str]
+) -> None:
+    decided = decide.of_study(twelve)
+    told = json.loads((twelve_folder / "report.json").read_text(encoding="utf-8"))["answers"]
     for speed, written in zip(decided.speeds, told["speeds"], strict=True):
-        assert written["slip"]["value"] == speed.slip.value
+        assert written["slip"]["value"] == float(speed.slip.text)
+        ends = [f"{x:.{speed.slip.decimals}f}" for x in written["slip"]["ci95"]]
+        assert ends == speed.slip.interval.split(" to ")
         for name, text in outputs.items():
-            assert squeezed(speed.slip.interval) in squeezed(text), name
+            for shown in (speed.slip.text, speed.slip.interval, speed.k92.with_std):
+                assert squeezed(shown) in squeezed(text), name
+    assert told["a_theta"]["value"] == 4.93
+    for name, text in outputs.items():
+        assert set(re.findall(r"aθ=([\d.]+)", squeezed(text))) == {"4.93"}, name
 
 
 @pytest.mark.parametrize("verdict", ["none", "named", "unknown"])

@@ -21,7 +21,6 @@ from granite_lab.errors import InputError
 from granite_lab.estimate import Part
 from granite_lab.fitting import fit_a_theta
 from granite_lab.folders import LIST
-from granite_lab.parameters import load_paper
 from granite_lab.reporting import write, write_report
 from granite_lab.reporting.canvas import Figure
 from granite_lab.reporting.json_report import changed_files
@@ -102,7 +101,7 @@ def budgeted() -> StudyResult:
 
 
 def test_the_contributions_add_up_to_the_stated_std_and_the_shares_to_one(budgeted: StudyResult) -> None:
-    speeds = speeds_of(budgeted, load_paper())
+    speeds = speeds_of(budgeted)
     squares: dict[tuple[str, str], float] = defaultdict(float)
     shares: dict[tuple[str, str], float] = defaultdict(float)
     for table in budget_tables(budgeted, speeds):
@@ -126,7 +125,7 @@ def test_the_budgets_stand_in_one_closed_part_of_the_report(budgeted: StudyResul
     assert len(folds) == 1
     assert {t.virtual for t in report.tables if t.name.startswith("budget")} == {True}
     made = made_up_study(speeds=(0.2, 0.3, 0.5), repetitions=2)  # without components
-    assert budget_tables(made, speeds_of(made, load_paper())) == []
+    assert budget_tables(made, speeds_of(made)) == []
 
 
 def test_report_json_holds_the_hash_of_every_other_file(folder: Path) -> None:

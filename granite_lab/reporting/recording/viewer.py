@@ -34,7 +34,7 @@ def open_viewer(paths: Sequence[Path]) -> None:
     display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if sys.platform.startswith("linux") and not display:
         raise LabError("there is no display to open the Rerun viewer on", elsewhere)
-    viewer = _start(["--new", *files], start_new_session=True)
+    viewer = _start(files)
     try:
         code = viewer.wait(PATIENCE)
     except subprocess.TimeoutExpired:
@@ -56,8 +56,8 @@ def _refuse_others(path: Path) -> None:
         raise InputError(f"{path}: not a Rerun recording", hint)
 
 
-def _start(options: list[str], **how: Any) -> subprocess.Popen[bytes]:
-    """Start the viewer that comes with the rerun-sdk package, bound to this machine only."""
+def _start(files: Sequence[str]) -> subprocess.Popen[bytes]:
+    """Start the viewer that comes with the rerun-sdk package on files, bound to this machine only."""
     import rerun_cli  # type: ignore[import-untyped]  # noqa: PLC0415, heavy
 
     # The program itself: the Python process that 'python -m rerun' puts around it would end without it.
@@ -66,7 +66,9 @@ def _start(options: list[str], **how: Any) -> subprocess.Popen[bytes]:
     binary = next((place for place in places if place.exists()), places[-1])
     quiet: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
     try:
-        return subprocess.Popen([binary, "--bind", "127.0.0.1", *options], **quiet, **how)
+        return subprocess.Popen(
+            [binary, "--bind", "127.0.0.1", "--new", *files], start_new_session=True, **quiet
+        )
     except OSError as error:
         reason = error.strerror or type(error).__name__
         hint = "install it again with 'pip install --force-reinstall rerun-sdk'"

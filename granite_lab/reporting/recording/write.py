@@ -100,8 +100,11 @@ def _log() -> Any:
     return rrb.TextLogView(origin="/events", name="Events", columns=columns)
 
 
-def layout(lines: Sequence[Line], *, lanes: int, name: str) -> Any:
-    """Return the layout of one trial: robot, key, bars and log on the left, plots on the right."""
+def blueprint(lines: Sequence[Line], *, lanes: int, name: str) -> Any:
+    """Return the layout of one trial: robot, key, bars and log on the left, plots on the right.
+
+    Side panels are away, and the one timeline is paused at its start.
+    """
     plots: dict[str, list[Line]] = {}
     for line in lines:
         plots.setdefault(line.entity.partition("/")[0], []).append(line)
@@ -120,13 +123,8 @@ def layout(lines: Sequence[Line], *, lanes: int, name: str) -> Any:
         if views := [_series(k, plots[k]) for k in keys if k in plots]:
             columns = 1 if len(views) <= MOST_ROWS else 2
             tabs.append(rrb.Grid(*views, grid_columns=columns, name=title))
-    return rrb.Horizontal(rrb.Vertical(*left, row_shares=heights), rrb.Tabs(*tabs), name=name)
-
-
-def blueprint(content: Any) -> Any:
-    """Return the whole blueprint: side panels away, paused at the start of the one timeline."""
     return rrb.Blueprint(
-        content,
+        rrb.Horizontal(rrb.Vertical(*left, row_shares=heights), rrb.Tabs(*tabs), name=name),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="paused"),
@@ -144,8 +142,8 @@ def record_trial(comparison: Comparison, path: Path, *, finding: Finding | None 
         LabError: the file cannot be written.
     """
     lines, bars = lines_of(comparison, finding), intervals_of(comparison, finding)
-    content = layout(lines, lanes=len({bar.channel for bar in bars}), name=drawable(comparison.trial.name))
-    with recording(path, comparison.trial.name, blueprint(content)) as writer:
+    lanes, name = len({bar.channel for bar in bars}), comparison.trial.name
+    with recording(path, name, blueprint(lines, lanes=lanes, name=drawable(name))) as writer:
         write_lines(writer, lines)
         write_scene(writer, comparison)
         write_events(writer, comparison, bars, finding)
