@@ -119,11 +119,9 @@ class Column(Generic[R]):
             return Cell(NONE, (value,))
         if self.form:
             return Cell(format(self.scale * value, self.form).replace("-", "−"), (value,))
-        return (
-            Cell(str(value), (value,))
-            if isinstance(value, int)
-            else number(value, self.digits, "", self.scale)
-        )
+        if isinstance(value, int):
+            return Cell(str(value), (value,))
+        return number(value, self.digits, scale=self.scale)
 
     def of(self, part: Callable[[S], R]) -> Column[S]:
         """Return the column of a table whose rows hold the record that this one shows."""

@@ -60,14 +60,10 @@ def write(
     page = guard.run("report", lambda: reporting.write_report(complete(), folder, model=name, jobs=jobs))
     if page is None and (unshown := complete().finding):
         guard.run("finding", lambda: reporting.write_finding(unshown, folder, name))
-        without_search = replace(
-            result, finding=None, unsearched="the search could not be shown; see finding.json"
-        )
-        page = (
-            guard.run("rest", lambda: reporting.write_report(without_search, folder))
-            if result.trials
-            else None
-        )
+        if result.trials:
+            unsearched = "the search could not be shown; see finding.json"
+            without_search = replace(result, finding=None, unsearched=unsearched)
+            page = guard.run("rest", lambda: reporting.write_report(without_search, folder))
     return replace(complete(), written=Written(page, model, failures=(*failures, *guard.lines)))
 
 

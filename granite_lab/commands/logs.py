@@ -109,7 +109,7 @@ CHECKS: Table[Check] = Table(
 def _show_checks(printer: Printer, checked: Checked) -> None:
     """Print each check of one run."""
     printer.json("check/1", _check_as_json(checked))
-    reporting.table.show_table(CHECKS.fill(checked.checks, virtual=checked.virtual), printer.shown)
+    printer.rows(CHECKS, checked.checks, virtual=checked.virtual)
     if checked.error is not None:
         raise checked.error
     printer.say("The run is good.", "bold green")

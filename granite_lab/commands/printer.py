@@ -41,7 +41,7 @@ class Printer:
         whole = jsonable({"schema": f"granite-lab/{schema}"} | dict(document))
         text = json_text.dumps(whole, indent=2, ensure_ascii=False, allow_nan=False)
         # A file's name may hold bytes that are no character; JSON can, the terminal's encoding cannot.
-        sys.stdout.write(re.sub("[\ud800-\udfff]", lambda c: f"\\u{ord(c[0]):04x}", text) + "\n")
+        sys.stdout.write(text.encode(errors="backslashreplace").decode() + "\n")
 
     def line(self, text: object, style: str = "") -> None:
         """Print a line as it is, however long: nothing in it is markup."""
@@ -51,9 +51,9 @@ class Printer:
         """Print a sentence."""
         reporting.table.say(self.shown, text, style)
 
-    def rows(self, table: Table[R], rows: Iterable[R]) -> None:
-        """Print a table."""
-        reporting.table.show_table(table.fill(rows), self.shown)
+    def rows(self, table: Table[R], rows: Iterable[R], *, virtual: bool = False) -> None:
+        """Print a table; `virtual` as in `FilledTable`."""
+        reporting.table.show_table(table.fill(rows, virtual=virtual), self.shown)
 
 
 class _Encodable:

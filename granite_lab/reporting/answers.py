@@ -184,11 +184,8 @@ def _slip(speeds: Sequence[Speed]) -> Answer:
     )
     tone = "fair" if outside else "good"
     if not with_slip:
-        verdict, text, tone = (
-            "Not known",
-            "No trial has a steady part with a slip ratio that is known.",
-            "bad",
-        )
+        text = "No trial has a steady part with a slip ratio that is known."
+        verdict, tone = "Not known", "bad"
     elif not inside and not outside:
         text, tone = "The paper has no experiment to compare with.", ""
     elif inside and outside:
@@ -284,10 +281,8 @@ def _limits(fit: AThetaFit, views: Mapping[ViewName, View]) -> tuple[str, str]:
     but, more = "", ""
     if off := _k92_off(fit):
         where, far = listed([f"{v:g}" for v in off]), listed([significant(x, 2) for x in off.values()])
-        but, more = (
-            f", but not k_92 at {where} m/s",
-            f" k_92 itself lies {far} std from the paper's at {where} m/s.",
-        )
+        but = f", but not k_92 at {where} m/s"
+        more = f" k_92 itself lies {far} std from the paper's at {where} m/s."
     if "found" in views and not _holds(views["found"], fit.published):
         but = " by these files, but not with what was found"
     return but, more

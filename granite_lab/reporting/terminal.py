@@ -212,11 +212,8 @@ def show_inspection(inspection: Inspection, console: Console) -> None:
 
 
 def _file(report: FileReport, console: Console) -> None:
-    layout = (
-        f"layout “{report.layout}”"
-        if report.layout
-        else "no known layout; columns guessed from names and values"
-    )
+    guessed = "no known layout; columns guessed from names and values"
+    layout = f"layout “{report.layout}”" if report.layout else guessed
     say(console, f"{layout}, {percent(report.confidence)} sure")
     if report.dialect is not None:
         d = report.dialect

@@ -65,7 +65,7 @@ class Line:
         t: (N,) time since command start [s].
         value: (N,) or (N, K) samples; NaN makes a gap.
         colours: (K,) red, green, blue.
-        widths: (K,) in points of the screen.
+        widths: (K,) in points of the screen; empty where all are `THIN`.
         std: as `value`, drawn as a band of one standard deviation on both sides.
         step: smallest spacing that is kept [s].
         dots: single dots, not joined by lines.
@@ -77,7 +77,7 @@ class Line:
     t: Array
     value: Array
     colours: tuple[Rgb, ...]
-    widths: tuple[float, ...] = (THIN,)
+    widths: tuple[float, ...] = ()
     std: Array | None = None
     step: float = 0.0
     dots: bool = False
@@ -111,7 +111,7 @@ def lines_of(comparison: Comparison, finding: Finding | None = None) -> list[Lin
     lines = [
         Line("velocity/desired", ("desired",), "m/s", run.t, run["v_desired_mps"], (GREY,), step=FINE),
         Line("velocity/wheels", ("wheels, measured",), "m/s", t, wheels, (GREEN,), step=FINE),
-        Line("slip_of_each_wheel/measured", WHEELS, "-", t, motion.slip, OF_WHEELS, (THIN,) * 4, step=MEDIUM),
+        Line("slip_of_each_wheel/measured", WHEELS, "-", t, motion.slip, OF_WHEELS, step=MEDIUM),
         *_channels(comparison), *_innovations(comparison),
     ]  # fmt: skip
     if (reference := comparison.trial.reference_v) is not None:
@@ -130,7 +130,7 @@ def lines_of(comparison: Comparison, finding: Finding | None = None) -> list[Lin
 def _channels(c: Comparison) -> Iterator[Line]:
     """Yield each channel of the comparison as simulated and as measured, and the difference."""
     for plot, channels in CHANNELS.items():
-        ids, unit = list(channels), c.units[next(iter(channels))] or "-"
+        ids, unit = list(channels), c.units[next(iter(channels))]
         ghosts = {"front, simulated": ids[0], "rear, simulated": ids[-1]}
         ghosts = ghosts if len(ids) > 1 else {"simulated": ids[0]}
         value = np.column_stack([c.simulated[k] for k in ghosts.values()])
@@ -145,17 +145,8 @@ def _channels(c: Comparison) -> Iterator[Line]:
         if measured:
             gap = np.column_stack([c.simulated[k] - c.measured[k] for k in measured])
             labels = tuple(channels[k] or "difference" for k in measured)
-            few, widths = tuple(colours[k] for k in measured), (THIN,) * len(measured)
-            yield Line(
-                f"difference_{plot}/simulated_minus_measured",
-                labels,
-                unit,
-                c.t,
-                gap,
-                few,
-                widths,
-                step=MEDIUM,
-            )
+            few, entity = tuple(colours[k] for k in measured), f"difference_{plot}/simulated_minus_measured"
+            yield Line(entity, labels, unit, c.t, gap, few, step=MEDIUM)
 
 
 def _innovations(comparison: Comparison) -> Iterator[Line]:
@@ -213,8 +204,9 @@ def write_lines(writer: Writer, lines: Iterable[Line]) -> None:
             columns = rr.Scalars.columns(scalars=line.value.ravel())
         else:
             style = rr.Measurements.from_fields(
-                names=line.names, units=[line.unit] * many, colors=line.colours, widths=line.widths
-            )
+                names=line.names, units=[line.unit] * many, colors=line.colours,
+                widths=line.widths or (THIN,) * many,
+            )  # fmt: skip
             bands = {} if line.std is None else {"variances": np.square(line.std).ravel()}
             columns = rr.Measurements.columns(values=line.value.ravel(), **bands)
         writer.static(line.entity, style)
