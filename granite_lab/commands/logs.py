@@ -131,7 +131,7 @@ def inspect(
 
     Columns that are not used are listed, too.
     """
-    inspection = gl.inspect(logs or (), column_map=column_map, topics=topics_of(topics or ()), robot=robot)
+    inspection = gl.inspect(logs or (), column_map=column_map, topics=topics_of(topics), robot=robot)
     if write_map:
         write_text(write_map, inspection.to_map_toml())
     if plot:

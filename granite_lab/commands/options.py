@@ -117,10 +117,10 @@ def keywords_of(options: Mapping[str, Any]) -> dict[str, Any]:
     hint = "write start:end in seconds, the start first, as 0:1.2"
     tape = [text for text in (options["distance_measured"],) if text is not None]
     keywords = {name: options[name] for name in AS_GIVEN} | {
-        "topics": topics_of(options["topics"] or ()),
+        "topics": topics_of(options["topics"]),
         "window": None if (first, last) == (-math.inf, math.inf) else (first, last),
-        "rests": read_all("--rest", options["rests"] or (), interval_of, hint),
-        "body_rests": read_all("--body-rest", options["body_rests"] or (), interval_of, hint),
+        "rests": read_all("--rest", options["rests"], interval_of, hint),
+        "body_rests": read_all("--body-rest", options["body_rests"], interval_of, hint),
         "distance_measured": next(
             iter(read_all("--distance-measured", tape, measured, "write 2.03 or 2.03±0.01 [m]")), None
         ),
@@ -157,23 +157,23 @@ def count_of(logs: Sequence[Path]) -> int | None:
         return None
 
 
-def read_all(option: str, texts: Sequence[str], read: Callable[[str], T], hint: str) -> list[T]:
-    """Parse texts.
+def read_all(option: str, texts: Sequence[str] | None, read: Callable[[str], T], hint: str) -> list[T]:
+    """Parse texts; None stands for an option that was not given.
 
     Raises:
         UsageError: `read` raises a ValueError; the message names the option.
     """
     try:
-        return [read(text) for text in texts]
+        return [read(text) for text in texts or ()]
     except ValueError:
-        raise UsageError(f"{option} {' '.join(texts)}: cannot be understood", hint) from None
+        raise UsageError(f"{option} {' '.join(texts or ())}: cannot be understood", hint) from None
 
 
 def read_pairs(
     option: str, texts: Sequence[str] | None, read: Callable[[str], tuple[str, T]], hint: str
 ) -> dict[str, T]:
     """Return names with their values; raise as `read_all`, also where a name occurs twice."""
-    pairs = dict(read_all(option, texts or (), read, hint))
+    pairs = dict(read_all(option, texts, read, hint))
     if len(pairs) < len(texts or ()):
         raise UsageError(f"{option} {' '.join(texts or ())}: cannot be understood", hint)
     return pairs
@@ -200,7 +200,7 @@ def excluded_of(texts: Sequence[str] | None) -> dict[str, str]:
     return read_pairs("--exclude", texts, read, "write trial='reason', each trial once")
 
 
-def topics_of(texts: Sequence[str]) -> dict[str, str]:
+def topics_of(texts: Sequence[str] | None) -> dict[str, str]:
     """Return roles of a bag's topics (``imu``, ``joints``, …) to the topics' names."""
     from granite_lab.logs.bag import ROLES
 
@@ -217,7 +217,7 @@ def effects_of(texts: Sequence[str] | None) -> dict[str, dict[str, float]]:
     """Return effects and their parameters, from texts as ``bulldozing.strength=0.5``."""
     hint = "write id.parameter=number"
     effects: dict[str, dict[str, float]] = {}
-    for name, value in read_all("--effect", texts or (), number_of, hint):
+    for name, value in read_all("--effect", texts, number_of, hint):
         effect, _, parameter = name.partition(".")
         effects.setdefault(effect, {})[parameter] = value
     return effects

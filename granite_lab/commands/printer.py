@@ -137,5 +137,5 @@ def progress(text: str, *, quiet: bool, total: int | None = None) -> Iterator[Wa
 
 
 def write_picture(path: Path, figure: Figure) -> None:
-    """Write a figure as SVG or PNG, as its file is called."""
+    """Write a figure as SVG, PNG or PDF, as its file is called."""
     write_bytes(path, reporting.canvas.saved(figure, path.suffix.lower().removeprefix(".")))

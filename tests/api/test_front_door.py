@@ -44,7 +44,7 @@ TERMINAL_ONLY = {
 PRINTED = {"fit_k92", "fit_a_theta", "simulate", "wheel", "ingest", "plan_next", "compare_studies"}
 """Functions that only return; their commands write the table into `--out`."""
 
-TOLD = {"done", "progress", "tell"}
+TOLD = {"done", "progress"}
 """Arguments by which a function says how far it is; a command shows it."""
 
 OWN = {
