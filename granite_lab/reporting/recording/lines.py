@@ -289,7 +289,7 @@ def write_events(
     for channel in sorted({i.channel for i in intervals}):
         bars = [(i.start, i.end, i.label) for i in intervals if i.channel == channel]
         _bars(writer, f"{DIFFERS}/{entity_of(channel)}", float(t[0]), bars, VERMILION)
-    events = [*_events(comparison), *_updates(comparison, start), *_of_search(comparison, finding)]
+    events = [*_events(comparison), *_updates(comparison), *_of_search(comparison, finding)]
     for bar in intervals:
         sentence = f"simulated {bar.channel} differs from the measured one by up to {bar.label} % of its rms"
         events.append(Event(bar.start, f"{sentence}, {bar.start:.2f} s to {bar.end:.2f} s", "WARN"))
@@ -356,9 +356,9 @@ def _of_search(comparison: Comparison, finding: Finding | None) -> Iterator[Even
             yield Event(t, latency)
 
 
-def _updates(comparison: Comparison, start: float) -> Iterator[Event]:
+def _updates(comparison: Comparison) -> Iterator[Event]:
     """Yield where runs of measurement updates begin, and the updates that fit badly."""
-    health = comparison.motion.health
+    start, health = comparison.start, comparison.motion.health
     for kind in dict.fromkeys(health.kind):
         of_kind = np.array([k == kind for k in health.kind])
         t = health.t[of_kind] - start

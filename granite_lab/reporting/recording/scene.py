@@ -14,7 +14,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from granite_lab.comparison.compare import Comparison
 from granite_lab.logs.trial import Array
-from granite_lab.parameters import WHEELS, Chassis, Robot, Wheels
+from granite_lab.parameters import WHEELS, Chassis, Wheels
 from granite_lab.reporting.recording.lines import MOST_ROWS, SIMULATED, Rgb
 from granite_lab.reporting.recording.stream import Writer
 
@@ -87,7 +87,7 @@ def write_scene(writer: Writer, comparison: Comparison) -> None:
     along = np.column_stack([measured.x, np.zeros_like(t), np.zeros_like(t)])
     writer.rows(VIEWPOINT, t, rr.Transform3D.columns(translation=along))
     travel = np.concatenate([measured.x, simulated.x])
-    _write_sand(writer, robot, chassis, float(travel.min()), float(travel.max()))
+    _write_sand(writer, chassis, robot.wheels, float(travel.min()), float(travel.max()))
     solid, outline = _solid(chassis, robot.wheels), _outline(chassis, robot.wheels)
     for name, pose, (body, *wheel) in (("measured", measured, solid), ("simulated", simulated, outline)):
         entity = f"scene/{name}"
@@ -170,11 +170,11 @@ def _outline(chassis: Chassis, wheels: Wheels) -> tuple[Any, Any]:
     return body, rr.LineStrips3D(strips, colors=SIMULATED, radii=EDGE)
 
 
-def _write_sand(writer: Writer, robot: Robot, chassis: Chassis, start: float, end: float) -> None:
+def _write_sand(writer: Writer, chassis: Chassis, wheels: Wheels, start: float, end: float) -> None:
     """Write the sand: a solid box, cut off behind the near (right) wheels so that they are seen to sink."""
-    half = chassis.wheel_base / 2 + 3 * robot.wheels.radius
-    near = -(chassis.track - robot.wheels.width) / 2 + 0.004
-    far, depth = chassis.track / 2 + 2.5 * robot.wheels.radius, 1.1 * robot.wheels.radius
+    half = chassis.wheel_base / 2 + 3 * wheels.radius
+    near = -(chassis.track - wheels.width) / 2 + 0.004
+    far, depth = chassis.track / 2 + 2.5 * wheels.radius, 1.1 * wheels.radius
     low, high = start - half - 0.1, end + half + 0.1
     top: Block = ((low, near, -depth), (high, far, 0.0), SAND)
     cut: Block = ((low, near - 0.001, -depth), (high, near, -0.0005), SAND_CUT)
