@@ -15,6 +15,7 @@ from granite_lab.errors import at
 from granite_lab.logs.counters import Mask
 from granite_lab.logs.dates import seconds
 from granite_lab.logs.rows import MISSING, is_number
+from granite_lab.logs.sensors.doubt import some_of
 from granite_lab.logs.table import Table
 from granite_lab.logs.trial import Array
 
@@ -104,8 +105,7 @@ def _listed(table: Table, lines: Sequence[int], single: str, several: str) -> li
     """Return a warning about some lines, none if there are none."""
     if not lines:
         return []
-    shown = ", ".join(map(str, lines[:_SHOWN])) + (", …" if len(lines) > _SHOWN else "")
-    message = single if len(lines) == 1 else f"{several}, lines {shown}"
+    message = single if len(lines) == 1 else f"{several}, lines {some_of([*map(str, lines)], _SHOWN)}"
     return [f"{at(table.path.name, lines[0])}: {message}"]
 
 

@@ -53,6 +53,7 @@ class Dialect:
 
     headers: tuple[tuple[str, ...], ...]  # the header rows, top first, each as wide as the table
     width: int  # cells in a row of data
+    open_end: bool = False  # the rows end in a delimiter, so that their last cell is always empty
     delimiter: str = ","  # one character; a blank stands for any run of blanks
     decimal: str = "."
     header_line: int = 0  # line of the first header row (0: none)
@@ -102,7 +103,8 @@ def find_dialect(path: Path, lines: Sequence[str], stated: TableFormat) -> Diale
         row = split(uncommented(comment), delimiter)
         above = [(line, row)] if len(row) == width and not any(map(is_number, row)) else []
     sample = [row for _, row in below[:_SAMPLE_ROWS]]
-    headers, header_line = _headers(above, sample)
+    open_end = all(not row[-1].strip() for row in sample)
+    headers, header_line = _headers(above, width, open_end)
     unnamed = (0, "", "")
     if stated.names:
         headers, header_line = (stated.names,), 0
@@ -113,8 +115,8 @@ def find_dialect(path: Path, lines: Sequence[str], stated: TableFormat) -> Diale
         unnamed = _unnamed(above, data_line, width)
     text_above = [line for number, line in records if number < data_line]
     return Dialect(
-        headers=headers, width=width, delimiter=delimiter, decimal=decimal, header_line=header_line,
-        data_line=data_line, sample=tuple(map(tuple, sample)), unnamed=unnamed,
+        headers=headers, width=width, open_end=open_end, delimiter=delimiter, decimal=decimal,
+        header_line=header_line, data_line=data_line, sample=tuple(map(tuple, sample)), unnamed=unnamed,
         comments=tuple(comment for comment in first if comment[0] != header_line),
         preamble=(*text_above, *([f"sep={separator}"] if separator else [])),
     )  # fmt: skip
@@ -195,9 +197,8 @@ def _data(rows: NumberedRows, decimal: str) -> NumberedRows:
     return [row for row, count, least in zip(rows, counts, few, strict=True) if count and count >= least]
 
 
-def _headers(above: NumberedRows, below: list[list[str]]) -> tuple[tuple[tuple[str, ...], ...], int]:
+def _headers(above: NumberedRows, width: int, open_end: bool) -> tuple[tuple[tuple[str, ...], ...], int]:
     """Return the header rows as wide as the data, and the line of the first."""
-    width, open_end = len(below[0]), all(not row[-1].strip() for row in below)
     headers: list[tuple[str, ...]] = []
     line = 0
     for number, row in reversed(above):

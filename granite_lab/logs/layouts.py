@@ -27,7 +27,7 @@ from granite_lab.logs.quantities import (
     resembling,
     words,
 )
-from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.doubt import Doubt, some_of
 from granite_lab.logs.table import Table, numbered
 from granite_lab.parameters import CATALOGUE, Robot
 from granite_lab.parameters import names as catalogued
@@ -249,7 +249,7 @@ def match(layout: Layout, table: Table, *, partly: bool = False) -> Match:
 
 def _match_row(layout: Layout, table: Table, names: Sequence[str], partly: bool) -> Match:
     """Try a layout with one row of names; each column may be named as it stands or `numbered`."""
-    bare = [name.strip() for name in names]
+    bare = tuple(name.strip() for name in names)
     unique = numbered(bare)
     either = [tuple(dict.fromkeys(both)) for both in zip(bare, unique, strict=True)]
     entries: dict[int, list[Hit]] = {}
@@ -367,7 +367,7 @@ def no_match(tries: list[Match], given: bool) -> InputError:
     names, (line, message, hint) = table.names, table.unnamed
     if line:
         return table.error(message, hint, line)
-    shown = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
+    shown = some_of(names, 12)
     near = max(tries, key=lambda m: m.columns / (m.columns + len(m.missing)))
     numbered_ones = ""
     if table.repeated:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -77,21 +77,6 @@ def joined(lines: Sequence[str]) -> int:
     return end + 1 if end and _CLOSES.match(lines[end]) else 1
 
 
-@dataclass(frozen=True, kw_only=True)
-class Shape:
-    """What every row of a table must be like."""
-
-    delimiter: str
-    width: int  # cells
-    open_end: bool = False  # the last cell is always empty and may be missing
-    headers: frozenset[bytes] = frozenset()  # lines that stand above the table
-
-    def fits(self, cells: Sequence[str]) -> bool:
-        """Say whether a row has the right number of cells; an empty one more or less at its end is none."""
-        more = len(cells) - self.width
-        return more == 0 or (more == -1 and self.open_end) or (more == 1 and not cells[-1].strip())
-
-
 @dataclass(frozen=True, eq=False)
 class Rows:
     """The rows of a table that have the right number of cells, and what else stands among them."""
@@ -103,19 +88,36 @@ class Rows:
     comments: tuple[int, ...] = ()  # comment lines
 
 
-def checked(text: bytes, first: int, shape: Shape) -> Rows:
+def checked(
+    text: bytes,
+    first: int,
+    delimiter: str,
+    width: int,
+    *,
+    headers: Collection[bytes] = (),
+    open_end: bool = False,
+) -> Rows:
     """Check every row of a text (UTF-8, plain line ends) from line `first` of it on.
 
     Blank rows are passed over. A row with a cell too many or too few is damaged, as is one with zero bytes;
-    what is one too long and the next one too short cannot cancel.
+    what is one too long and the next one too short cannot cancel. An empty cell more at the end of a row is
+    none.
+
+    Args:
+        text: the whole file.
+        first: line of the first row, counted from 1.
+        delimiter: one character; a blank stands for any run of blanks.
+        width: cells in a row.
+        headers: lines that stand above the table.
+        open_end: the last cell is always empty and may be missing.
     """
-    lines, sign, width = text.split(b"\n"), shape.delimiter.encode(), shape.width
+    lines, sign = text.split(b"\n"), delimiter.encode()
     rows, numbers, damaged = list[bytes](), list[int](), list[tuple[int, str]]()
-    headers, comments = list[int](), list[int]()
+    repeated, comments = list[int](), list[int]()
     begin = first - 1
     (below,) = text.split(b"\n", begin)[begin:] or (b"",)  # comments above the table may hold quotes
     plain = b'"' not in below and b"\0" not in below
-    plain &= all(header[:1] not in _BEGINS for header in shape.headers)
+    plain &= all(header[:1] not in _BEGINS for header in headers)
     for at in range(begin, len(lines)):
         line = lines[at]
         # Nearly every row begins with a digit and has its cells; the others are looked at one by one.
@@ -125,23 +127,24 @@ def checked(text: bytes, first: int, shape: Shape) -> Rows:
             numbers.append(at + 1)
         elif at < begin or not line.strip():
             continue
-        elif line.strip() in shape.headers:
-            headers.append(at + 1)
+        elif line.strip() in headers:
+            repeated.append(at + 1)
         elif COMMENT.match(line.decode(errors="replace")):
             comments.append(at + 1)
         elif b"\0" in line:
             damaged.append((at + 1, "zero bytes, expected cells of numbers"))
         else:
             texts, span = _texts(lines, at)
-            row = split(texts, shape.delimiter)
+            row = split(texts, delimiter)
             begin = at + span
-            if shape.fits(row):
-                rows.append(line if b'"' not in line and len(row) == width else _written(row, shape))
+            more = len(row) - width
+            if more == 0 or (more == -1 and open_end) or (more == 1 and not row[-1].strip()):
+                rows.append(line if b'"' not in line and more == 0 else _written(row, delimiter, width))
                 numbers.append(at + 1)
             elif any(cell.strip() for cell in row):
-                damaged.append((at + 1, _fault(row, shape)))
+                damaged.append((at + 1, _fault(row, width)))
     kept = b"\n".join(rows)
-    return Rows(kept, np.array(numbers, dtype=np.int64), tuple(damaged), tuple(headers), tuple(comments))
+    return Rows(kept, np.array(numbers, dtype=np.int64), tuple(damaged), tuple(repeated), tuple(comments))
 
 
 def _texts(lines: Sequence[bytes], at: int) -> tuple[str, int]:
@@ -153,15 +156,15 @@ def _texts(lines: Sequence[bytes], at: int) -> tuple[str, int]:
     return "\n".join(texts[:span]), span
 
 
-def _written(cells: Sequence[str], shape: Shape) -> bytes:
+def _written(cells: Sequence[str], delimiter: str, width: int) -> bytes:
     """Return a row in one line, which no reader can take for another number of cells."""
-    row = [cell.replace("\n", " ") for cell in [*cells, ""][: shape.width]]
+    row = [cell.replace("\n", " ") for cell in [*cells, ""][:width]]
     line = io.StringIO()
-    csv.writer(line, delimiter=shape.delimiter, lineterminator="\n").writerow(row)
+    csv.writer(line, delimiter=delimiter, lineterminator="\n").writerow(row)
     return line.getvalue().removesuffix("\n").encode()
 
 
-def _fault(cells: Sequence[str], shape: Shape) -> str:
+def _fault(cells: Sequence[str], width: int) -> str:
     if len(cells) == 1 and '"' in cells[0]:
         return "a quote that is not closed"
-    return f"{len(cells)} cell{'s' * (len(cells) > 1)}, expected {shape.width}"
+    return f"{len(cells)} cell{'s' * (len(cells) > 1)}, expected {width}"

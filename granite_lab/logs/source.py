@@ -19,7 +19,7 @@ from granite_lab.logs.counters import Mask
 from granite_lab.logs.layouts import Binding, Layout, Match, all_layouts, best, match, no_match
 from granite_lab.logs.quantities import ACCELERATION, DATE, ENCODERS, RATE, by_name
 from granite_lab.logs.rows import is_number
-from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.doubt import Doubt, some_of
 from granite_lab.logs.table import Table, open_table
 from granite_lab.logs.trial import Array, InputFile, is_bag, sidecar
 
@@ -201,5 +201,4 @@ def _selector(table: Table, condition: str, asked: bool) -> tuple[int, float] | 
 
 def _values(values: Array) -> str:
     """List the different values of a column."""
-    different = np.unique(values[np.isfinite(values)])
-    return ", ".join(f"{v:g}" for v in different[:10]) + (", …" if len(different) > 10 else "")
+    return some_of([f"{v:g}" for v in np.unique(values[np.isfinite(values)])], 10)

@@ -7,7 +7,7 @@ import gzip
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -18,7 +18,8 @@ import numpy as np
 from granite_lab.errors import InputError, LabError, at
 from granite_lab.files import readable, refuse_special
 from granite_lab.logs.dialect import PLAIN, Dialect, TableFormat, find_dialect
-from granite_lab.logs.rows import DELIMITERS, MISSING, Rows, Shape, checked, is_number
+from granite_lab.logs.rows import DELIMITERS, MISSING, Rows, checked, is_number
+from granite_lab.logs.sensors.doubt import some_of
 from granite_lab.logs.trial import Array
 
 _LARGEST = 2 << 30  # a compressed log may hold this much [bytes]
@@ -43,11 +44,6 @@ class Table(Dialect):
     numbers: tuple[Array, ...] = field(default=(), repr=False)  # columns (N,) of a table that is not text
 
     @property
-    def open_end(self) -> bool:
-        """The rows end in a delimiter, so that their last cell is always empty."""
-        return all(not row[-1].strip() for row in self.sample)
-
-    @property
     def delimiter_name(self) -> str:
         """The delimiter in words."""
         return DELIMITERS[self.delimiter]
@@ -59,8 +55,9 @@ class Table(Dialect):
             return Rows()
         above = self.text.split(b"\n", self.data_line - 1)[:-1][self.header_line - 1 :]
         headers = frozenset(line.strip() for line in above if self.header_line and line.strip())
-        shape = Shape(delimiter=self.delimiter, width=self.width, open_end=self.open_end, headers=headers)
-        return checked(self.text, self.data_line, shape)
+        return checked(
+            self.text, self.data_line, self.delimiter, self.width, headers=headers, open_end=self.open_end
+        )
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -106,17 +103,12 @@ class Table(Dialect):
         return InputError(f"{at(self.path, line or None)}: {message}", hint)
 
 
-def numbered(names: Sequence[str]) -> tuple[str, ...]:
+@lru_cache(maxsize=64)  # for all layouts that are tried
+def numbered(names: tuple[str, ...]) -> tuple[str, ...]:
     """Return names of columns as a map can tell them apart: ``x#1`` and ``x#2`` where there are two `x`.
 
     Upper and lower case count as one. The third column is called ``column 3`` if it has no name.
     """
-    return _numbered(tuple(names))
-
-
-@lru_cache(maxsize=64)
-def _numbered(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Do so once for all layouts that are tried."""
     counts, seen = Counter(name.casefold() for name in names), Counter[str]()
     unique: list[str] = []
     for place, name in enumerate(names, 1):
@@ -194,8 +186,8 @@ def _only_table(path: Path, archive: zipfile.ZipFile) -> str:
     inside = [name for name in archive.namelist() if not name.startswith("__MACOSX/")]
     tables = [name for name in inside if name.lower().endswith((".csv", ".txt", ".tsv"))]
     if len(tables) != 1:
-        listed = ", ".join(tables[:5]) + (", …" if len(tables) > 5 else "") if tables else "none"
-        message = f"{path}: expected one table (.csv, .txt, .tsv) in the archive, found {listed}"
+        found = some_of(tables, 5) or "none"
+        message = f"{path}: expected one table (.csv, .txt, .tsv) in the archive, found {found}"
         raise InputError(message, "unpack it and name the tables" if tables else PLAIN)
     return tables[0]
 

@@ -110,12 +110,11 @@ def test_only_rows_that_begin_with_no_number_are_split_though_comments_hold_quot
 ) -> None:
     split, seen = rows.split, []
     monkeypatch.setattr(rows, "split", lambda row, sign: seen.append(row) or split(row, sign))
-    shape = rows.Shape(delimiter=",", width=2, headers=frozenset({b"t,a"}))
     body = b't,a\n0,1\n1,2\n,3\n# "note"\nt,a\n2,4\n'
-    found = rows.checked(b'# soil = "dry_sand"\n' + body.replace(b'"', b""), 3, shape)
+    found = rows.checked(b'# soil = "dry_sand"\n' + body.replace(b'"', b""), 3, ",", 2, headers={b"t,a"})
     assert (found.lines.tolist(), found.headers, found.comments) == ([3, 4, 5, 8], (7,), (6,))
     assert seen == [",3"]
-    each = rows.checked(b"#\n" + body, 3, shape)  # a quote among the rows: all are split
+    each = rows.checked(b"#\n" + body, 3, ",", 2, headers={b"t,a"})  # a quote among the rows: all are split
     assert len(seen) == 1 + 4
     assert (each.text, each.lines.tolist(), each.headers) == (found.text, found.lines.tolist(), found.headers)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -41,3 +42,8 @@ class Doubt:
     def of(self, where: str) -> Doubt:
         """Return the same, of a place in which its own lies: a file, or a column of it."""
         return replace(self, where=f"{where}: {self.where}" if self.where else where)
+
+
+def some_of(texts: Sequence[str], most: int) -> str:
+    """List the first of some texts for a message, with an ellipsis where there are more."""
+    return ", ".join(texts[:most]) + (", …" if len(texts) > most else "")
