@@ -16,6 +16,7 @@ from granite_lab.errors import InputError, LabError, UsageError
 from granite_lab.files import is_folder, readable, refuse_special
 from granite_lab.logs.layouts import Column, Layout
 from granite_lab.logs.quantities import ROS, WORDS, wheels_named, words
+from granite_lab.logs.sensors.doubt import some_of
 from granite_lab.logs.sensors.stamps import CRYSTAL, FASTEST, rate_by_arrival, ticks_too_rarely
 from granite_lab.logs.table import Table
 from granite_lab.logs.trial import Array
@@ -97,7 +98,7 @@ def _table(
     path: Path, rows: Sequence[Message], names: Mapping[str, Iterable[str]], doubts: list[str]
 ) -> Table:
     """Return the fields of some `names` of each topic as columns."""
-    stamps = _stamps(path, rows, doubts)
+    stamps = _stamps(rows, doubts)
     first, places = _rows(stamps, [topic if _NUMBER.match(m.__msgtype__) else "" for topic, _, m in rows])
     columns = defaultdict[str, Array](lambda: np.full(len(first), np.nan), t=stamps[first])
     fields = dict[str, list[Field]]()
@@ -107,8 +108,8 @@ def _table(
         for name, value in _numbers(message, fields[topic]):
             columns[f"{topic}.{name}"][row] = value
     return Table(
-        path=path, headers=(tuple(columns),), width=len(columns), encoding="ROS", doubts=tuple(doubts),
-        numbers=tuple(columns.values()),
+        path=path, headers=(tuple(columns),), width=len(columns), encoding="ROS",
+        doubts=tuple(f"{path.name}: {doubt}" for doubt in doubts), numbers=tuple(columns.values()),
     )  # fmt: skip
 
 
@@ -184,9 +185,8 @@ def _choose(
         if free:
             chosen[role] = best = min(free)[1]
             if others := ", ".join(sorted(name for _, name in free if name != best)):
-                taken = f"{path.name}: topic {best} taken as {role}, not {others}"
-                doubts.append(f"{taken}; --topic {role}=… chooses another")
-    shown = ", ".join(numbers[:6]) + (", …" if len(numbers) > 6 else "")
+                doubts.append(f"topic {best} taken as {role}, not {others}; --topic {role}=… chooses another")
+    shown = some_of(numbers, 6)
     if not given and not set(chosen) & set(_INSTEAD):
         types = ", ".join(sorted({str(info.msgtype) for info in topics.values()})) or "nothing"
         imu, joints, odometry = (ROLES[role][0] for role in _INSTEAD)
@@ -195,14 +195,13 @@ def _choose(
             f"{path}: no topic with {imu}, {joints} or {odometry}", hint or f"the bag holds: {types}"
         )
     if numbers and not given and not {"joints", "odom"} & {*chosen, *asked}:
-        doubts.append(f"{path.name}: no joint states or odometry; a column map can name wheels among {shown}")
+        doubts.append(f"no joint states or odometry; a column map can name wheels among {shown}")
     if "odom" in chosen:
-        taken = f"no joint states: the wheels' velocity is that of odometry {chosen['odom']}"
-        doubts.append(f"{path.name}: {taken}")
+        doubts.append(f"no joint states: the wheels' velocity is that of odometry {chosen['odom']}")
     return chosen
 
 
-def _stamps(path: Path, rows: Sequence[Message], doubts: list[str]) -> Array:
+def _stamps(rows: Sequence[Message], doubts: list[str]) -> Array:
     """Return stamps (N,) [s] since the whole second of the first.
 
     They stand in the messages' headers; 0 there says that it was not set. Messages without one, and those
@@ -211,48 +210,42 @@ def _stamps(path: Path, rows: Sequence[Message], doubts: list[str]) -> Array:
     """
     headers = [getattr(message, "header", None) for _, _, message in rows]
     stamps = [h.stamp.sec * _SECOND + h.stamp.nanosec if h is not None else 0 for h in headers]
-    logged = list(zip(rows, stamps, strict=True))
-    bare: set[str] = set()
-    faults = defaultdict[str, list[str]](list)
-    for topic in sorted({topic for topic, _, _ in rows}):
-        of_topic = [stamp for (name, _, _), stamp in logged if name == topic]
-        if any(of_topic) and not _stands_still(
-            of_topic, [arrival for name, arrival, _ in rows if name == topic]
-        ):
+    arrivals, places = [arrival for _, arrival, _ in rows], defaultdict[str, list[int]](list)
+    for k, (topic, _, _) in enumerate(rows):
+        places[topic].append(k)
+    bare, faults = set[str](), defaultdict[str, list[str]](list)
+    for topic in sorted(places):
+        of_topic, came = ([x[k] for k in places[topic]] for x in (stamps, arrivals))
+        if any(of_topic) and not _stands_still(of_topic, came):
             continue
         bare.add(topic)
         fault = "have no stamps" if not any(of_topic) else f"have {len(set(of_topic))} different stamps"
         faults[f"{len(of_topic)} messages of {{}} {fault}; the time of arrival is used"].append(topic)
-    doubts += [f"{path.name}: {fault.format(', '.join(of))}" for fault, of in faults.items()]
-    stamps = _at_one_rate(path, [(topic, arrival) for topic, arrival, _ in rows], stamps, bare, doubts)
-    logged = list(zip(rows, stamps, strict=True))
-    late = [arrival - stamp for (topic, arrival, _), stamp in logged if topic not in bare]
+    doubts += [fault.format(", ".join(of)) for fault, of in faults.items()]
+    stamped = {topic: messages for topic, messages in places.items() if topic not in bare}
+    stamps = _at_one_rate(stamps, arrivals, stamped, doubts)
+    late = [arrivals[k] - stamps[k] for messages in stamped.values() for k in messages]
     delay = int(np.median(late)) if bare and late else 0
-    stamps = [arrival - delay if topic in bare else stamp for (topic, arrival, _), stamp in logged]
+    for k in (k for topic in bare for k in places[topic]):
+        stamps[k] = arrivals[k] - delay
     origin = min(stamps, default=0) // _SECOND
     return np.array([(stamp - origin * _SECOND) / 1e9 for stamp in stamps])
 
 
 def _at_one_rate(
-    path: Path, came: Sequence[tuple[str, int]], stamps: Sequence[int], bare: set[str], doubts: list[str]
+    stamps: Sequence[int], arrivals: Sequence[int], places: Mapping[str, Sequence[int]], doubts: list[str]
 ) -> list[int]:
     """Return stamps [ns], those of a topic whose clock runs unlike the others' at the rate of its arrivals.
 
-    Where all topics run alike they have one clock, maybe that of a simulation; `bare` ones have none.
+    Where all topics run alike they have one clock, maybe that of a simulation. `places` are the messages of
+    each topic that has stamps.
     """
-    places = defaultdict[str, list[int]](list)
-    for k, (topic, _) in enumerate(came):
-        if topic not in bare:
-            places[topic].append(k)
-    rates = {}
+    rates, paced = dict[str, float](), list(stamps)
     for topic, rows in places.items():
-        t, arrival = (
-            np.array([x[k] - x[rows[0]] for k in rows]) / 1e9 for x in (stamps, [at for _, at in came])
-        )
+        t, arrival = (np.array([x[k] - x[rows[0]] for k in rows]) / 1e9 for x in (stamps, arrivals))
         rates[topic] = rate_by_arrival(t, arrival)
     if max(rates.values(), default=0.0) - min(rates.values(), default=0.0) < CRYSTAL:
-        return list(stamps)
-    paced = list(stamps)
+        return paced
     for topic, rate in rates.items():
         if CRYSTAL < abs(rate) < FASTEST:
             first = stamps[places[topic][0]]
@@ -260,7 +253,7 @@ def _at_one_rate(
                 paced[k] = first + round((stamps[k] - first) * (1.0 + rate))
             way = "slow" if rate > 0 else "fast"
             seen = f"the clock of {topic} runs {100 * abs(rate):.2f} % {way} by the times of arrival"
-            doubts.append(f"{path.name}: {seen}; corrected")
+            doubts.append(f"{seen}; corrected")
     return paced
 
 
@@ -322,8 +315,8 @@ def bag_layout(table: Table, roles: Mapping[str, str]) -> tuple[Layout, list[str
         if not fields:
             message = f"{table.path}: no wheel among the joints of {topic}"
             if len(columns) == 1:
-                shown = ", ".join(names[1:9]) + (", …" if len(names) > 9 else "")
-                raise InputError(message, f"name them in a column map for --map; there are: {shown}")
+                there = f"there are: {some_of(names[1:], 8)}"
+                raise InputError(message, f"name them in a column map for --map; {there}")
             doubts.append(f"{message}; a column map can name them")
     name = "ROS: " + ", ".join(f"{role} {topic}" for role, topic in roles.items())
     return Layout(name=name, column=tuple(columns), title=table.path.name), doubts
