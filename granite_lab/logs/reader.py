@@ -14,7 +14,7 @@ from granite_lab.logs.canonical import trial_info
 from granite_lab.logs.layouts import Binding, Log, Maps, given_maps, not_used
 from granite_lab.logs.quantities import SENSORS
 from granite_lab.logs.sensors.aliasing import resolve_aliases
-from granite_lab.logs.sensors.doubt import Doubt
+from granite_lab.logs.sensors.doubt import Doubt, some_of
 from granite_lab.logs.sensors.imu import check_units, refuse_axes, with_forward_axis
 from granite_lab.logs.sensors.repeats import read_once, without_blanks, without_fill, without_held
 from granite_lab.logs.sensors.stamps import doubt_gaps, gaps_in, outside_gaps
@@ -153,18 +153,19 @@ def assemble(
     metadata = [
         s.metadata | {"soil": own_file("soils", s.metadata.get("soil", ""), s.path.parent)} for s in sources
     ]
-    imu, wheels, clean = _imu(streams, path, doubts), streams.wheels, None
+    imu, wheels, clean = _imu(streams, path, doubts), streams.get("wheels"), None
     if imu is not None:
         imu, clean = check_units(with_forward_axis(imu, log) if whole else imu, log)
     if wheels is not None:
         report_absent(log)
         wheels = check_wheels(resolve_aliases(wheels, imu, log), imu, log)
+    beside: dict[str, Any] = {kind: streams.get(kind) for kind in _BESIDE}
     trial = Trial(
         name=name_of(path),
         info=trial_info(metadata, info, name),
         imu=imu,
         wheels=wheels,
-        **{kind: getattr(streams, kind) for kind in _BESIDE},
+        **beside,
         inputs=tuple(dict.fromkeys(file for source in sources for file in source.inputs)),
         layout=" + ".join(dict.fromkeys(source.match.layout.name for source in sources)),
         units=log.units,
@@ -221,25 +222,25 @@ def _merge(files: Files, parts: Sequence[Streams]) -> tuple[Streams, dict[str, B
     merged = Streams()
     columns = {b.channel: b for _, s in reversed(files) for b in reversed(s.match.bindings)}
     for (role, source), streams in zip(files, parts, strict=True):
-        kinds = [kind for kind in _ROLES[role] if streams.holds(kind)]
+        kinds = [kind for kind in _ROLES[role] if kind in streams]
         if role and not kinds:
             hint = f"its layout was taken as '{source.match.layout.name}'"
             raise source.refuse(f"given as --{role}, but nothing in it is of that kind", hint)
         for kind in kinds:
+            before, found = merged.get(kind), streams[kind]
             # An acceleration with gravity in it is worth more than one without.
-            better = kind == "acceleration" and merged.gravity_removed and not streams.gravity_removed
-            if role or better or not merged.holds(kind):
-                taken: dict[str, Any] = {kind: getattr(streams, kind)}
-                if kind == "acceleration":
-                    taken["gravity_removed"] = streams.gravity_removed
-                merged = dataclasses.replace(merged, **taken)
+            better = (
+                kind == "acceleration" and before and before.gravity_removed and not found.gravity_removed
+            )
+            if role or better or before is None:
+                merged[kind] = found
                 columns |= {b.channel: b for b in reversed(source.bindings(*SENSORS[kind].channels))}
     return merged, columns
 
 
 def _imu(streams: Streams, path: Path, doubts: list[Doubt]) -> ImuStream | None:
     """Put accelerometer and gyroscope on common stamps."""
-    sensors = {"accelerometer": streams.acceleration, "gyroscope": streams.rate}
+    sensors = {"accelerometer": streams.get("acceleration"), "gyroscope": streams.get("rate")}
     present = {name: samples for name, samples in sensors.items() if samples is not None}
     if not present:
         return None
@@ -264,7 +265,7 @@ def _imu(streams: Streams, path: Path, doubts: list[Doubt]) -> ImuStream | None:
     force = force if "accelerometer" in present else np.full_like(force, np.nan)
     rate = rate if "gyroscope" in present else np.full_like(rate, np.nan)
     late = max(acc.std, gyro.std)
-    imu = ImuStream(t, force, rate, streams.gravity_removed, stamp_std=late)
+    imu = ImuStream(t, force, rate, acc.gravity_removed, stamp_std=late)
     return without_fill(read_once(without_blanks(imu, doubts), doubts), doubts)
 
 
@@ -320,7 +321,7 @@ def _longest_stretch(trial: Trial, robot: Robot, doubts: list[Doubt]) -> Trial:
         return resting, stretch[1] - stretch[0]
 
     begin, end = max(stretches, key=worth)
-    missing = ", ".join(f"{a:.3f} to {b:.3f} s" for a, b in gaps[:3]) + (", …" if len(gaps) > 3 else "")
+    missing = some_of([f"{a:.3f} to {b:.3f} s" for a, b in gaps], 3)
     used = (
         f"the log is cut there and only its longest stretch with a rest is used, {begin:.3f} to {end:.3f} s"
     )

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,10 +25,9 @@ _MANY = 100  # an axis that is zero in fewer samples than these may just be at r
 _A, _E2 = 6378137.0, 6.69437999014e-3  # semi-major axis [m] and squared eccentricity of WGS 84
 
 # What a file may hold besides its clock.
-_KINDS = (
-    "acceleration", "rate", "wheels", "currents", "command", "tow", "globe", "reference_x", "reference_v",
-)  # fmt: skip
-_TIMED = _KINDS[:3]  # of which the estimate needs each sample's time
+_TIMED = ("acceleration", "rate", "wheels")  # of which the estimate needs each sample's time
+_OUTSIDE = ("globe", "reference_x", "reference_v")
+_KINDS = (*_TIMED, "currents", "command", "tow", *_OUTSIDE)
 
 
 class Samples(NamedTuple):
@@ -38,31 +36,12 @@ class Samples(NamedTuple):
     t: Array
     values: Array
     std: float = 0.0
+    gravity_removed: bool = False  # the logger took gravity out of an acceleration
 
 
-@dataclass(frozen=True, eq=False)
-class Streams:
-    """What one file, or all files of a trial, hold of each sensor; None: nothing.
-
-    Attributes:
-        acceleration, rate: of the IMU, still apart, for their stamps may differ.
-        gravity_removed: the logger took gravity out of the acceleration.
-        wheels, currents, command, tow, reference_x, reference_v: as in a `Trial`.
-    """
-
-    acceleration: Samples | None = None
-    rate: Samples | None = None
-    gravity_removed: bool = False
-    wheels: WheelStream | None = None
-    currents: CurrentStream | None = None
-    command: Series | None = None
-    tow: Series | None = None
-    reference_x: Series | None = None
-    reference_v: Series | None = None
-
-    def holds(self, kind: str) -> bool:
-        """Say whether there is something of a kind of sensor."""
-        return getattr(self, kind) is not None
+Streams = dict[str, Any]
+"""What one file, or all files of a trial, hold, by the kind of sensor. `acceleration` and `rate` of the IMU
+are `Samples`, still apart, for their stamps may differ; the others are as in a `Trial`."""
 
 
 def read_streams(source: Source, robot: Robot, window: tuple[float, float] | None) -> Streams:
@@ -83,25 +62,24 @@ def read_streams(source: Source, robot: Robot, window: tuple[float, float] | Non
         source, t = source.only(inside), t[inside]
     t, doubts = one_line(source, t)
     source.doubts.extend(doubts)
-    logged, wheels, by_stamps = dict[str, Samples | None](), None, dict[Doubt, list[str]]()
+    streams, by_stamps = Streams(), dict[Doubt, list[str]]()
     for kind in _KINDS:
         samples = _samples(source, t, kind, by_stamps)
         if samples is not None and kind in ("acceleration", "rate"):
             samples = _complete(source, samples, kind)
-        if samples is not None and kind == "wheels":
-            wheels = _wheels(source, samples, robot)
-        logged[kind] = samples
+        if samples is None:
+            continue
+        if kind == "wheels":
+            streams[kind] = _wheels(source, samples, robot)
+        elif kind == "currents":
+            streams[kind] = CurrentStream(samples.t, samples.values)
+        elif kind in ("command", "tow"):
+            streams[kind] = _series(samples)
+        else:
+            streams[kind] = samples
     source.doubts.extend(d.of(f"{source.path.name}: {', '.join(names)}") for d, names in by_stamps.items())
-    currents, command, tow = logged["currents"], logged["command"], logged["tow"]
-    removed = source.match.layout.gravity_removed or bool(source.metadata.get("imu_gravity_removed"))
-    return Streams(
-        acceleration=logged["acceleration"], rate=logged["rate"], wheels=wheels,
-        gravity_removed=removed,
-        currents=currents and CurrentStream(currents.t, currents.values),
-        command=command and _series(command),
-        tow=tow and _series(tow),
-        **_reference(source, logged["globe"], logged["reference_x"], logged["reference_v"]),
-    )  # fmt: skip
+    outside = [streams.pop(kind, None) for kind in _OUTSIDE]
+    return streams | _reference(source, *outside)
 
 
 def _series(samples: Samples) -> Series:
@@ -151,7 +129,8 @@ def _samples(source: Source, t: Array, kind: str, by_stamps: dict[Doubt, list[st
         stamps = tidy(t[places], values, name, where, doubts, spread=False)
     for doubt in doubts:
         by_stamps.setdefault(doubt, []).append(name)
-    return Samples(stamps.t, values[stamps.rows], stamps.std)
+    removed = source.match.layout.gravity_removed or bool(source.metadata.get("imu_gravity_removed"))
+    return Samples(stamps.t, values[stamps.rows], stamps.std, kind == "acceleration" and removed)
 
 
 def _complete(source: Source, samples: Samples, kind: str) -> Samples | None:
@@ -160,7 +139,7 @@ def _complete(source: Source, samples: Samples, kind: str) -> Samples | None:
     An axis that is zero from beginning to end is not measured: so messages of ROS say it. A sample in which
     an axis is missing that is logged elsewhere is left out.
     """
-    name, channels, (t, values, std) = SENSORS[kind].name, SENSORS[kind].channels, samples
+    name, channels, t, values = SENSORS[kind].name, SENSORS[kind].channels, samples.t, samples.values
     idle = [k for k, axis in enumerate(values.T) if (axis == 0).all()]
     if len(t) >= _MANY and idle and (kind != "acceleration" or len(idle) == len(channels)):
         columns = ", ".join(f"'{source.bindings(channels[k])[0].name}'" for k in idle)
@@ -175,7 +154,7 @@ def _complete(source: Source, samples: Samples, kind: str) -> Samples | None:
     holes = np.asarray(np.isnan(values[:, logged]).any(axis=1))
     count = int(np.count_nonzero(holes))
     if count == 0:
-        return Samples(t, values, std)
+        return samples._replace(values=values)
     if len(t) - count < 2:
         few = f"{len(t) - count} samples have all their axes, expected at least two"
         raise source.refuse(f"{name}: {few}", "the axes of a sensor belong in one row")
@@ -183,7 +162,7 @@ def _complete(source: Source, samples: Samples, kind: str) -> Samples | None:
     axis = source.bindings(channels[int(np.flatnonzero(logged & np.isnan(values[first]))[0])])[0].name
     stretch = f"the longest stretch from t = {t[first]:.3f} s to {t[last]:.3f} s"
     source.doubt(f"{count} samples without '{axis}' were left out, {stretch}", name)
-    return Samples(t[~holes], values[~holes], std)
+    return samples._replace(t=t[~holes], values=values[~holes])
 
 
 def _longest(flags: Mask, t: Array) -> tuple[int, int]:
