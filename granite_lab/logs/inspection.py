@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from granite_lab.logs.quantities import (
     ColumnReport,
 )
 from granite_lab.logs.reader import assemble
+from granite_lab.logs.sensors.doubt import some_of
 from granite_lab.logs.sensors.stamps import GAP_PERIODS
 from granite_lab.logs.sensors.standstill import standstills
 from granite_lab.logs.sensors.wheels import MotionGuess, look
@@ -227,7 +228,7 @@ def _inspect(
         sure = min((column.confidence for column in entries if column.to), default=0.0)
         report = replace(report, confidence=sure)
         if not any("t" in column.to for column in entries):
-            return replace(report, doubts=(*report.doubts, *_damage(table, cells, ())))
+            return replace(report, doubts=(*report.doubts, *_damage(table, cells)))
     try:
         source = read_source(fit or _bound(report, table), cells=cells)
         trial = assemble(path, [("", source)], robot, whole=False)
@@ -244,18 +245,17 @@ def _measured(report: FileReport, trial: Trial, robot: str | Path | None) -> Fil
     the_robot = load_robot(robot or trial.info.robot or "granite")
     still, motion = tuple(standstills(trial, the_robot)), look(trial, the_robot)
     entries = tuple(
-        replace(column, unit=unit)
-        if (unit := next(filter(None, map(trial.units.get, column.to)), ""))
-        else column
+        replace(column, unit=next((trial.units[to] for to in column.to if to in trial.units), column.unit))
         for column in report.entries
     )
     head = dict(report.head)
     if trial.imu is not None:
         head = {key: value for key, value in head.items() if key != "gravity_removed"}
         head |= {"gravity_removed": True} if trial.imu.gravity_removed else {}
-    report = replace(report, entries=entries, head=tuple(head.items()), streams=_streams(trial), rests=still)
-    doubts = tuple(dict.fromkeys(report.doubts + trial.warnings))
-    return replace(report, motion=motion, doubts=doubts, trial=trial)
+    return replace(
+        report, entries=entries, head=tuple(head.items()), streams=_streams(trial), rests=still,
+        motion=motion, doubts=tuple(dict.fromkeys(report.doubts + trial.warnings)), trial=trial,
+    )  # fmt: skip
 
 
 def _cells(table: Table) -> Cells:
@@ -265,10 +265,10 @@ def _cells(table: Table) -> Cells:
     return load(table, wanted, dates)
 
 
-def _damage(table: Table, cells: Cells, wanted: Collection[int]) -> list[str]:
+def _damage(table: Table, cells: Cells) -> list[str]:
     """Return warnings about damaged rows of a table that is not read further."""
     try:
-        return cells.whole(table, wanted)[1]
+        return cells.whole(table, ())[1]
     except InputError as error:
         return [error.message]
 
@@ -292,8 +292,7 @@ def _named_alike(table: Table) -> list[str]:
     first = table.repeated[0][1]
     remedy = f"in a column map they are {' and '.join(repr(table.names[k]) for k in first[:2])}, …"
     where = at(table.path.name, table.header_line or None)
-    more = ", …" if len(listed) > 6 else ""
-    return [f"{where}: names that occur more than once: {', '.join(listed[:6])}{more}; {remedy}"]
+    return [f"{where}: names that occur more than once: {some_of(listed, 6)}; {remedy}"]
 
 
 def _ranged(column: ColumnReport, values: Array) -> ColumnReport:

@@ -121,8 +121,7 @@ def stray(raw: Array) -> list[slice]:
     """
     seen = np.flatnonzero(np.isfinite(raw))
     steps = np.diff(raw[seen])
-    usual = float(np.median(np.abs(steps[steps != 0]))) if (steps != 0).any() else 0.0
-    jumps = np.flatnonzero(np.abs(steps) > 20 * usual)
+    jumps = np.flatnonzero(np.abs(steps) > 20 * _usual(raw[seen]))
     if not 2 <= len(jumps) <= 1000:
         return []
     period = float(np.mean(np.delete(steps, jumps))) if len(jumps) < len(steps) else 0.0
@@ -283,13 +282,12 @@ def _series(source: Source, t: Array) -> list[Rows]:
 def _first_steps(source: Source, t: Array, series: Sequence[Rows]) -> list[tuple[Rows, int]]:
     """Return, for each sensor that sees one, its rows and the sample at which the clock was first set."""
     steps: list[tuple[Rows, int]] = []
+    clocks = {b.place for b in source.bindings("t", "t_add")}
+    measured = [source.columns[b.place] for b in source.match.bindings if b.place not in clocks]
     for rows in series:
-        logged = [b.place for b in source.match.bindings if np.isfinite(source.columns[b.place][rows]).any()]
-        values = np.column_stack([source.columns[place][rows] for place in logged])
-        clocks = [
-            k for k, place in enumerate(logged) if place in {b.place for b in source.bindings("t", "t_add")}
-        ]
-        steps += [(rows, cut) for cut in set_back(t[rows], np.delete(values, clocks, axis=1))[:1]]
+        logged = [values[rows] for values in measured if np.isfinite(values[rows]).any()]
+        values = np.reshape(logged, (len(logged), len(rows))).T
+        steps += [(rows, cut) for cut in set_back(t[rows], values)[:1]]
     rows, counts = _counted(source, t)
     for cut in set_forward(t[rows], counts) if len(rows) > 2 else ():
         between = t[rows[cut - 1] : rows[cut] + 1]

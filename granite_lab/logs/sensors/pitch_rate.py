@@ -55,15 +55,9 @@ BLOCKS = 8
 class Reading(NamedTuple):
     """A reading of the axes: which one turns the pitch, and what is left with it."""
 
-    axis: int
-    sign: int
+    name: str  # axis with sign
     speed: float  # velocity left at standstill, the median of the motions [m/s]
     distance: float  # its median squared distance from zero, in variances
-
-    @property
-    def name(self) -> str:
-        """Axis with sign."""
-        return f"{'+' if self.sign > 0 else '-'}{'xyz'[self.axis]}"
 
 
 class Motion(NamedTuple):
@@ -90,12 +84,12 @@ def contradicted(
         return None
     covariances = [_covariance(motion, grade) for motion in motions]
     readings = []
-    for axis in range(3):
-        for sign in (1, -1):
+    for axis, letter in enumerate("xyz"):
+        for sign, mark in ((1, "+"), (-1, "-")):
             left = np.array([remainder(motion, sign * motion.rate[:, axis]) for motion in motions])
             far = [z @ np.linalg.solve(C, z) for z, C in zip(left, covariances, strict=True)]
             speed = float(np.median(np.abs(left[:, 1])))
-            readings.append(Reading(axis, sign, speed, float(np.median(far))))
+            readings.append(Reading(mark + letter, speed, float(np.median(far))))
     logged = next(r for r in readings if r.name == "+y")
     best = min(readings, key=lambda reading: reading.distance)
     # one motion in which the robot is lifted or pushed must not decide: all count as the median does
