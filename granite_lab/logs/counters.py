@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from granite_lab.logs.sensors.doubt import Doubt, Grade
 from granite_lab.logs.trial import Array
 from granite_lab.rounding import plural
 
@@ -22,10 +23,18 @@ def runs(flags: Mask) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def in_words(flags: Mask, t: Array, noun: str, seen: str) -> str:
-    """Return how many samples (N,) are flagged, what is seen of them, and the first times [s]."""
+def flagged(
+    flags: Mask, t: Array, noun: str, seen: str, remedy: str, *, where: str = "", grade: Grade = "good"
+) -> list[Doubt]:
+    """Return the doubt about flagged samples (N,), none if none is flagged.
+
+    It says how many they are, what is `seen` of them, and the first times [s].
+    """
+    if not flags.any():
+        return []
     at = ", ".join(f"{t[begin]:.3f}" for begin, _ in runs(flags)[:3])
-    return f"{plural(int(np.count_nonzero(flags)), noun)} {seen} (t = {at} s)"
+    what = f"{plural(int(np.count_nonzero(flags)), noun)} {seen} (t = {at} s)"
+    return [Doubt(what, where, remedy, grade)]
 
 
 def integral(t: Array, x: Array) -> Array:

@@ -196,8 +196,7 @@ def _checked(trial: Trial, clean: ImuStream | None, log: Log) -> Trial:
             rolling = rolls(travel_of(wheels, log.robot), clean.t)
             refuse_axes(clean, still, rolling, log)
             if imu is not None:
-                imu, lost = without_held(imu, rolling)
-                log.doubts.extend([lost] if lost else [])
+                imu = without_held(imu, rolling, log.doubts)
         wheels = without_free_wheels(wheels, log)
     currents = None if currents is None else check_currents(currents, trial.wheels, log)
     return dataclasses.replace(trial, imu=imu, wheels=wheels, currents=currents)

@@ -80,9 +80,7 @@ def test_equal_readings_by_rounding_stay() -> None:
     coarse, doubts = imu(step=0.3), list[Doubt]()
     assert np.mean((np.diff(coarse.specific_force, axis=0) == 0).all(axis=1)) > 0.3
     assert read_once(coarse, doubts) is coarse
-    kept, doubt = without_held(coarse, np.ones(1000, dtype=bool))
-    assert kept is coarse
-    assert doubt is None
+    assert without_held(coarse, np.ones(1000, dtype=bool), doubts) is coarse
     assert not doubts
 
 
@@ -128,17 +126,19 @@ def test_of_one_axis_that_repeats_itself_nothing_tells_that_samples_were_lost() 
     rate = np.full_like(stream.angular_rate, np.nan)
     rate[:, 1] = stream.angular_rate[:, 1]
     one = dataclasses.replace(stream, specific_force=np.full_like(rate, np.nan), angular_rate=rate)
-    assert without_held(one, np.ones(1000, dtype=bool))[0] is one
+    assert without_held(one, np.ones(1000, dtype=bool), []) is one
 
 
 def test_lost_samples_that_repeat_the_last_one_are_missing_while_the_wheels_turn() -> None:
     stream, rolls = held(held(imu(), 300, 310), 700, 720), np.arange(1000) < 500
-    kept, doubt = without_held(stream, rolls)
+    kept = without_held(stream, rolls, doubts := [])
     assert sorted(set(range(1000)) - set(np.rint(kept.t * 100).astype(int))) == list(range(301, 310))
-    assert "9 samples that repeat the last one (t = 3.010 s)" in str(doubt)
+    assert "9 samples that repeat the last one (t = 3.010 s)" in str(*doubts)
     one_sensor = dataclasses.replace(stream, angular_rate=imu().angular_rate)
-    assert without_held(one_sensor, rolls)[0].t.size == kept.t.size
-    assert without_held(imu(), rolls)[1] is None
+    assert without_held(one_sensor, rolls, []).t.size == kept.t.size
+    whole = imu()
+    assert without_held(whole, rolls, doubts) is whole
+    assert len(doubts) == 1
 
 
 def test_a_slip_from_samples_that_were_lost_and_repeated_is_not_called_good(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from granite_lab.errors import InputError
-from granite_lab.logs.counters import Mask, in_words, integral, powers, quantum, runs, unwrap
+from granite_lab.logs.counters import Mask, flagged, integral, powers, quantum, runs, unwrap
 from granite_lab.logs.layouts import Column
 from granite_lab.logs.quantities import Unit
 from granite_lab.logs.sensors.doubt import Doubt
@@ -236,8 +236,7 @@ def _without_jumps(t: Array, angle: Array, step: float, wheel: Wheel, doubts: li
     What was logged again while the wheel turned on is NaN.
     """
     lost, repeats = caught_up(t, angle), between_readings(t, angle, step)
-    if lost.any():
-        doubts.append(Doubt(in_words(lost, t, "reading", "that repeat the last one"), remedy="left out"))
+    doubts += flagged(lost, t, "reading", "that repeat the last one", "left out")
     if repeats.any():
         seen = f"{repeats.mean():.0%} of the rows repeat the reading before: the log is faster than it"
         doubts.append(Doubt(seen, remedy="the first row of each is used"))
@@ -259,8 +258,8 @@ def _counted_on(t: Array, angle: Array, step: float, wheel: Wheel, doubts: list[
         stops[a:b] = abs(beside.sum()) == 2 * _OFTEN  # it turns on, the same way
     if not stops.any():
         return angle
-    seen = in_words(stops, t[1:], "reading", "without a count between two at full speed")
-    doubts.append(Doubt(seen, remedy="taken to turn on meanwhile", grade="fair"))
+    seen = "without a count between two at full speed"
+    doubts += flagged(stops, t[1:], "reading", seen, "taken to turn on meanwhile", grade="fair")
     return _at_usual_rate(t, angle, stops)
 
 
@@ -289,12 +288,9 @@ def _joined(t: Array, angle: Array, wheel: Wheel, doubts: list[Doubt]) -> Array:
     single[1:-1] = wild[:-1] & wild[1:] & ~too_fast(angle[2:] - angle[:-2], t[2:] - t[:-2])
     angle = np.interp(t, t[~single], angle[~single])
     wild = too_fast(np.diff(angle), np.diff(t))
-    for flags, kind, done in (
-        (single[1:], "thrown off", "replaced by their neighbours"),
-        (wild, "from which the counter starts anew", "joined to what was before"),
-    ):
-        if flags.any():
-            doubts.append(Doubt(in_words(flags, t[1:], "reading", kind), remedy=done))
+    doubts += flagged(single, t, "reading", "thrown off", "replaced by their neighbours")
+    anew = "from which the counter starts anew"
+    doubts += flagged(wild, t[1:], "reading", anew, "joined to what was before")
     return _at_usual_rate(t, angle, wild)
 
 
@@ -311,9 +307,8 @@ def _measured(t: Array, rate: Array, step: float, wheel: Wheel, doubts: list[Dou
         return rate
     wild |= _strayed(t, np.where(wild, np.interp(t, t[~wild], rate[~wild]), rate), step, wheel.radius)
     stuck = _repeated(t, rate, step) & ~wild
-    for flags, kind in ((wild, "thrown off or 0 for a lost sample"), (stuck, "that repeat the last one")):
-        if flags.any():
-            doubts.append(Doubt(in_words(flags, t, "reading", kind), remedy="left out"))
+    doubts += flagged(wild, t, "reading", "thrown off or 0 for a lost sample", "left out")
+    doubts += flagged(stuck, t, "reading", "that repeat the last one", "left out")
     return np.where(wild | stuck, np.nan, rate)
 
 

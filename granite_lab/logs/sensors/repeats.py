@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from granite_lab.logs.counters import Mask, in_words, runs
+from granite_lab.logs.counters import Mask, flagged, runs
 from granite_lab.logs.sensors.doubt import Doubt
 from granite_lab.logs.sensors.stamps import evened
 from granite_lab.logs.sensors.standstill import FALSE_ALARM, step_of
@@ -39,8 +39,8 @@ def without_blanks(imu: ImuStream, doubts: list[Doubt]) -> ImuStream:
     size = np.linalg.norm(force[~blank], axis=1)
     if size.min() < _FALLS * np.median(size):
         return imu
-    seen = in_words(blank, imu.t, "sample", "of 0 on all axes")
-    doubts.append(Doubt(seen, "accelerometer", "taken for missing"))
+    seen = "of 0 on all axes"
+    doubts += flagged(blank, imu.t, "sample", seen, "taken for missing", where="accelerometer")
     return part(imu, ~blank)
 
 
@@ -148,7 +148,7 @@ def _unevenness(t: Array) -> float:
     return float(np.std(t - np.polyval(np.polyfit(place, t, 1), place)))
 
 
-def without_held(imu: ImuStream, rolls: Mask) -> tuple[ImuStream, Doubt | None]:
+def without_held(imu: ImuStream, rolls: Mask, doubts: list[Doubt]) -> ImuStream:
     """Leave out samples that were not measured: they repeat the last one while the wheels turn, `rolls` (N,).
 
     A driver that loses samples may log the last one again. How often the finest axis of a sensor repeats its
@@ -165,10 +165,8 @@ def without_held(imu: ImuStream, rolls: Mask) -> tuple[ImuStream, Doubt | None]:
         for a, b in runs(repeated):
             if len(repeated) * chance ** (b - a) < FALSE_ALARM:
                 keep[a + 1 : b + 1] = False
-    if keep.all():
-        return imu, None
-    seen = in_words(~keep, imu.t, "sample", "that repeat the last one")
-    return part(imu, keep), Doubt(seen, "IMU", "taken for missing")
+    doubts += flagged(~keep, imu.t, "sample", "that repeat the last one", "taken for missing", where="IMU")
+    return imu if keep.all() else part(imu, keep)
 
 
 def _equal(values: Array) -> Mask:
