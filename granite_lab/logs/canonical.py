@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,7 @@ from granite_lab.errors import InputError, at, nearest
 from granite_lab.files import write_text, writing
 from granite_lab.logs.quantities import ACCELERATION, CURRENTS, ENCODERS, RATE
 from granite_lab.logs.rows import uncommented
-from granite_lab.logs.trial import Stated, Trial, TrialInfo, unsaid
+from granite_lab.logs.trial import Stated, Trial, TrialInfo, over, unsaid
 from granite_lab.parameters import parse_path
 from granite_lab.parameters.quantity import (
     at_line,
@@ -74,11 +75,10 @@ def collect(
             that is not known.
     """
     lines = [(at(path, line), uncommented(text)) for line, text in comments]
-    above = ((where, _parse(bare, where)) for where, bare in lines if _LINE.match(bare))
-    beside = ((str(sidecar), read_toml(sidecar)) for sidecar in sidecars)
+    above = ((where, _parse(bare, where), False) for where, bare in lines if _LINE.match(bare))
+    beside = ((str(sidecar), read_toml(sidecar), True) for sidecar in sidecars)
     metadata: Metadata = {"extra": {}}
-    files = {str(sidecar) for sidecar in sidecars}
-    for where, table in chain(above, beside):
+    for where, table, strict in chain(above, beside):
         for key, value in table.items():
             if key in _KEYS:
                 metadata[_KEYS[key]] = getattr(build(Known, {key: value}, where), _KEYS[key])
@@ -88,7 +88,7 @@ def collect(
             if key == NOTES and isinstance(value, dict):
                 metadata["extra"] |= {name: str(note) for name, note in value.items()}
                 continue
-            if where in files and key not in (*CONDITIONS, MADE_BY):
+            if strict and key not in (*CONDITIONS, MADE_BY):
                 unknown = at_line(unknown_key(where, key, [*_KEYS, *CONDITIONS]), where, "", key)
                 end = "" if unknown.hint.endswith("?") else "."
                 notes = f"{unknown.hint}{end} Notes of your own stand below [{NOTES}]."
@@ -127,13 +127,11 @@ def trial_info(sources: Sequence[Metadata], given: TrialInfo | None, robot: str 
 
     The robot is decided already.
     """
-    layers = [*reversed(sources), vars(given or TrialInfo())]
-    entries = [(key, value) for layer in layers for key, value in layer.items()]
-    merged = {key: value for key, value in entries if not unsaid(value)}
-    merged |= {"robot": robot, "extra": {k: text for layer in layers for k, text in layer["extra"].items()}}
-    if "repetition" in merged:
-        merged["repetition"] = int(merged["repetition"])
-    return TrialInfo(**{f.name: merged[f.name] for f in dataclasses.fields(TrialInfo) if f.name in merged})
+    known = {f.name for f in dataclasses.fields(TrialInfo)}
+    said = [TrialInfo(**{k: x for k, x in s.items() if k in known and not unsaid(x)}) for s in sources]
+    merged = reduce(over, said, given or TrialInfo())
+    repetition = None if merged.repetition is None else int(merged.repetition)
+    return dataclasses.replace(merged, robot=robot, repetition=repetition)
 
 
 def write_canonical(path: Path, trial: Trial) -> None:
