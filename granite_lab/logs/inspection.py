@@ -327,9 +327,8 @@ def _unused(table: Table, columns: Mapping[int, Array], place: int) -> ColumnRep
 
 
 def _bound(report: FileReport, table: Table) -> Match:
-    """Bind the guessed columns, if there is a clock and all names of the header differ."""
-    used = [e for e in report.entries if e.to]
-    columns = tuple(Column(to=e.to, name=e.name, unit=e.unit) for e in used)
+    """Bind the guessed columns by their names; refuse those that a map gives with blanks around them."""
+    columns = tuple(Column(to=e.to, name=e.name, unit=e.unit) for e in report.entries if e.to)
     fit = match(Layout(name=report.path.stem, column=columns), table)
     if fit.missing:
         raise InputError(report.problem)

@@ -364,6 +364,16 @@ def test_a_file_without_header_gets_a_usable_map(tmp_path: Path) -> None:
     assert len(make.mapped(tmp_path, report.path).imu.t) == len(make.lines()) - 1
 
 
+def test_names_with_blanks_around_them_in_a_map_that_does_not_fit_are_inspected(tmp_path: Path) -> None:
+    names = [f" {name} " for name in make.COLUMNS]
+    text = MAP.replace('delimiter = ";"', f"names = {names}")
+    path = make.written(tmp_path, make.text().partition("\n")[2])
+    report = inspect_logs([path], map=own(tmp_path, text)).files[0]
+    assert "column 'tick' is missing (and 2 more), expected by layout 'mine'" in report.problem
+    assert [c.to for c in report.columns][:2] == [("t",), ("imu_ax",)]
+    assert report.trial is None
+
+
 def test_every_column_is_listed_and_has_a_stub_in_the_map(tmp_path: Path) -> None:
     """Of a known layout, too: a column that is not used, one of texts, and an empty one."""
     header, *rows = make.lines()

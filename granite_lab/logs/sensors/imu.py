@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from granite_lab.logs.counters import Mask, mad_std, runs
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import ACCELERATION, RATE, SENSORS, STANDARD_GRAVITY, factors, gravity_unit
 from granite_lab.logs.sensors.pitch_rate import contradicted
+from granite_lab.logs.sensors.standstill import Interval, inside
 from granite_lab.logs.trial import Array, ImuStream
 from granite_lab.parameters import GRAVITY, Robot
 
@@ -32,8 +34,6 @@ _FILLED = 0.1  # three axes that read the same in so many samples hold no readin
 _TOUCHES = 5  # a rail is touched so often, and judged by so many values beside it
 _HANGS = 0.5  # all axes of a sensor that repeat themselves for longer [s] hang
 _SPIKE = (1.0, 0.3)  # a single reading nearer than this to its neighbours is no spike [m/s^2], [rad/s]
-
-Spans = list[tuple[float, float]]
 
 
 class Windows(NamedTuple):
@@ -111,7 +111,7 @@ def with_forward_axis(imu: ImuStream, log: Log) -> ImuStream:
     return dataclasses.replace(imu, specific_force=np.full_like(imu.specific_force, np.nan))
 
 
-def refuse_axes(imu: ImuStream, still: Spans, rolls: Mask, log: Log) -> None:
+def refuse_axes(imu: ImuStream, still: Sequence[Interval], rolls: Mask, log: Log) -> None:
     """Refuse axes that are dead, exchanged or turned, in a log whose wheels move.
 
     The IMU is without spikes, in units that were checked; `still` are standstills [s], and the wheels turn at
@@ -316,11 +316,9 @@ def _refuse_dead(imu: ImuStream, mounting: Array, rolls: Mask, log: Log) -> None
                 raise log.refuse(channels[j], f"{same_value}: the sensor hangs or is not connected")
 
 
-def _refuse_gravity(imu: ImuStream, mounting: Array, still: Spans, log: Log) -> None:
+def _refuse_gravity(imu: ImuStream, mounting: Array, still: Sequence[Interval], log: Log) -> None:
     """Refuse an accelerometer whose gravity, at rest or else on average, is not on the robot's z axis."""
-    rest = np.zeros(len(imu.t), dtype=bool)
-    for begin, end in still:
-        rest |= (imu.t > begin + 0.1) & (imu.t < end - 0.1)
+    rest = inside(imu.t, [(begin + 0.1, end - 0.1) for begin, end in still])
     when = "at rest" if rest.any() else "on average"
     mean = imu.specific_force[rest if rest.any() else slice(None)].mean(axis=0)
     size = float(np.linalg.norm(mean))
@@ -332,7 +330,7 @@ def _refuse_gravity(imu: ImuStream, mounting: Array, still: Spans, log: Log) -> 
         raise log.refuse(ACCELERATION[j], f" reads {mean[j]:+.2f} m/s^2 {when}: {place}", hint)
 
 
-def _refuse_pitch_rate(imu: ImuStream, matrix: Array, still: Spans, log: Log) -> None:
+def _refuse_pitch_rate(imu: ImuStream, matrix: Array, still: Sequence[Interval], log: Log) -> None:
     """Refuse a pitch rate that motions between standstills contradict, where another reading of axes fits."""
     contradiction = contradicted(imu, matrix, still, log.robot.imu_grade)
     if contradiction is not None:

@@ -351,13 +351,11 @@ def restlessness(values: Array, size: int, few: int = 1) -> Array:
 
     The samples are averaged over a `few` before.
     """
-    variances = np.zeros(values.shape)
-    for signal, variance in zip(values.T, variances.T, strict=True):
-        if np.isfinite(signal).any():
-            clean = uniform_filter1d(np.nan_to_num(signal - np.nanmedian(signal)), few, mode="nearest")
-            power, level = (uniform_filter1d(s, size, mode="nearest") for s in (clean**2, clean))
-            variance[:] = np.maximum(power - level**2, 0.0)
-    return variances
+    logged = np.where(np.isfinite(values).any(axis=0), values, 0.0)
+    centred = np.nan_to_num(logged - np.nanmedian(logged, axis=0))
+    clean = uniform_filter1d(centred, few, axis=0, mode="nearest")
+    power, level = (uniform_filter1d(x, size, axis=0, mode="nearest") for x in (clean**2, clean))
+    return np.asarray(np.maximum(power - level**2, 0.0))
 
 
 def period_of(imu: ImuStream) -> float:
