@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -84,6 +84,11 @@ class WheelStream:
     def step(self) -> float:
         """The coarsest resolution of the four [rad] or [rad/s]."""
         return max(self.resolution)
+
+    def changed(self, change: Callable[[Array], Array], **others: Any) -> WheelStream:
+        """Return the stream with angles and rates, each (M, 4), changed alike, and with `others` replaced."""
+        rate = None if self.rate is None else change(self.rate)
+        return replace(self, angle=change(self.angle), rate=rate, **others)
 
 
 @dataclass(frozen=True, eq=False)

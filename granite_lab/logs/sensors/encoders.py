@@ -62,10 +62,13 @@ class Wheel:
     @classmethod
     def of(cls, robot: Robot, per_rev: float) -> Wheel:
         """Return the wheel of a robot, which its motors limit where they are known."""
-        drive, fastest = robot.drive, _FASTEST_WHEEL
-        if drive:
-            fastest = _DOWNHILL * drive.voltage_max / (drive.emf_constant * drive.gear_ratio)
-        return cls(per_rev, robot.wheels.radius, min(fastest, _FASTEST_WHEEL))
+        return cls(per_rev, robot.wheels.radius, min(_DOWNHILL * top_rate(robot), _FASTEST_WHEEL))
+
+
+def top_rate(robot: Robot) -> float:
+    """Return the rate of a wheel at the highest voltage of its motor [rad/s], infinite if it is not known."""
+    drive = robot.drive
+    return drive.voltage_max / (drive.emf_constant * drive.gear_ratio) if drive else math.inf
 
 
 def convert(t: Array, raw: Array, unit: Unit, spec: Column, wheel: Wheel, doubts: list[Doubt]) -> Decoded:

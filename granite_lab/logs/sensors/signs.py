@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
@@ -89,10 +87,9 @@ def check_signs(
             doubts.append(Doubt("the sides of the encoders are exchanged, by the gyro", remedy=EXCHANGED))
     if not doubts:
         return wheels, ()
-    angle, rate = (None if v is None else (v * sign)[:, order] for v in (wheels.angle, wheels.rate))
-    assert angle is not None
     resolution = tuple(wheels.resolution[i] for i in order)
-    return replace(wheels, angle=angle, rate=rate, resolution=resolution), tuple(doubts)
+    turned = wheels.changed(lambda values: (values * sign)[:, order], resolution=resolution)
+    return turned, tuple(doubts)
 
 
 def _speeds(wheels: WheelStream, robot: Robot) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ import numpy as np
 from granite_lab.logs.counters import integral, interpolated, quantum, runs
 from granite_lab.logs.layouts import Log
 from granite_lab.logs.quantities import CURRENTS, ENCODERS, factors
+from granite_lab.logs.sensors.encoders import top_rate
 from granite_lab.logs.trial import Array, CurrentStream, ImuStream, Trial, WheelStream
 from granite_lab.parameters import WHEELS, Robot, Variant, load_variants
 
@@ -113,9 +114,8 @@ def check_wheels(wheels: WheelStream, imu: ImuStream | None, log: Log) -> WheelS
                 remedy = "state the unit in a column map"
                 rolled = math.sqrt(0.5) * (left - 1.0)
                 log.doubt(f"{more}: {why}", remedy=remedy, grade="poor", rolled_std=rolled)
-            rate = None if wheels.rate is None else wheels.rate * factor
             resolution = tuple(step * factor for step in wheels.resolution)
-            return dataclasses.replace(wheels, angle=wheels.angle * factor, rate=rate, resolution=resolution)
+            return wheels.changed(lambda values: values * factor, resolution=resolution)
         remedy = "check wheel radius, gear, counts per revolution and units"
         log.doubt(f"the wheels {gain}", remedy=remedy, grade="poor")
     return wheels
@@ -209,9 +209,7 @@ def _without_dead(wheels: WheelStream, imu: ImuStream | None, log: Log) -> Wheel
         if stands:
             seen = f"encoder {name} stands still while the others turn, as if not connected"
             log.doubt(seen, remedy="left out", dead=True)
-    angle, rate = (None if x is None else np.where(still, np.nan, x) for x in (wheels.angle, wheels.rate))
-    assert angle is not None
-    return dataclasses.replace(wheels, angle=angle, rate=rate)
+    return wheels.changed(lambda values: np.where(still, np.nan, values))
 
 
 def report_absent(log: Log) -> None:
@@ -228,11 +226,11 @@ def report_absent(log: Log) -> None:
 
 def refuse_counts_and_speed(wheels: WheelStream, log: Log) -> None:
     """Refuse an angle [rad] in whole numbers, and wheels faster than the motors at their highest voltage."""
-    drive, radius = log.robot.drive, log.robot.wheels.radius
+    radius, top = log.robot.wheels.radius, top_rate(log.robot)
     counts = 'unit = "counts" and counts_per_rev = …'
-    top, whose = _TOO_FAST / radius, "a ground robot"
-    if drive:
-        top, whose = drive.voltage_max / (drive.emf_constant * drive.gear_ratio), f"{log.robot.name}'s motors"
+    whose = f"{log.robot.name}'s motors"
+    if math.isinf(top):
+        top, whose = _TOO_FAST / radius, "a ground robot"
     for channel, logged in zip(ENCODERS, wheels.angle.T, strict=True):
         finite = np.isfinite(logged)
         angle, t = logged[finite], wheels.t[finite]
