@@ -6,6 +6,7 @@ import io
 import math
 import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -154,13 +155,11 @@ def _parse(
 ) -> tuple[pd.DataFrame, bool]:
     """Return the wanted columns as numbers and dates, or as texts where one is neither; and which it is."""
     numbers = [place for place in wanted if place not in dates]
-    try:
+    with suppress(ValueError, OverflowError):
         frame = _read(table, block, wanted, dates)
-    except (ValueError, OverflowError):
-        return _read(table, block, wanted, wanted), False
-    if any(np.isinf(frame[place].to_numpy()).any() for place in numbers):
-        return _read(table, block, wanted, wanted), False
-    return frame, True
+        if not any(np.isinf(frame[place].to_numpy()).any() for place in numbers):
+            return frame, True
+    return _read(table, block, wanted, wanted), False
 
 
 def _read(table: Table, block: bytes, wanted: Sequence[int], texts: Sequence[int]) -> pd.DataFrame:

@@ -29,7 +29,7 @@ from granite_lab.logs.source import read_source, recognise
 from granite_lab.logs.table import Table, open_table
 from granite_lab.logs.trial import Array, Trial, is_bag, name_of, parts_of
 from granite_lab.parameters import load_robot
-from granite_lab.parameters.quantity import toml
+from granite_lab.parameters.quantity import toml_line
 from granite_lab.rounding import significant
 from granite_lab.shown import Shown
 
@@ -166,7 +166,7 @@ def _entry(column: ColumnReport) -> list[str]:
 
 
 def _pairs(*pairs: tuple[str, object]) -> list[str]:
-    return [f"{key} = {toml(value)}" for key, value in pairs]
+    return [toml_line(key, value) for key, value in pairs]
 
 
 def inspect_logs(

@@ -13,7 +13,7 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
-from granite_lab.errors import InputError, at
+from granite_lab.errors import InputError, at, nearest
 from granite_lab.files import is_folder
 from granite_lab.logs.dialect import TableFormat
 from granite_lab.logs.quantities import (
@@ -24,7 +24,7 @@ from granite_lab.logs.quantities import (
     by_name,
     factors,
     find_unit,
-    resembling,
+    spellings,
     words,
 )
 from granite_lab.logs.sensors.doubt import Doubt, some_of
@@ -226,9 +226,9 @@ def check_unit(text: str, channel: str, where: str) -> Unit:
     allowed = CHANNELS[channel]
     expected = f"expected one of {', '.join(name for kind in allowed for name in factors(kind))}"
     if unit is None:
-        close = resembling(text, *allowed)
         message = f"unit '{text}' is not known" if text else "the unit is missing"
-        hint = f"did you mean '{close}'?" if close else "rename it, or convert with scale = … in a column map"
+        rename = "rename it, or convert with scale = … in a column map"
+        hint = nearest(text, spellings(*allowed), 0.5) or rename
         raise InputError(f"{where}: {message}, {expected}", hint)
     if unit.quantity not in allowed:
         message = f"unit '{text}' is one of {unit.quantity}, but {channel} is {' or '.join(allowed)}"
@@ -258,10 +258,9 @@ def _match_row(layout: Layout, table: Table, names: Sequence[str], partly: bool)
         tried = ((place, next(filter(None, map(fits, names)), None)) for place, names in enumerate(either))
         if hits := [(place, hit) for place, hit in tried if hit]:
             entries[index] = hits
-    columns = len({place for hits in entries.values() for place, _ in hits})
+    used = {place for hits in entries.values() for place, _ in hits}
     missing = _missing(layout, set(entries), partly)
     if partly and not missing:
-        used = {place for hits in entries.values() for place, _ in hits}
         missing = _misnamed(layout, set(entries), [name for k, name in enumerate(bare) if k not in used])
     bindings: list[Binding] = []
     for index, hits in entries.items() if not missing else ():
@@ -274,7 +273,7 @@ def _match_row(layout: Layout, table: Table, names: Sequence[str], partly: bool)
                 unit = find_unit(DATE) or unit
             if channel == "t" or all(b.channel != channel for b in bindings):
                 bindings.append(Binding(place, unique[place], channel, unit, spec))
-    return Match(table, layout, tuple(bindings), missing, columns)
+    return Match(table, layout, tuple(bindings), missing, len(used))
 
 
 def _misnamed(layout: Layout, present: set[int], others: Sequence[str]) -> tuple[str, ...]:

@@ -5,7 +5,6 @@ They are listed in `granite_lab/catalogue/quantities.toml`.
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Collection
@@ -44,8 +43,8 @@ _TABLE: dict[str, dict[str, tuple[float, str]]] = _LISTED["units"]
 _UNITS: dict[str, Unit] = {
     spelling: Unit(name, quantity, factor)
     for quantity, units in _TABLE.items()
-    for name, (factor, spellings) in units.items()
-    for spelling in spellings.split()
+    for name, (factor, texts) in units.items()
+    for spelling in texts.split()
 }
 _FOLDED = {spelling.casefold(): unit for spelling, unit in _UNITS.items()}
 
@@ -73,10 +72,9 @@ def factors(kind: str) -> dict[str, float]:
     return {name: factor for name, (factor, _) in _TABLE[kind].items()}
 
 
-def resembling(text: str, *quantities: str) -> str:
-    """Return the known unit of some quantities that `text` resembles, or nothing."""
-    spellings = [spelling for spelling, unit in _UNITS.items() if unit.quantity in quantities]
-    return next(iter(difflib.get_close_matches(text, spellings, n=1, cutoff=0.5)), "")
+def spellings(*quantities: str) -> list[str]:
+    """List what loggers call the units of some quantities."""
+    return [spelling for spelling, unit in _UNITS.items() if unit.quantity in quantities]
 
 
 def gravity_unit(size: float, within: float) -> str:

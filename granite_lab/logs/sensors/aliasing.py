@@ -143,8 +143,8 @@ def _by_imu(wheels: WheelStream, near: list[int], imu: ImuStream, log: Log) -> A
     rests = [(a, b) for a, b in runs(still) if t[b - 1] - t[a] >= _STOOD]
     if not rests or not forward.any():
         return None
-    level = float(np.mean(np.concatenate([forward[a:b] for a, b in rests])))
-    speed, at_rest = integral(t, forward - level), np.concatenate([np.arange(a, b) for a, b in rests])
+    at_rest = np.concatenate([np.arange(a, b) for a, b in rests])
+    speed = integral(t, forward - float(np.mean(forward[at_rest])))
     # What is left at the standstills is drift, which grows evenly between two of them.
     edges = np.diff(np.concatenate(([t[0]], t[at_rest], [t[-1]])))
     if edges.max() > _DRIFTS:

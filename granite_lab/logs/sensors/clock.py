@@ -85,11 +85,8 @@ def _chosen(source: Source) -> Binding:
     stamps = [source.columns[clock.place] * clock.factor + added for clock in clocks]
     logged = [t[np.isfinite(t)] for t in stamps]
     runs = [len(t) > 1 and bool(np.diff(t).any()) for t in logged]
-    good = [not ticks_too_rarely(t) for t in logged]
-    best = next(
-        (k for k, ticks in enumerate(good) if ticks), next((k for k, on in enumerate(runs) if on), None)
-    )
-    if best is None:
+    best = max(range(len(clocks)), key=lambda k: (not ticks_too_rarely(logged[k]), runs[k]))
+    if not runs[best]:
         message = f"column '{clocks[0].name}' does not advance, expected time stamps"
         raise source.refuse(message, "a log needs at least two rows with stamps that increase")
     for clock, t, on in zip(clocks[:best], logged, runs, strict=False):
