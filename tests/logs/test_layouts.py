@@ -25,7 +25,7 @@ G = 9.80665
 EPOCH = 1_494_450_133_515_674_721
 
 
-def table(header: str, row: str, **values: np.ndarray) -> str:
+def table(header: str, row: str) -> str:
     """Fill a row's pattern for every instant; k is its number, t its time."""
     noise = np.random.default_rng(1).normal(0, 0.003, (N, 6))
     rows = [

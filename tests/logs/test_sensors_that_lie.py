@@ -21,7 +21,6 @@ SAMPLE = Path(__file__).parents[2] / "data" / "samples" / "virtual_v0.5_r1.csv"
 TEXT = SAMPLE.read_text(encoding="utf-8")
 GOOD = pd.read_csv(SAMPLE, comment="#")
 FORCE, RATE, ANGLES = make.IMU[:3], make.IMU[3:], make.WHEELS
-CURRENTS = [f"cur_{wheel}_A" for wheel in ("fl", "fr", "rl", "rr")]
 DEG, G = 180 / np.pi, 9.80665
 Change = Callable[[pd.DataFrame], pd.DataFrame | None]
 

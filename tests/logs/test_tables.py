@@ -89,7 +89,7 @@ def test_a_sample_with_lists_reads_as_the_sample(tmp_path: Path) -> None:
 TWICE = ",".join(["t", "cov", *"xyzxyz", *make.WHEELS])
 
 
-def twice(**table: object) -> str:
+def twice() -> str:
     """Return a log whose gyroscope and accelerometer have the same names, the gyroscope first."""
     order = [0, 4, 5, 6, 1, 2, 3, 7, 8, 9, 10]
     rows = [[row.split(",")[i] for i in order] for row in ROWS]
@@ -104,7 +104,6 @@ def a_map(columns: dict[str, tuple[str, str]], table: str = "") -> str:
 
 
 WHEELS = {name: (name[:6], "rad") for name in make.WHEELS}
-RATES = {f"x{k}": (f"imu_g{axis}", "rad/s") for k, axis in enumerate("xyz")}
 
 
 def test_a_map_that_names_one_of_two_columns_is_told_how_to_tell_them_apart(tmp_path: Path) -> None:

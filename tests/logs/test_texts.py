@@ -108,7 +108,6 @@ def insert(line: int, text: str) -> str:
 
 
 TEXT = PLAIN + "\n"
-HALF = len(TEXT) // 2
 
 # name: (content, what the message says behind the path, what the hint says)
 CASES: dict[str, tuple[str | bytes, str, str]] = {
