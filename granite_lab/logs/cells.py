@@ -24,7 +24,7 @@ from granite_lab.logs.trial import Array
 _EXACT = {} if pd.__version__ >= "3.1" else {"float_precision": "round_trip"}
 # So large a share of damaged rows is left out, and two rows of a short log. Damage that turns a digit into
 # another one does not show; it is about half as frequent (of the eight bits of a digit, four make another
-# digit of most). Spikes are removed from up to one sample in a hundred (`imu_checks.despike`).
+# digit of most). Spikes are removed from up to one sample in a hundred (`sensors.imu.despike`).
 _SHARE, _FEW = 0.01, 2
 _SHOWN = 5  # lines that a warning lists
 _BLOCK = 20_000  # rows that are read at a time

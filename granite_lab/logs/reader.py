@@ -35,7 +35,7 @@ from granite_lab.logs.sensors.wheels import (
     without_free_wheels,
 )
 from granite_lab.logs.source import Source, read_source, recognise
-from granite_lab.logs.streams import Streams, read_streams, window_in_words
+from granite_lab.logs.streams import Samples, Streams, read_streams, window_in_words
 from granite_lab.logs.trial import Array, ImuStream, Trial, TrialInfo, name_of, part, parts_of, sidecar
 from granite_lab.parameters import Robot, load_robot
 from granite_lab.parameters.catalogue import own_file
@@ -239,7 +239,8 @@ def _merge(files: Files, parts: Sequence[Streams]) -> tuple[Streams, dict[str, B
 
 def _imu(streams: Streams, path: Path, doubts: list[Doubt]) -> ImuStream | None:
     """Put accelerometer and gyroscope on common stamps."""
-    sensors = {"accelerometer": streams.get("acceleration"), "gyroscope": streams.get("rate")}
+    names = {"accelerometer": "acceleration", "gyroscope": "rate"}
+    sensors: dict[str, Samples | None] = {name: streams.get(kind) for name, kind in names.items()}
     present = {name: samples for name, samples in sensors.items() if samples is not None}
     if not present:
         return None

@@ -36,26 +36,25 @@ class Faults:
 
     def doubts(self) -> list[Doubt]:
         """Return what is wrong, in words."""
-        grows = "uncertainty grows there"
+
+        def grows(what: str) -> Doubt:
+            return Doubt(what, remedy="uncertainty grows there", grade="fair")
+
         doubts = []
         if self.gaps:
             total = sum(end - begin for begin, end in self.gaps)
             count = plural(len(self.gaps), "gap")
-            doubts.append(
-                Doubt(f"{count} in the IMU's samples, {total:.3f} s in all", remedy=grows, grade="fair")
-            )
+            doubts.append(grows(f"{count} in the IMU's samples, {total:.3f} s in all"))
         if self.plateaus:
             times = plural(len(self.plateaus), "time")
-            doubts.append(Doubt(f"the IMU stands at its limit {times}", remedy=grows, grade="fair"))
+            doubts.append(grows(f"the IMU stands at its limit {times}"))
         if self.spikes.any():
             n = int(np.count_nonzero(self.spikes))
             thrown = f"{plural(n, 'single reading')} of the IMU thrown off"
             doubts.append(Doubt(thrown, remedy="replaced"))
         for restart in self.restarts:
             place = f"in the gap at {restart.begin:.2f} s" if restart.gap else f"after {restart.begin:.2f} s"
-            doubts.append(
-                Doubt(f"the IMU's biases changed {place}, as after a restart", remedy=grows, grade="fair")
-            )
+            doubts.append(grows(f"the IMU's biases changed {place}, as after a restart"))
         return doubts
 
     def hide(self, begin: float, end: float) -> bool:
