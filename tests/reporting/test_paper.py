@@ -30,6 +30,7 @@ from granite_lab.reporting.tables import COMBINED, budget_tables
 from granite_lab.results import StudyResult
 from tests.reporting.conftest import HOSTILE
 from tests.reporting.made_up import made_up_study, rename
+from tests.reporting.made_up_finding import made_up_finding
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +71,21 @@ def test_a_study_without_a_finding_and_a_long_one_have_four_pages_too(
     pages = text_of(PdfReader(tmp_path / "small" / "report.pdf"))
     assert [page.endswith(f"page {k} of 4") for k, page in enumerate(pages, 1)] == [True] * 4
     assert "How to repeat this" in pages[3]
+
+
+def test_a_table_with_more_rows_than_a_page_shows_names_the_file_that_has_them_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Three effects with some numbers each have more rows than the eight that are shown."""
+    monkeypatch.setattr("granite_lab.reporting.write.FORMATS", ("svg",))
+    finding = made_up_finding()
+    several = replace(finding, effects=finding.effects * 9)
+    write_report(replace(made_up_study(), finding=several), tmp_path / "many")
+    with (tmp_path / "many" / "tables" / "found_effects.csv").open(encoding="utf-8") as file:
+        rows = len(list(csv.DictReader(file)))
+    assert rows > 8
+    last = text_of(PdfReader(tmp_path / "many" / "report.pdf"))[3]
+    assert f"{rows - 8} more rows: tables/found_effects.csv" in last
 
 
 def test_figures_in_pdf_embed_their_fonts_and_keep_their_text(twelve_folder: Path) -> None:
