@@ -76,7 +76,8 @@ class EffectFinding:
         id, title, formula: of the effect.
         parameters: as fitted together with everything else.
         twins: candidates that explain these trials as well in its place.
-        probability: posterior probability that it, or one of its twins, is in the model.
+        probability: that it, or one of its twins, is in the model; NaN where no trial left out has judged
+            that.
         closes, speeds: share of the gap that it closes on trials and on speeds that were left out, with its
             standard error.
         empirical: no physical effect but a term of the dictionary, which only describes.

@@ -10,9 +10,8 @@ from dataclasses import replace
 
 from granite_lab.discovery.models import Model, Search, finely, likely, ranked
 from granite_lab.discovery.numbers import Numbers
-from granite_lab.discovery.resampling import by_evidence
 from granite_lab.discovery.saved_model import loss_of_model, predicts_worse
-from granite_lab.discovery.verdict import Judgement, by_probability
+from granite_lab.discovery.verdict import Judgement, unjudged
 from granite_lab.inference.constants import LEAST_GAIN, TRIED
 from granite_lab.inference.problem import Problem
 
@@ -47,12 +46,8 @@ def with_masked(problem: Problem, search: Search, judgement: Judgement, toleranc
     if model is None:
         return judgement
     further = tuple(e for e in model.effects if e not in best.effects)
-    refitted = {m.effects for m in fine}
-    others = (m for m in search.models if m.effects not in refitted)
-    search = replace(search, models=tuple(ranked((*fine, *others))))
     known = [e for e in judgement.small if e.id not in further]
-    small = by_probability(by_evidence(search), further)
-    return replace(judgement, model=model, small=(*small, *known), masked=further)
+    return replace(judgement, model=model, small=(*unjudged(further), *known), masked=further)
 
 
 def _strain(problem: Problem, model: Model) -> float:

@@ -62,7 +62,8 @@ class EffectEvidence:
     Attributes:
         id: of the effect.
         twins: effects that may stand in its place.
-        probability: that it or one of its twins is in the model, see `discovery.resampling`.
+        probability: that it or one of its twins is in the model, see `discovery.resampling`; NaN where no
+            trial left out has judged that.
         closes, speeds: share of the gap on trials and on speeds left out.
         strained: its numbers that ended at a bound, or two standard deviations outside what is expected.
         at_bound: a number ended at a bound: its likeliest size is none that it can have.
@@ -273,9 +274,9 @@ def _judged(
     baseline = replace(search.baseline, fit=with_priors(problem, search.baseline.fit, scales))
     predictions = Predictions(problem, best.fit, tolerance)
     before, after = predictions.of((baseline, best))
-    negligible = by_probability(by_evidence(search), search.negligible)
+    negligible = unjudged(search.negligible)
     if not anything_matters(problem, baseline.fit, best.fit, tolerance):
-        small = (*negligible, *by_probability(by_evidence(search), best.effects))
+        small = (*negligible, *unjudged(best.effects))
         return Judgement("none", nothing_missing(search), baseline, (), (), small, before, before)
     competition = compete(problem, search, predictions)
     if not final and (first := winner(competition, search)).effects not in ((), best.effects):
@@ -307,11 +308,12 @@ def _judged(
     )  # fmt: skip
 
 
-def by_probability(competition: Competition, effects: Sequence[str]) -> tuple[EffectEvidence, ...]:
-    """Return effects with their probability alone: what they close is not known."""
-    return tuple(
-        EffectEvidence(e, (), competition.probability(holding(e)), Estimate(np.nan)) for e in effects
-    )
+def unjudged(effects: Sequence[str]) -> tuple[EffectEvidence, ...]:
+    """Return effects that no trial left out has judged.
+
+    Their evidence alone is no probability: a small error of the model has as much.
+    """
+    return tuple(EffectEvidence(e, (), np.nan, OPEN) for e in effects)
 
 
 def by_posterior(problem: Problem, search: Search) -> Judgement:
@@ -319,7 +321,7 @@ def by_posterior(problem: Problem, search: Search) -> Judgement:
     best = search.best
     unseen = Predicted.unknown(problem)
     competition = by_evidence(search)
-    named = by_probability(competition, best.effects)
+    named = tuple(EffectEvidence(e, (), competition.probability(holding(e)), OPEN) for e in best.effects)
     sure = all(n.probability >= CREDIBLE for n in named)
     verdict: Verdict = "none" if not named else "named" if sure else "unknown"
     probability = min((n.probability for n in named), default=nothing_missing(search))
