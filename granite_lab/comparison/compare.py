@@ -221,19 +221,19 @@ def _torques(motion: Motion, trial: Trial, robot: Robot, t: Array) -> Measured:
     late = motion.clock_left.value if np.isfinite(motion.clock_left.value) else 0.0
     stamps = trial.currents.t + late - (motion.t[0] - t[0])  # time since command start
     for axle, columns in AXLES.items():
-        pair = []
-        offset_std = sensor.offset
+        pair, offset_stds = [], []
         for current in trial.currents.current[:, columns].T:
             good = np.isfinite(current)
             if good.sum() < 2:
                 continue
             offset, samples = standstill_mean(stamps, current)
-            if samples:
-                offset_std = max(sensor.noise / np.sqrt(samples), sensor.step / np.sqrt(12))
+            rounded = sensor.step / np.sqrt(12)
+            offset_stds.append(max(sensor.noise / np.sqrt(samples), rounded) if samples else sensor.offset)
             pair.append(np.interp(t, stamps[good], current[good] - offset, left=np.nan, right=np.nan))
         if pair:
             factor, mean = _torque_per_ampere(robot), np.mean(pair, axis=0)
-            total_std = np.sqrt(sensor.noise**2 + offset_std**2 + (sensor.gain * mean) ** 2)
+            offset_variance = np.mean(np.square(offset_stds))
+            total_std = np.sqrt(sensor.noise**2 + offset_variance + (sensor.gain * mean) ** 2)
             torques[f"torque_{axle}"] = factor * mean, factor * total_std / np.sqrt(len(pair))
     return torques
 

@@ -88,6 +88,26 @@ def test_driving_torques_come_from_the_currents_by_24():
     assert 0.8 * 53 * 0.03 * 0.05 / np.sqrt(2) < c.measured_std["torque_f"][i] < 0.1
 
 
+@pytest.mark.parametrize("silent", [0, 1])
+def test_an_offset_that_no_standstill_shows_is_in_the_std_of_the_torque_whichever_wheel_has_it(silent):
+    motion, trial, _, fit = fitted()
+    began = trial.currents.t > fit.t_start.value
+    measured = {}
+    for offset in (-ROBOT.currents.offset, ROBOT.currents.offset):
+        current = trial.currents.current.copy()
+        current[~began, silent] = np.nan
+        current[:, silent] += offset
+        log = dataclasses.replace(trial, currents=dataclasses.replace(trial.currents, current=current))
+        c = compare(motion, log, fit, simulated(fit))
+        measured[offset] = c.measured["torque_f"]
+    low, high = measured.values()
+    i = int(np.argmin(np.abs(c.t - 4.0)))
+    one_std = (high[i] - low[i]) / 2  # what an offset of one std does to the mean of the pair
+    assert one_std == pytest.approx(0.8 * 53 * 0.03 * ROBOT.currents.offset / 2)
+    whole = compare(motion, trial, fit, simulated(fit)).measured_std["torque_f"][i]
+    assert c.measured_std["torque_f"][i] == pytest.approx(np.hypot(whole, one_std), rel=0.02)
+
+
 def test_an_unknown_start_is_refused():
     motion, trial, _, fit = fitted()
     nowhere = Estimate(math.nan)
