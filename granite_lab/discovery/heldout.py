@@ -16,6 +16,7 @@ from granite_lab.inference.normal import JITTER, least_within, posterior
 from granite_lab.inference.problem import Problem
 from granite_lab.inference.scales import DISCREPANCIES
 from granite_lab.logs.trial import Array
+from granite_lab.parameters import by_speed
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,8 +231,9 @@ def units(problem: Problem) -> tuple[Sequence[int], ...]:
 
 
 def speeds(problem: Problem) -> set[float]:
-    """Return the desired velocities of the commands [m/s]; wheels of repetitions differ in the last digit."""
-    return {problem.trials[repetitions[0]].observation.variant.velocity for repetitions in problem.commands}
+    """Return the desired velocities of the commands [m/s], as `by_speed` groups them."""
+    firsts = (problem.trials[repetitions[0]] for repetitions in problem.commands)
+    return set(by_speed(trial.observation.variant.velocity for trial in firsts))
 
 
 def closed(before: Array, after: Array, gap: Array) -> Estimate:

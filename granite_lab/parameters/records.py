@@ -213,8 +213,9 @@ class Variant:
 def by_speed(velocities: Iterable[float]) -> dict[float, tuple[int, ...]]:
     """Group commands by their desired velocity [m/s].
 
-    Velocities that print alike, with three significant digits, are one speed. Wherever trials are grouped by
-    speed it is done here, so that tables, figures, recordings and fits have the same groups.
+    Velocities that print alike, with three significant digits, are one speed, whatever other trials there
+    are. Wherever trials are grouped by speed it is done here, so that tables, figures, recordings, answers,
+    fits and searches have the same groups.
 
     Returns:
         each speed as printed [m/s], slowest first, and the positions of its commands.

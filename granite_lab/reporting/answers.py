@@ -232,7 +232,7 @@ def _k92_off(fit: AThetaFit) -> dict[float, float]:
 
 
 def _speeds_of(fit: AThetaFit) -> int:
-    return len({round(velocity, 2) for _, velocity, _, _ in fit.points})
+    return len(by_speed(velocity for _, velocity, _, _ in fit.points))
 
 
 def law_answer(fit: AThetaFit | None, finding: Finding | None = None) -> Answer:

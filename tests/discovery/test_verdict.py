@@ -12,7 +12,7 @@ from granite_lab.discovery import verdict
 from granite_lab.discovery.candidates import Score, rivals, scores
 from granite_lab.discovery.finding import EffectFinding
 from granite_lab.discovery.fitted_sets import MOST, FittedSets
-from granite_lab.discovery.heldout import Equations, closed, predict
+from granite_lab.discovery.heldout import Equations, closed, predict, units
 from granite_lab.discovery.leaders import NOTHING_FITTED, Fitted, Screening, leaders
 from granite_lab.discovery.models import Model, Search
 from granite_lab.discovery.power import _by_noise_per_trial, _visible
@@ -291,6 +291,15 @@ def test_trials_that_cannot_be_left_out_say_nothing_of_such() -> None:
     assert answer.judgement.verdict == "named"
     assert "No trial could be left out; in the fit itself" in said(answer)
     assert "On trials that were left out" in said(ask(push=0.3))
+
+
+def test_measured_speeds_that_print_alike_are_one_speed_to_the_search_as_in_tables() -> None:
+    problem = problem_of((0, 1, 2, 2))  # of no stated command, and of different ways
+    for trial, v in zip(problem.trials, (0.2, 0.49831, 0.49834, 0.49834), strict=True):
+        seen = trial.observation
+        trial.observation = replace(seen, variant=replace(seen.variant, velocity=v))
+    assert any("2 of at least 3 speeds driven" in reason for reason in provisional(problem))
+    assert len(units(problem)) == 4  # of two speeds, each trial is left out by itself
 
 
 @pytest.mark.parametrize(

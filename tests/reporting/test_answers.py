@@ -84,6 +84,27 @@ def test_a_law_is_not_tested_by_fewer_than_three_speeds() -> None:
         assert answer.verdict.partition(",")[0] == verdict
 
 
+@pytest.mark.parametrize(
+    ("driven", "count"), [((0.3, 0.4983, 0.5021), 3), ((0.2049, 0.2051, 0.3), 2), ((0.3, 0.3001, 0.2998), 1)]
+)
+def test_the_answer_on_a_theta_counts_the_speeds_that_table_and_trust_count(
+    driven: tuple[float, ...], count: int
+) -> None:
+    made, trials = made_up_study(speeds=(0.2, 0.3, 0.5), repetitions=1), []
+    for r, v in zip(made.trials, driven, strict=True):
+        variant = replace(r.motion.variant, velocity=v)
+        trials.append(replace(r, motion=replace(r.motion, variant=variant)))
+    assert made.a_theta is not None
+    points = tuple((n, v, *rest) for (n, _, *rest), v in zip(made.a_theta.points, driven, strict=True))
+    law = replace(made.a_theta, points=points)
+    answers = of_study(replace(made, trials=tuple(trials), a_theta=law))
+    a_theta, trust = (next(q.text for q in answers.questions if q.id == id_) for id_ in ("a_theta", "trust"))
+    assert len(answers.speeds) == count
+    few = count < 3
+    assert ("these trials have" in a_theta) is ("only" in trust) is few
+    assert not few or f"these trials have {count}." in a_theta
+
+
 def test_a_theta_is_stated_by_the_files_with_their_uncertainty_and_with_what_was_found(
     twelve: StudyResult,
 ) -> None:
