@@ -100,8 +100,9 @@ class StudyResult(Shown):
 
     @property
     def virtual(self) -> bool:
-        """Whether any of the logs was written by a simulator."""
-        return any(result.trial.info.virtual for result in self.trials)
+        """Whether any of the logs was written by a simulator; of a search alone, whether all were."""
+        searched = self.finding is not None and self.finding.virtual
+        return searched or any(result.trial.info.virtual for result in self.trials)
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row a trial that went through: slip, distance and k_92, units in the column names."""

@@ -18,6 +18,7 @@ from granite_lab.estimate import Estimate
 from granite_lab.parameters import load_paper
 from granite_lab.reporting import answers as decide
 from granite_lab.reporting.channels import SENSORS_OF, judged_channels
+from granite_lab.reporting.json_report import to_json
 from granite_lab.reporting.latex import escaped
 from granite_lab.reporting.names import describe, plain
 from granite_lab.reporting.plot_motion import comparison_figure
@@ -87,6 +88,20 @@ def test_a_study_and_its_search_alone_agree(twelve: StudyResult, verdict: str, t
     for id_ in ("model", "missing", "closes"):
         assert whole[id_].question == alone[id_].question
         assert whole[id_].verdict.partition(",")[0] == alone[id_].verdict.partition(",")[0], id_
+
+
+@pytest.mark.parametrize("virtual", [True, False])
+def test_a_search_alone_is_virtual_where_its_logs_are_and_says_so_wherever_it_is_shown(
+    twelve: StudyResult, virtual: bool, tmp_path: Path
+) -> None:
+    finding = made_up_finding(virtual=virtual)
+    finding = dataclasses.replace(finding, origin=dataclasses.replace(finding.origin, source=twelve.source))
+    alone = of_search(finding, tmp_path)
+    report = study_report(alone)
+    document = json.loads(to_json(alone, report))
+    assert (", virtual" in repr(alone)) is virtual
+    assert document["virtual"] is document["discovery"]["virtual"] is virtual
+    assert (document["answers"]["virtual"] is not None) is virtual
 
 
 SCALES = (1.0, 1e2, 1e3, 1e6, math.degrees(1.0))
