@@ -76,9 +76,10 @@ def searched(logs: list[Path], jobs: int = 1, drive: str = "auto") -> Line:
 def document_of(finding: Finding) -> Line:
     """Return what a judge needs of a finding: the keys of `discover --json` that count."""
     document = finding_as_json(finding)
-    kept = ("verdict", "probability", "remainder", "effects", "description", "gap")
+    kept = ("verdict", "probability", "remainder", "effects", "description", "gap", "closed")
     return {key: document[key] for key in kept} | {
-        "detectable": {f"{d.effect}.{d.parameter}": short(d.size) for d in finding.detectable}
+        "ceiling": None if finding.ceiling is None else short(finding.ceiling.value),
+        "detectable": {f"{d.effect}.{d.parameter}": short(d.size) for d in finding.detectable},
     }
 
 

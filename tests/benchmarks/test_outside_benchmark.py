@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +10,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmarks.judging import judged, named, wrong_name
+from benchmarks.judging import document_of, judged, named, wrong_name
 from benchmarks.outside import answers_of, row, summary
 from benchmarks.outside_variants import IMU, VARIANTS, WHEELS, of_imu, write
+from granite_lab.discovery.as_json import finding_as_json
+from granite_lab.discovery.finding import Ceiling
+from granite_lab.estimate import Estimate
+from granite_lab.hidden.scoring import score
 from granite_lab.logs import read_trial
+from tests.reporting.made_up_finding import made_up_finding
 
 OUTSIDE = Path(__file__).parent.parent / "data" / "outside"
 
@@ -55,6 +61,22 @@ def test_a_set_is_judged_by_its_answer(
     assert answer in shown
     assert named(found) in shown
     assert ("WRONG" in shown) is not right
+
+
+@pytest.mark.parametrize(
+    ("ceiling", "closed", "outcome"),
+    [(0.8, 0.0, "idle"), (0.1, 0.0, "abstained"), (0.8, 0.5, "abstained"), (None, 0.0, "abstained")],
+)
+def test_nothing_named_and_nothing_closed_where_forces_could_close_much_is_no_right_answer(
+    ceiling: float | None, closed: float, outcome: str
+) -> None:
+    most = None if ceiling is None else Ceiling(ceiling, 1.0, {}, {}, ())
+    shares = {"trials": Estimate(closed, 0.02), "speeds": Estimate(closed, 0.02)}
+    finding = replace(made_up_finding("unknown"), ceiling=most, closed=shares)
+    answer = {"effects": [{"id": "unknown", "library": False, "parameters": {}}]}
+    assert score(answer, finding_as_json(finding)).outcome == outcome  # what `reveal` says
+    found = judged(document_of(finding) | {"status": "judged"}, answer)
+    assert (found["outcome"], found["right"]) == (outcome, outcome == "abstained")
 
 
 def test_the_shares_come_with_their_intervals() -> None:
