@@ -2,7 +2,7 @@
 
 A folder holds ``answers.json``, which says of each set what is missing from the model: as ``answer`` "none",
 "unknown" for what the library does not hold, an id, or ids joined by +; or as ``library`` a list of ids, with
-the law of the soil. The set's logs are ``<set>/*.csv``.
+the law of the soil, by a name in `LAWS` or an id. The set's logs are ``<set>/*.csv``.
 
 ``python -m benchmarks.outside [DIR] [--jobs 2] [--only o01,o03] [--drive auto] [--out lines.jsonl]``
 """
@@ -21,6 +21,8 @@ from benchmarks.command_line import parser_of
 from benchmarks.intervals import wilson
 from benchmarks.judging import judged, named, searched, wrong_name
 from benchmarks.lines import Line
+from granite_lab.effects import library
+from granite_lab.errors import InputError
 from granite_lab.files import write_text
 
 DEFAULT = Path("../shared/outside")
@@ -30,24 +32,39 @@ LAWS = {"paper": (), "Wong-Reece": ("stress_ahead",)}
 
 
 def answers_of(folder: Path) -> dict[str, dict[str, Any]]:
-    """Return the answers of a folder by set, as `granite_lab.hidden.scoring` reads them."""
-    told = json.loads((folder / "answers.json").read_text(encoding="utf-8"))
-    return {
-        name: {
-            "effects": [
-                {"id": id_, "library": id_ != "unknown", "parameters": {}}
-                for id_ in _ids_of(entry)
-                if id_ != "none"
-            ]
-        }
-        for name, entry in told.items()
-    }
+    """Return the answers of a folder by set, as `granite_lab.hidden.scoring` reads them.
+
+    Raises:
+        InputError: of a set the law of the soil is not known.
+    """
+    file = folder / "answers.json"
+    told = json.loads(file.read_text(encoding="utf-8"))
+    answers = {}
+    for name, entry in told.items():
+        try:
+            ids = ids_of(entry)
+        except InputError as error:
+            raise InputError(f"{file}: set '{name}': {error.message}", error.hint) from None
+        effects = [{"id": id_, "library": id_ != "unknown", "parameters": {}} for id_ in ids]
+        answers[name] = {"effects": effects}
+    return answers
 
 
-def _ids_of(entry: Mapping[str, Any]) -> Sequence[str]:
+def ids_of(entry: Mapping[str, Any]) -> list[str]:
+    """Return the ids of what is missing from the model in a set, by either form of its answer.
+
+    Raises:
+        InputError: the law of the soil is neither of `LAWS` nor one of the library.
+    """
     if "answer" in entry:
-        return str(entry["answer"]).split("+")
-    return [*entry["library"], *LAWS[entry["soil_law"]]]
+        return [id_ for id_ in str(entry["answer"]).split("+") if id_ != "none"]
+    law = entry["soil_law"]
+    if law in LAWS:
+        return [*entry["library"], *LAWS[law]]
+    by_id = [id_ for id_, effect in library().items() if effect.law]
+    if law in by_id:
+        return [*entry["library"], law]
+    raise InputError(f"unknown law of the soil '{law}'", f"known: {', '.join([*LAWS, *by_id])}")
 
 
 def row(name: str, answer: Mapping[str, Any], line: Line) -> str:
@@ -104,7 +121,10 @@ def main() -> None:
     options = parser.parse_args()
     if not (options.folder / "answers.json").is_file():
         sys.exit(f"error: {options.folder}: holds no answers.json\nhint: make outside DIR=…")
-    answers = answers_of(options.folder)
+    try:
+        answers = answers_of(options.folder)
+    except InputError as error:
+        sys.exit(f"error: {error.message}\nhint: {error.hint}")
     asked = [name for name in options.only.split(",") if name] or list(answers)
     if unknown := [name for name in asked if name not in answers]:
         sys.exit(f"error: no set is called {', '.join(unknown)}\nhint: known: {', '.join(answers)}")

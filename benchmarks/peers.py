@@ -17,7 +17,7 @@ import json
 import math
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -32,6 +32,7 @@ from benchmarks.command_line import parser_of_sets
 from benchmarks.judging import attempted, parallel, short
 from benchmarks.lines import Line, add, continued, show
 from benchmarks.mixtures import task
+from benchmarks.outside import ids_of
 from benchmarks.peers_learn import INPUTS, PEERS, Places, Table, measured, residuals_without, simulated
 from benchmarks.peers_page import GROUPS, page
 from granite_lab.discovery import discover
@@ -143,8 +144,8 @@ def one(name: str) -> Line:
 
     def found() -> Line:
         if not name.startswith("seed "):
-            hidden = truth(json.loads((folder.parent / "answers.json").read_text("utf-8"))[folder.name])
-            return {"hidden": hidden} | compared(sorted(folder.glob("*.csv")))
+            answer = json.loads((folder.parent / "answers.json").read_text("utf-8"))[folder.name]
+            return {"hidden": "+".join(ids_of(answer)) or "none"} | compared(sorted(folder.glob("*.csv")))
         seed = int(name.removeprefix("seed "))
         with tempfile.TemporaryDirectory(prefix="granite-peers-") as made:
             hid = granite_lab.hide("mixture", made, seed=seed, lab="wild", **task(seed))
@@ -152,14 +153,6 @@ def one(name: str) -> Line:
             return {"hidden": hidden} | compared(hid.trials)
 
     return line | attempted(found)
-
-
-def truth(answer: Mapping[str, Any]) -> str:
-    """Return what is hidden in a set, of either form of answers."""
-    if "answer" in answer:
-        return str(answer["answer"])
-    law = [] if answer["soil_law"] == "paper" else [f"soil after {answer['soil_law']}"]
-    return "+".join([*answer["library"], *law]) or "none"
 
 
 def main() -> None:

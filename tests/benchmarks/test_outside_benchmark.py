@@ -11,8 +11,9 @@ import pandas as pd
 import pytest
 
 from benchmarks.judging import document_of, judged, named, wrong_name
-from benchmarks.outside import answers_of, row, summary
+from benchmarks.outside import answers_of, main, row, summary
 from benchmarks.outside_variants import IMU, VARIANTS, WHEELS, of_imu, write
+from benchmarks.peers import one
 from granite_lab.discovery.as_json import finding_as_json
 from granite_lab.discovery.finding import Ceiling
 from granite_lab.estimate import Estimate
@@ -35,6 +36,39 @@ def test_the_answers_cover_the_sets_and_say_what_is_hidden() -> None:
     assert set(answers) == {path.name for path in OUTSIDE.iterdir() if path.is_dir()}
     assert answers["o01"]["effects"] == []
     assert [effect["id"] for effect in answers["o03"]["effects"]] == ["drive_reaction"]
+
+
+@pytest.mark.parametrize(
+    ("law", "ids"),
+    [
+        ("paper", ["multi_pass"]),
+        ("Wong-Reece", ["multi_pass", "stress_ahead"]),
+        ("exit_by_sinkage", ["multi_pass", "exit_by_sinkage"]),
+    ],
+)
+def test_a_law_of_the_soil_is_the_effect_that_it_is(tmp_path: Path, law: str, ids: list[str]) -> None:
+    told = {"m01": {"library": ["multi_pass"], "soil_law": law}}
+    (tmp_path / "answers.json").write_text(json.dumps(told))
+    answer = answers_of(tmp_path)["m01"]
+    assert [effect["id"] for effect in answer["effects"]] == ids
+    assert all(effect["library"] for effect in answer["effects"])
+
+
+def test_an_unknown_law_of_the_soil_is_one_line_that_names_the_set_and_the_known_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = {"m07": {"library": [], "soil_law": "Hertz"}}
+    (tmp_path / "answers.json").write_text(json.dumps(told))
+    monkeypatch.setattr("sys.argv", ["outside", str(tmp_path)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    message, hint = str(ended.value).split("\n")
+    assert message == f"error: {tmp_path / 'answers.json'}: set 'm07': unknown law of the soil 'Hertz'"
+    assert hint.startswith("hint: known: paper, Wong-Reece, ")
+    assert "shear_softening" in hint
+    line = one(str(tmp_path / "m07"))  # beside peers, each set is a line
+    assert (line["status"], line["key"]) == ("refused", "m07")
+    assert line["error"].startswith("unknown law of the soil 'Hertz'")
 
 
 @pytest.mark.parametrize(
