@@ -313,11 +313,11 @@ def bag_layout(table: Table, roles: Mapping[str, str]) -> tuple[Layout, list[str
             if to and (name := f"{topic}.{field}") in names
         ]
         if not fields:
-            message = f"{table.path}: no wheel among the joints of {topic}"
+            lacks = f"no wheel among the joints of {topic}"
             if len(columns) == 1:
                 there = f"there are: {some_of(names[1:], 8)}"
-                raise InputError(message, f"name them in a column map for --map; {there}")
-            doubts.append(f"{message}; a column map can name them")
+                raise InputError(f"{table.path}: {lacks}", f"name them in a column map for --map; {there}")
+            doubts.append(f"{table.path.name}: {lacks}; a column map can name them")
     name = "ROS: " + ", ".join(f"{role} {topic}" for role, topic in roles.items())
     return Layout(name=name, column=tuple(columns), title=table.path.name), doubts
 

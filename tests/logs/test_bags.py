@@ -117,6 +117,17 @@ def test_of_two_imus_the_fuller_topic_is_taken_and_said(trial: Trial, tmp_path: 
     assert read_trial(path, topics={"joints": "none"}).wheels is None
 
 
+def test_a_doubt_about_joints_names_the_bag_and_no_folder_of_the_machine(
+    trial: Trial, tmp_path: Path
+) -> None:
+    bag = Bag("ros2")
+    arm = [(WHEELS, t, bag.joints(t, ["shoulder", "elbow"], [0.1, t])) for t in trial.imu.t[::4]]
+    got = read_trial(bag.write(tmp_path, "arm", [*bag.of_imu(trial), *arm]))
+    (said,) = [line for line in got.warnings if "no wheel" in line]
+    assert said == f"arm: no wheel among the joints of {WHEELS}; a column map can name them"
+    assert str(tmp_path) not in "".join(got.warnings)
+
+
 def test_velocities_serve_where_positions_are_not_published(trial: Trial, tmp_path: Path) -> None:
     bag = Bag("ros1")
     rate = np.gradient(trial.wheels.angle, trial.wheels.t, axis=0)
