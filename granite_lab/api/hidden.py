@@ -136,14 +136,14 @@ def hide(
     if truth is not None and (there := sorted(Path(truth).glob(f"{label}_[vs]*_r*.csv"))):
         raise UsageError(f"{there[0]}: exists already", "choose another folder for the truth")
     spec = Spec(
-        effect, seed, strength, noise, sand_off, lab, dict(sizes or {}), repetitions=repetitions, label=label,
+        effect, seed, strength, noise, sand_off, dict(sizes or {}), repetitions=repetitions, label=label,
         causes=causes, soil_law=soil_law, command=command, logged=log_command, controller=controller,
     )  # fmt: skip
-    the_robot, the_soil = load_robot(robot or "granite"), load_soil(soil or "dry_sand")
-    lab_files = lab_of(lab, seed, the_robot, the_soil).files()
+    place = lab_of(lab, seed, load_robot(robot or "granite"), load_soil(soil or "dry_sand"))
+    lab_files = place.files()
     if there := [folder / name for name in lab_files if (folder / name).exists()]:
         raise UsageError(f"{there[0]}: exists already", "choose another folder")
-    made, answer = make_set(spec, the_robot, the_soil, jobs=jobs, done=done)
+    made, answer = make_set(spec, place, jobs=jobs, done=done)
     for name, text in lab_files.items():
         write_text(folder / name, text)
     files = []

@@ -17,7 +17,7 @@ from granite_lab.hidden.command import Command, draw_stick, trapezoid
 from granite_lab.hidden.contact import Array
 from granite_lab.hidden.controller import CONTROLLERS
 from granite_lab.hidden.gaps import LEAST, Gaps, MakeTrials
-from granite_lab.hidden.lab import Lab, lab_of
+from granite_lab.hidden.lab import Lab
 from granite_lab.hidden.mixture import (
     ATTEMPTS,
     STRONGER,
@@ -33,7 +33,7 @@ from granite_lab.hidden.simulator import DT, Body, drive
 from granite_lab.hidden.spec import Spec, chosen, drawn, raked, sand
 from granite_lab.hidden.vehicle import ClockOffset
 from granite_lab.logs.trial import CurrentStream, ImuStream, Series, Trial, TrialInfo, WheelStream
-from granite_lab.parameters import Robot, Soil, Variant, load_variants
+from granite_lab.parameters import Soil, Variant, load_variants
 from granite_lab.processes import forked_map
 
 if TYPE_CHECKING:
@@ -79,22 +79,21 @@ class Plan:
 
 
 def make_set(
-    spec: Spec, robot: Robot, soil: Soil, *, jobs: int = 1, done: Callable[[str], None] = lambda _: None
+    spec: Spec, lab: Lab, *, jobs: int = 1, done: Callable[[str], None] = lambda _: None
 ) -> tuple[list[tuple[Trial, pd.DataFrame]], dict[str, Any]]:
     """Make all trials of a set, each with its true motion (`true_motion`), and the answer.
 
     Args:
         spec: what to hide.
-        robot, soil: records that the trials will name.
+        lab: where, as `lab_of` draws it; the trials name its robot and sand.
         jobs: processes.
         done: called with the name of each finished trial.
 
     Raises:
-        UsageError: unknown effect or size, or a robot without chassis, drive or IMU.
+        UsageError: unknown effect or size.
         EstimateError: the robot would dig itself in under this effect.
         LabError: a process died.
     """
-    lab = lab_of(spec.lab, spec.seed, robot, soil)
     for plans, off, gaps in _draws(spec, lab):
         made = []
         with suppress(DigsInError):

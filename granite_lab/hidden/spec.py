@@ -41,7 +41,6 @@ class Spec:
         strength: factor on the drawn sizes.
         noise: factor on noise, vibration and jitter of the sensors.
         sand_off: φ, K, n and μ_s are 5-20 % off the soil's file.
-        lab: name of the laboratory, see `granite_lab.hidden.lab`.
         sizes: parameters that are not drawn, by ``name`` or ``id.name``.
         repetitions: of each variant; None: those of the laboratory, else 3.
         variants: those of Table 2 when empty.
@@ -57,7 +56,6 @@ class Spec:
     strength: float = 1.0
     noise: float = 1.0
     sand_off: bool = False
-    lab: str = "bench"
     sizes: Mapping[str, float] = field(default_factory=dict)
     repetitions: int | None = None
     variants: tuple[Variant, ...] = ()

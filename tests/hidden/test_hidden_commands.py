@@ -11,6 +11,7 @@ from granite_lab.errors import UsageError
 from granite_lab.hidden.catalogue import model_of
 from granite_lab.hidden.command import SLOWEST, Command, draw_stick, trapezoid
 from granite_lab.hidden.controller import CONTROLLERS
+from granite_lab.hidden.lab import bench
 from granite_lab.hidden.making import make_set
 from granite_lab.hidden.model import OMEGA, Setup
 from granite_lab.hidden.parts import exponential_k92
@@ -101,7 +102,7 @@ def trials(command: str, *, logged: bool) -> tuple[tuple[Trial, ...], dict[str, 
     spec = Spec(
         "none", 5, repetitions=2, variants=SHORT, command=command, logged=logged, controller="unknown"
     )
-    made, answer = make_set(spec, ROBOT, load_soil())
+    made, answer = make_set(spec, bench(ROBOT, load_soil()))
     return tuple(trial for trial, _ in made), answer
 
 
@@ -140,7 +141,7 @@ def test_the_logged_command_is_in_time_with_the_wheels() -> None:
 
 def test_true_slip_of_a_stick_is_that_of_its_whole_run() -> None:
     spec = Spec("none", 5, repetitions=1, variants=SHORT, command="joystick")
-    ((_, motion),), _ = make_set(spec, ROBOT, load_soil())
+    ((_, motion),), _ = make_set(spec, bench(ROBOT, load_soil()))
     rolled = float((motion["v_wheel_f_mps"] + motion["v_wheel_r_mps"]).sum() / 2 * 5 * DT)
     assert motion.attrs["slip_ratio"] == pytest.approx(1 - motion["x_m"].iloc[-1] / rolled, abs=0.01)
 

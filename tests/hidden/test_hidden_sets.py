@@ -33,9 +33,9 @@ SHORT = (Variant(velocity=0.3, acceleration=1.2, distance=0.4),)
 
 
 @lru_cache
-def one(effect: str, seed: int = 11, **given: Any) -> tuple[Trial, dict[str, Any]]:
+def one(effect: str, seed: int = 11, lab: str = "bench", **given: Any) -> tuple[Trial, dict[str, Any]]:
     spec = Spec(effect, seed, sizes=dict(given.pop("sizes", ())), repetitions=1, variants=SHORT, **given)
-    ((trial, _),), answer = make_set(spec, load_robot(), load_soil())
+    ((trial, _),), answer = make_set(spec, lab_of(lab, seed, load_robot(), load_soil()))
     return trial, answer
 
 
@@ -97,14 +97,14 @@ def test_sand_off_its_file_is_off_by_five_to_twenty_percent_either_way() -> None
 def test_a_robot_that_digs_itself_in_or_has_no_drive_is_not_logged() -> None:
     spec = Spec("bulldozing", 1, sizes={"strength": 8.0}, repetitions=1, variants=SHORT)
     with pytest.raises(EstimateError, match="sinks to its axles"):
-        make_set(spec, load_robot(), load_soil())
+        make_set(spec, bench(load_robot(), load_soil()))
     with pytest.raises(UsageError, match="cannot be simulated"):
-        make_set(Spec("none", 0), load_robot("husky"), load_soil())
+        lab_of("bench", 0, load_robot("husky"), load_soil())
 
 
 def test_each_trial_has_sand_and_phases_of_its_own_and_the_set_has_one_size() -> None:
     spec = Spec("wheel_eccentricity", 2, repetitions=2, variants=SHORT)
-    _, answer = make_set(spec, load_robot(), load_soil())
+    _, answer = make_set(spec, bench(load_robot(), load_soil()))
     first, second = answer["trials"].values()
     assert first["raking"] != second["raking"]
     size = answer["effects"][0]["parameters"]["amplitude_front"]["value"]
@@ -232,6 +232,22 @@ def test_a_seed_gives_the_same_bytes_which_nothing_overwrites_unasked(folder: Pa
     assert command("hide", "--effect", "none", "--out", folder, "--quiet").code == 2
     for name in files:
         assert (folder / name).read_bytes() == (again / name).read_bytes()
+
+
+@pytest.mark.usefixtures("two_variants")
+def test_a_laboratory_is_drawn_once_for_a_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Lab] = []
+
+    def watched(drawn: Lab) -> bool:
+        seen.append(drawn)
+        return drives(drawn)
+
+    monkeypatch.setattr("granite_lab.hidden.lab.drives", watched)
+    hide("none", tmp_path, lab="wild", seed=3, repetitions=1)
+    refused, taken = seen[:-1], seen[-1]
+    assert not any(drives(one) for one in refused)
+    assert drives(taken)
+    assert open_answer(tmp_path)["lab_a_theta"] == taken.a_theta
 
 
 @lru_cache
