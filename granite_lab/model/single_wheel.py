@@ -34,7 +34,8 @@ TRAVEL = 10.0
 """How far the wheel has come [m]: what builds up behind a start is complete; convention."""
 
 HOOKS = (
-    "desired_velocity", "wheel", "soil", "contact_angles", "bearing", "pressure", "shear", "wheel_forces",
+    "desired_velocity", "wheel", "soil", "contact_angles", "bearing", "corner", "pressure", "shear",
+    "wheel_forces",
 )  # fmt: skip
 """Hooks by which an effect acts on a single wheel; the others need a robot, motors or sensors."""
 

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +12,8 @@ from scipy.optimize import brentq
 from granite_lab.effects import get
 from granite_lab.errors import EstimateError, InputError, UsageError
 from granite_lab.model import Accuracy, simulate
-from granite_lab.model.effect import activate
-from granite_lab.model.single_wheel import Ratio, SingleWheel, WheelPoint, rolling
+from granite_lab.model.effect import Effect, activate
+from granite_lab.model.single_wheel import Ratio, SingleWheel, WheelPoint, _functions, acts, rolling
 from granite_lab.parameters import GRAVITY, Soil, Wheels, load_robot, load_soil, variant_of
 from tests.corpus.cli import SAND as SAND_FILE
 from tests.corpus.cli import succeeded
@@ -123,6 +124,24 @@ def test_an_effect_acts_as_its_formula_says() -> None:
     grown = SingleWheel(RIM, SAND, [activate(get("slip_sinkage"), {"growth": 0.5})])
     p = grown.at_sinkage(z, rolling(slip, R), Ratio(0.4))
     assert p.load == pytest.approx(at(z, slip, 0.4, softer).load, rel=1e-12)
+
+
+NO_WHEEL = {"to_frame", "system", "rates"}
+"""Of an effect: no hook, one for the robot, and one for states that do nothing without another hook."""
+HOOKS = {name for name, hook in vars(Effect).items() if callable(hook) and name[0] != "_"} - NO_WHEEL
+
+
+@pytest.mark.parametrize("hook", sorted(HOOKS))
+def test_an_effect_acts_on_a_wheel_whose_equations_ask_for_the_only_hook_that_it_has(hook: str) -> None:
+    asked: list[str] = []
+
+    def watched(_: Effect, quantity: Any, *given: Any) -> Any:
+        asked.append(hook)
+        return quantity
+
+    effect = type("Watched", (Effect,), {"id": hook, "parameters": (), hook: watched})()
+    _functions((effect,))
+    assert acts(effect) is bool(asked)
 
 
 def test_a_soft_tyre_stands_deeper_by_its_deflection() -> None:
