@@ -60,7 +60,8 @@ class Problem(Sensors):
     """A trial ready for the filter.
 
     Attributes:
-        rests: standstills [s].
+        rests: standstills [s, the IMU's clock].
+        offset: of the encoders' clock, by which the standstills were found [s].
         unseen: (N,) std of the velocity that a standstill may begin with, at its first sample [m/s].
         coasts: the log ends while the wheels coast to rest.
         spins: wheels may turn in a standstill.
@@ -75,6 +76,7 @@ class Problem(Sensors):
     """
 
     rests: tuple[Interval, ...]
+    offset: float = 0.0
     unseen: Array
     coasts: bool = False
     spins: bool = True
@@ -109,10 +111,11 @@ class Problem(Sensors):
         return tuple(side for side, is_open in zip(("start", "end"), opens, strict=True) if is_open)
 
     def _moves(self, begin: float, end: float) -> bool:
-        """Whether the robot moves between two instants [s]: wheels that stand tell that it does not."""
+        """Whether the robot moves between two instants on the IMU's clock [s]: standing wheels say no."""
         if self.rolling is None:
             return end - begin > OPEN
-        at = (self.rolling.t >= begin) & (self.rolling.t <= end)
+        stamps = self.rolling.t + self.offset
+        at = (stamps >= begin) & (stamps <= end)
         return end - begin > OPEN and bool((np.abs(np.nan_to_num(self.rolling.speed[at])) > MOVING).any())
 
     def cut(self, begin: float, end: float, offset: float) -> Problem:

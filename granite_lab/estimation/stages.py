@@ -155,7 +155,7 @@ def stand_again(problem: Problem, offset: Estimate, by_hand: Sequence[Interval] 
         noise = identify(problem.imu, rolling, problem.robot, rests)
         problem = replace(problem, rests=rests, unseen=unseen, noise=noise)
         problem = replace(problem, noise=with_motion_noise(problem, at))
-    problem = replace(problem, coasts=coasts(stream, rolling, grade, at, problem.rests))
+    problem = replace(problem, offset=at, coasts=coasts(stream, rolling, grade, at, problem.rests))
     _refuse_gaps(problem, at)
     imu, faults = problem.imu, problem.faults
     restarts = find_restarts(stream, problem.rests, faults.doubt, faults.gaps, grade)

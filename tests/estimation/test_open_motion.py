@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from granite_lab.estimate import Estimate
 from granite_lab.estimation.clock_rate import doubt_rate
 from granite_lab.estimation.error_model import V, in_order, updates_of
 from granite_lab.estimation.noise import white
 from granite_lab.estimation.smoother import Innovations, widening
-from granite_lab.estimation.stages import roll, stand
+from granite_lab.estimation.stages import roll, stand, stand_again
 from granite_lab.logs import read_trial
 from granite_lab.logs.sensors.imu import rail
 from granite_lab.parameters import load_robot
@@ -100,6 +101,18 @@ def test_a_bias_that_changes_where_no_standstill_shows_it_is_never_good(side: st
         assert f"no standstill at the {side}" in motion.health.verdict
         error = motion.slip_ratio.value - truth.slip_ratio_between(*motion.steady)
         assert abs(error) < 2.5 * motion.slip_ratio.std
+
+
+@pytest.mark.parametrize("offset", [-0.5, 0.0, 0.5])
+def test_an_end_is_open_where_the_robot_moves_there_whatever_the_clock_of_the_encoders_says(
+    offset: float,
+) -> None:
+    truth = generate(31, velocity=0.3, clock_offset=offset)
+    problem = stand_again(stand(roll(truth.trial, ROBOT)), Estimate(offset))
+    begin, rested = float(problem.imu.t[0]), truth.start - 1.5
+    for after, ends in ((-0.2, ()), (0.3, ("end",))):  # the log ends so much after the robot sets off [s]
+        short = replace(problem.cut(begin, truth.start + after, offset), rests=((begin, rested),))
+        assert short.open_ends == ends
 
 
 def test_slip_while_the_rates_of_all_wheels_are_silent_is_assumed_and_said() -> None:
