@@ -75,13 +75,16 @@ class Signals:
         return self._listed([x - y for x, y in zip(self.values, other.at(self).values, strict=True)])
 
     def errors(self, robot: Robot) -> Iterator[Array]:
-        """Yield how errors of one std show: gains of the currents, tilt and delay of the IMU."""
+        """Yield how errors of one std show: gains of the currents, tilt of the IMU, and delays.
+
+        The IMU is late by itself, wheels and currents together: the start of a trial is not known better.
+        """
         nothing = [np.zeros_like(x) for x in self.values]
 
         def shown(changed: Mapping[int, Array]) -> Array:
             return self._listed([changed.get(k, x) for k, x in enumerate(nothing)])
 
-        late = {}
+        late: dict[bool, dict[int, Array]] = {True: {}, False: {}}
         for k, (t, x, kind) in enumerate(zip(self.stamps, self.values, self.kinds, strict=True)):
             if kind == "current":
                 for column in np.eye(x.shape[1]):
@@ -89,10 +92,8 @@ class Signals:
             elif kind == "force":
                 turned = np.stack([x[:, 2], np.zeros(t.size), -x[:, 0]], axis=1)
                 yield shown({k: np.radians(robot.imu.tilt) * turned})
-            if kind in ("force", "rate"):
-                late[k] = LATE_STD * np.gradient(x, t, axis=0)
-        if late:
-            yield shown(late)
+            late[kind in ("force", "rate")][k] = LATE_STD * np.gradient(x, t, axis=0)
+        yield from (shown(changed) for changed in late.values() if changed)
 
     def _listed(self, values: Sequence[Array]) -> Array:
         """Return values of all sensors one after the other, without what there is at standstill.

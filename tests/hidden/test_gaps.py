@@ -22,7 +22,8 @@ NAMES = ("torque_constant_error", "gear_backlash")
 def make(active: Sequence[str], number: str = "", factor: float = 1.0) -> list[Trial]:
     """Return two trials: one cause is a gain of the currents, the other one a bump of the pitch rate."""
     gain = 1.02 if "torque_constant_error" in active else 1.0
-    current = np.outer(gain * MOVING, np.full(4, 2.0)) * (factor if number == "frictional_modulus" else 1.0)
+    began = np.interp(T - 0.01, T, MOVING) if "clock_offset" in active else MOVING
+    current = np.outer(gain * began, np.full(4, 2.0)) * (factor if number == "frictional_modulus" else 1.0)
     rate = np.zeros((T.size, 3))
     if "gear_backlash" in active:
         rate[:, 1] += 0.05 * BUMP
@@ -52,6 +53,14 @@ def test_a_refit_absorbs_what_a_gain_explains_and_leaves_what_nothing_else_shows
     assert before["torque_constant_error"] == pytest.approx(gain / (gain + bump), rel=1e-3)
     assert after["torque_constant_error"] < 0.1 * before["torque_constant_error"]
     assert after["gear_backlash"] > 0.9
+
+
+def test_a_refit_absorbs_stamps_of_wheels_and_currents_that_are_late() -> None:
+    gaps = Gaps.of(make, ("clock_offset", "gear_backlash"), load_robot("granite"))
+    assert gaps is not None
+    before, after = gaps.reopened()["clock_offset"], gaps.reopened_after_refit(make)["clock_offset"]
+    assert before > 0.02
+    assert after < 0.1 * before
 
 
 def test_a_trace_of_the_wheels_that_falls_out_of_step_is_no_gap_of_another_cause() -> None:
