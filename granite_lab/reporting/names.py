@@ -286,9 +286,13 @@ def scale_of(effect_id: str, name: str, unit: str, size: float) -> tuple[str, fl
 
 def amount(effect: EffectFinding, parameter: FittedParameter) -> str:
     """Return a fitted number ± std with its unit."""
+    return plus_minus(parameter.estimate, *scale_of_fitted(effect, parameter))
+
+
+def scale_of_fitted(effect: EffectFinding, parameter: FittedParameter) -> tuple[str, float]:
+    """Return the unit in which a fitted number, its std and its interval are printed, as `scale_of`."""
     size = max(abs(parameter.estimate.value), abs(parameter.estimate.std))
-    unit, scale = scale_of(effect.id, parameter.name, parameter.unit, size)
-    return plus_minus(parameter.estimate, unit, scale)
+    return scale_of(effect.id, parameter.name, parameter.unit, size)
 
 
 def in_units(effect_id: str, values: Mapping[str, float]) -> str:

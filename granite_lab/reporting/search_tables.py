@@ -34,6 +34,7 @@ from granite_lab.reporting.names import (
     meaning,
     plain,
     scale_of,
+    scale_of_fitted,
     sensors_of,
 )
 from granite_lab.results import PHASES
@@ -92,8 +93,8 @@ def effects_table(finding: Finding, effects: Sequence[EffectFinding], kind: Kind
         return Cell(amount(r.effect, r.parameter), (value.value, value.std, r.parameter.unit))
 
     def ends(r: Size) -> Cell:
-        p, both = r.parameter, r.parameter.estimate.interval()
-        return Cell(interval(*both, *scale_of(r.effect.id, p.name, p.unit, p.estimate.value)), both)
+        both = r.parameter.estimate.interval()
+        return Cell(interval(*both, *scale_of_fitted(r.effect, r.parameter)), both)
 
     def closes(r: Size) -> Cell:
         return r.once(Cell(percent_of(r.effect.closes), (r.effect.closes.value, r.effect.closes.std)))

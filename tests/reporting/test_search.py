@@ -299,6 +299,12 @@ def test_the_table_keeps_sign_and_si_unit_and_says_which_way_it_goes() -> None:
     assert "below zero: stamps of encoders and currents early" in table.rows[0][2].text
 
 
+def test_a_number_that_is_zero_has_its_interval_in_the_unit_of_its_std() -> None:
+    finding = naming(found("clock_offset", offset=(0.0, 35e-6)))
+    table = search_tables.effects_table(finding, finding.effects)
+    assert [spaced(cell.text) for cell in table.rows[0][3:5]] == ["0 ± 35 µs", "−69 to 69 µs"]
+
+
 @pytest.mark.parametrize(
     ("value", "std", "said"),
     [
