@@ -27,7 +27,7 @@ class ContactAngleLag(Effect):
     name = "contact-angle lag"
     by_command = True
     title = "rear contact angle with a time lag"
-    equation = "T dϑ2/dt + ϑ2 = k_92(v_d) ϑ1, T = time · (0.4 m/s / |v|)^exponent"
+    equation = "T dρ/dt + ρ = k_92, or another law of ϑ2/ϑ1; ϑ2 = ρ ϑ1; T = time · (0.4 m/s / |v|)^exponent"
     source = (
         "relaxation length of tyres: Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, ch. 7; range: a "
         "contact patch of 0.04-0.1 m gives 0.05-0.25 s"
@@ -44,15 +44,15 @@ class ContactAngleLag(Effect):
     states = ("ratio",)
 
     def contact_angles(self, angles: ContactAngles, state: WheelState, sym: Symbols) -> ContactAngles:
-        """Replace k_92 by its lagged value."""
+        """Move the rear angle to where it follows with its lag, whatever law sets it."""
         T = _lag(state, sym)
-        behind = T / (T + FASTEST) * (sym.x["ratio"] - state.k92)
-        return replace(angles, rear=angles.rear + behind * angles.front)
+        behind = T / (T + FASTEST) * (sym.x["ratio"] * angles.front - angles.rear)
+        return replace(angles, rear=angles.rear + behind)
 
     def rates(self, axles: tuple[Axle, Axle], p: ModelParameters, sym: Symbols) -> dict[str, Any]:
-        """Let the lagged ratio follow."""
-        state = axles[0].state
-        return {"ratio": (state.k92 - sym.x["ratio"]) / (_lag(state, sym) + FASTEST)}
+        """Let the lagged ratio follow with T + FASTEST, by the angles that already follow it."""
+        angles = axles[0].angles
+        return {"ratio": (angles.rear / angles.front - sym.x["ratio"]) / FASTEST}
 
 
 def _lag(state: WheelState, sym: Symbols) -> Any:

@@ -302,7 +302,7 @@ class Effect:
 
 
 class Hooks(tuple[tuple[Effect, Symbols], ...]):
-    """The effects of a graph with their symbols, in the order in which their hooks apply."""
+    """The effects of a graph with their symbols; contact laws act first, the others on what these give."""
 
     __slots__ = ()
 
@@ -314,7 +314,7 @@ class Hooks(tuple[tuple[Effect, Symbols], ...]):
             quantity: as the paper's model has it.
             given: what the hook may depend on.
         """
-        for effect, symbols in self:
+        for effect, symbols in sorted(self, key=lambda pair: not pair[0].law):
             quantity = getattr(effect, hook.__name__)(quantity, *given, symbols)
         return quantity
 

@@ -8,7 +8,9 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from granite_lab.effects import get
+from granite_lab.effects.contact_angle_lag import FASTEST
 from granite_lab.inference.constants import BIN
+from granite_lab.model import Accuracy, simulate
 from granite_lab.model.command import V_FLOOR
 from granite_lab.model.effect import Symbols, activate
 from granite_lab.model.single_wheel import Ratio, SingleWheel, rolling
@@ -161,3 +163,33 @@ def test_the_wedge_of_the_literature_is_there_from_the_start() -> None:
     moving = (r["v_mps"] > 4 * V_FLOOR) & (r["x_m"] < 0.01)
     assert moving.any()
     assert np.allclose(extra[moving], -pushed[moving], rtol=0.02)
+
+
+def test_a_lag_of_the_contact_angles_also_delays_an_exit_angle_by_sinkage() -> None:
+    """The ratio of the angles of a run, by the exit law and a first-order lag that another solver integrates;
+    the order in which the effects are listed does not matter."""
+    lag, onset = 0.3, 0.05
+    exit_angle = activate(get("exit_by_sinkage"), {"share": 1.0, "onset": onset})
+    late = activate(get("contact_angle_lag"), {"time": lag, "exponent": 0.0})
+    fine = Accuracy(1e-7, 1e-9, 0.005)
+    r, other = (
+        simulate(variant_of(0.5), ROBOT, SOIL, effects=effects, accuracy=fine)
+        for effects in ((late, exit_angle), (exit_angle, late))
+    )
+    for name in ("v_mps", "angle_rear_f_rad"):
+        np.testing.assert_array_equal(r[name], other[name])
+    front, recovery = r["angle_front_f_rad"], math.exp(-4.919 * 0.4) ** 2
+    κ = recovery + (1 - recovery) * np.exp(-np.hypot(r["v_mps"], 1e-3) / onset)
+    target = 2 * np.arcsin(np.sqrt(κ) * np.sin(front / 2)) / front
+    moving = (r.t > 0.2) & (r.t < r.steady[1])  # earlier the body's velocity is not that of the wheels
+    t, target, ratio = r.t[moving], target[moving], (r["angle_rear_f_rad"] / front)[moving]
+    begin = ((lag + FASTEST) * ratio[0] - FASTEST * target[0]) / lag
+    follows = solve_ivp(
+        lambda now, x: (np.interp(now, t, target) - x) / (lag + FASTEST), (t[0], t[-1]), [begin],
+        t_eval=t, rtol=1e-8, atol=1e-10,
+    )  # fmt: skip
+    lagged = (target * FASTEST + follows.y[0] * lag) / (lag + FASTEST)
+    assert np.abs(target - lagged).max() > 0.1  # the lag shows
+    np.testing.assert_allclose(
+        ratio, lagged, rtol=1e-3
+    )  # wheels and body differ in velocity by the pitch rate
