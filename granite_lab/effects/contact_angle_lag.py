@@ -26,6 +26,7 @@ class ContactAngleLag(Effect):
     id = "contact_angle_lag"
     name = "contact-angle lag"
     by_command = True
+    follows = True
     title = "rear contact angle with a time lag"
     equation = "T dρ/dt + ρ = k_92, or another law of ϑ2/ϑ1; ϑ2 = ρ ϑ1; T = time · (0.4 m/s / |v|)^exponent"
     source = (

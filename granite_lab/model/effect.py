@@ -158,6 +158,7 @@ class Effect:
         name: as a sentence calls it, where the id with spaces does not read as words.
         fault: True for an error of the measurement, which no model lacks.
         law: True for another law of the soil in place of the paper's.
+        follows: True where it acts on what all others give, as a lag does.
         by_lugs: True where the number of lugs of the tread is in its formula.
         by_command: True where k_92 goes by the history of the command.
         of_encoders: True for an error of the wheel angles that no hook shows.
@@ -178,6 +179,7 @@ class Effect:
     name: ClassVar[str] = ""
     fault: ClassVar[bool] = False
     law: ClassVar[bool] = False
+    follows: ClassVar[bool] = False
     by_lugs: ClassVar[bool] = False
     by_command: ClassVar[bool] = False
     of_encoders: ClassVar[bool] = False
@@ -302,7 +304,7 @@ class Effect:
 
 
 class Hooks(tuple[tuple[Effect, Symbols], ...]):
-    """The effects of a graph with their symbols; contact laws act first, the others on what these give."""
+    """The effects of a graph with their symbols; contact laws act first, what follows others last."""
 
     __slots__ = ()
 
@@ -314,7 +316,7 @@ class Hooks(tuple[tuple[Effect, Symbols], ...]):
             quantity: as the paper's model has it.
             given: what the hook may depend on.
         """
-        for effect, symbols in sorted(self, key=lambda pair: not pair[0].law):
+        for effect, symbols in sorted(self, key=lambda pair: (not pair[0].law, pair[0].follows)):
             quantity = getattr(effect, hook.__name__)(quantity, *given, symbols)
         return quantity
 

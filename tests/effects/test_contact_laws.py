@@ -12,6 +12,7 @@ from granite_lab.effects.contact_angle_lag import FASTEST
 from granite_lab.inference.constants import BIN
 from granite_lab.model import Accuracy, simulate
 from granite_lab.model.command import V_FLOOR
+from granite_lab.model.dictionary import dictionary
 from granite_lab.model.effect import Symbols, activate
 from granite_lab.model.single_wheel import Ratio, SingleWheel, rolling
 from granite_lab.model.symbols import model_parameters
@@ -193,3 +194,18 @@ def test_a_lag_of_the_contact_angles_also_delays_an_exit_angle_by_sinkage() -> N
     np.testing.assert_allclose(
         ratio, lagged, rtol=1e-3
     )  # wheels and body differ in velocity by the pitch rate
+
+
+def test_a_lag_follows_a_term_of_the_dictionary_that_corrects_the_angles() -> None:
+    """At constant speed the ratio is (5) times the correction, wherever the term is listed."""
+    late = activate(get("contact_angle_lag"), {"time": 0.3, "exponent": 0.0})
+    term = activate(dictionary()["term_ratio"], {"a": 0.5})
+    r, other = (
+        simulate(variant_of(0.5), ROBOT, SOIL, effects=effects) for effects in ((late, term), (term, late))
+    )
+    np.testing.assert_array_equal(r["angle_rear_f_rad"], other["angle_rear_f_rad"])
+    alone = simulate(variant_of(0.5), ROBOT, SOIL, effects=(term,))
+    steady = (r.t > r.steady[0] + 1.0) & (r.t < r.steady[1])
+    for name in "fr":
+        ratio, wanted = (x[f"angle_rear_{name}_rad"] / x[f"angle_front_{name}_rad"] for x in (r, alone))
+        np.testing.assert_allclose(ratio[steady], wanted[steady], rtol=1e-3)
