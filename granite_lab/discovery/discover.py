@@ -18,7 +18,7 @@ from granite_lab.discovery.orders import lugs
 from granite_lab.discovery.power import detectable
 from granite_lab.discovery.remainder import beside_terms, credited, remainder, savable
 from granite_lab.discovery.screens import screen
-from granite_lab.discovery.search import search
+from granite_lab.discovery.search import search, search_from_rivals
 from granite_lab.discovery.verdict import Judgement, by_posterior, judge, with_ground_wave
 from granite_lab.errors import EstimateError
 from granite_lab.estimation.motion import Motion
@@ -194,6 +194,11 @@ def _judged(
         lambda: judge(problem, searched, tolerance),
         by_posterior(problem, searched),
     )
+    searched, judged = parts.attempt(
+        "rivals of what was found",
+        lambda: _reconsidered(problem, searched, judged, library, tolerance, tell),
+        (searched, judged),
+    )
     judged = parts.attempt("what may be saved", lambda: savable(problem, searched, judged, tolerance), judged)
     judged = parts.attempt(
         "what gains mask", lambda: with_masked(problem, searched, judged, tolerance), judged
@@ -226,6 +231,21 @@ def _judged(
         "what these trials could show", lambda: _power(problem, searched, judged, library, tolerance), None
     )
     return Outcome(whole, judgement, limit, power)
+
+
+def _reconsidered(
+    problem: Problem,
+    searched: Search,
+    judged: Judgement,
+    library: Sequence[str],
+    tolerance: float,
+    tell: Callable[[str, int], None],
+) -> tuple[Search, Judgement]:
+    """Search on from rivals where not all that matters is named; return search and judgement."""
+    if judged.verdict in ("none", "named"):
+        return searched, judged
+    again = search_from_rivals(searched, problem, library, tolerance, tell)
+    return (searched, judged) if again is searched else (again, judge(problem, again, tolerance))
 
 
 def _without(problem: Problem, reasons: Mapping[int, str]) -> tuple[Problem, tuple[tuple[str, str], ...]]:

@@ -16,7 +16,7 @@ from granite_lab.discovery.leaders import (
     origins,
     screened,
 )
-from granite_lab.discovery.models import Model, finely, ranked
+from granite_lab.discovery.models import Model, Search, finely, ranked
 from granite_lab.discovery.relevance import has_strained_trials, is_adequate
 from granite_lab.discovery.screens import around
 from granite_lab.discovery.sets import EffectSet, Starts, best_fits, fit_sets, from_best_part, set_of
@@ -67,6 +67,10 @@ class FittedSets:
     def fits(self) -> dict[EffectSet, Fit]:
         """The fits of the sets."""
         return {k: m.fit for k, m in self.models.items()}
+
+    def as_search(self) -> Search:
+        """Return what was fitted and screened."""
+        return Search(tuple(ranked(self.models.values())), self.screenings, frozenset(self.set_aside))
 
     def likeliest(self) -> Model:
         """Return the likeliest set all of whose effects matter."""

@@ -70,6 +70,63 @@ def search_beside(
     return _exchanged(sets, *extend_fully(sets, start))
 
 
+def search_from_rivals(
+    found: Search,
+    problem: Problem,
+    candidates: Sequence[str],
+    tolerance: float = TOLERANCE,
+    tell: Callable[[str, int], None] = lambda *_: None,
+) -> Search:
+    """Search on from sets that nearly took the place of a part of the best one.
+
+    A step of a search takes what explains most by itself. Two effects of which neither does may together
+    explain more. `FEW` rivals are extended by one effect, and further where the set is then likelier than the
+    sets of the same size on the way to the best one.
+
+    Args:
+        found: the search in the library.
+        problem, candidates, tolerance, tell: as in `search`.
+
+    Returns:
+        the search with what was fitted; the same where there is no rival.
+    """
+    models = {m.effects: m for m in found.models}
+    sets = FittedSets(
+        problem, candidates, tolerance, tell, models, dict(found.screenings), set(found.set_aside)
+    )
+    best = sets.likeliest()
+    rivals = _rivals(sets, best)[:FEW]
+    if not rivals or problem.is_exhausted:
+        return found
+    for rival in rivals:
+        size = len(rival.effects) + 1
+        parts = [m for k, m in models.items() if set(k) <= set(best.effects) and len(k) <= size]
+        larger, tried = extend(sets, rival)
+        if larger.log_posterior <= max(m.log_posterior for m in parts) + LEAST_GAIN:
+            continue
+        new, more = extend_fully(sets, larger)
+        if new.log_posterior > best.log_posterior + LEAST_GAIN:
+            return _exchanged(sets, new, [Extension(rival, larger, tried), *more])
+    return sets.as_search()
+
+
+def _rivals(sets: FittedSets, best: Model) -> list[Model]:
+    """Return the sets that were fitted beside a part of the best one, and gained `RIVAL` of what its effect
+    did there; those that gained the largest share first.
+
+    Sets beside which candidates were screened have been extended already.
+    """
+    shares: dict[EffectSet, float] = {}
+    for origin in (k for k in sets.screenings if set(k) < set(best.effects)):
+        before = sets.models[origin].log_posterior
+        larger = {k: m for k, m in sets.models.items() if len(k) == len(origin) + 1 and set(k) > set(origin)}
+        gains = {k: m.log_posterior - before for k, m in larger.items()}
+        most = max((gain for k, gain in gains.items() if set(k) <= set(best.effects)), default=np.inf)
+        others = {k: gain / most for k, gain in gains.items() if not set(k) <= set(best.effects)}
+        shares |= {k: share for k, share in others.items() if share > RIVAL and k not in sets.screenings}
+    return [sets.models[k] for k in sorted(shares, key=lambda k: -shares[k])]
+
+
 def _exchanged(sets: FittedSets, best: Model, steps: Sequence[Extension]) -> Search:
     """Exchange the effects of the best set, and reduce the set to those that are needed."""
     if not sets.problem.is_exhausted:
@@ -81,7 +138,7 @@ def _exchanged(sets: FittedSets, best: Model, steps: Sequence[Extension]) -> Sea
         is_settled = fit_finely(sets)
         if is_settled and not reduce(sets):
             break
-    return Search(tuple(ranked(sets.models.values())), sets.screenings, frozenset(sets.set_aside))
+    return sets.as_search()
 
 
 @dataclass(frozen=True, eq=False)

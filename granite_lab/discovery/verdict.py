@@ -415,7 +415,9 @@ def _twins(
     tenth of the doubt that a name may carry is no twin. Two other kinds of rivals are: one that closes all of
     what the effect closes but the largest error that the formula of an effect may have; and one that closes
     nearly as much and leaves less than twice what the best set leaves of the gap, both as an rms, since a
-    formula that is off by that much cannot exclude another that is off by as much more.
+    formula that is off by that much cannot exclude another that is off by as much more. Beside a rival other
+    effects may act: the likeliest set with it and no likelier rival, as large as the best set at most, says
+    what it closes.
 
     Args:
         search, whole, competition, predictions: as in `_evidence_of`.
@@ -427,7 +429,11 @@ def _twins(
     for model in search.models:
         others = [e for e in model.effects if e not in rest]
         if rest <= set(model.effects) and len(others) == 1 and others[0] != id_:
-            rivals.append((competition.probability(holding(others[0], id_)), others[0], model))
+            (rival,) = others
+            excluded = {id_, *(r for _, r, _ in rivals)}
+            sets = (m for m in search.models if rival in m.effects and not excluded & set(m.effects))
+            likeliest = next(m for m in sets if len(m.effects) <= len(rest) + 1)
+            rivals.append((competition.probability(holding(rival, id_)), rival, likeliest))
     remainder, doubt = 1 - whole.closed.value, 1 - CREDIBLE
     twins, probability = [], competition.probability(holding(id_))
     for share, rival, model in sorted(rivals, key=lambda r: r[:2], reverse=True):
