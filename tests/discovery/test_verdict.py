@@ -1,8 +1,9 @@
 """Verdicts on trials whose answer is known by construction; trials left out as by a fit without them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -12,15 +13,15 @@ from granite_lab.discovery import verdict
 from granite_lab.discovery.candidates import Score, rivals, scores
 from granite_lab.discovery.finding import EffectFinding
 from granite_lab.discovery.fitted_sets import MOST, FittedSets
-from granite_lab.discovery.heldout import Equations, closed, predict, units
+from granite_lab.discovery.heldout import Equations, Predicted, closed, predict, units
 from granite_lab.discovery.leaders import NOTHING_FITTED, Fitted, Screening, leaders
-from granite_lab.discovery.models import Model, Search
+from granite_lab.discovery.models import Model, Search, ranked
 from granite_lab.discovery.power import _by_noise_per_trial, _visible
 from granite_lab.discovery.relevance import has_strained_trials, left_without
 from granite_lab.discovery.remainder import remainder
-from granite_lab.discovery.resampling import by_evidence
+from granite_lab.discovery.resampling import Competition, Predictions, by_evidence
 from granite_lab.discovery.screens import Screen, rescreened, screen
-from granite_lab.discovery.search import Extension, exchange, reduce, search
+from granite_lab.discovery.search import Extension, exchange, reduce, search, search_from_rivals
 from granite_lab.discovery.sets import UNLIKELY, best_fits, fit_sets
 from granite_lab.discovery.verdict import (
     OPEN,
@@ -692,6 +693,52 @@ def test_a_set_that_lacks_an_effect_is_fitted_from_the_sand_that_misfits_less(
     assert [start.effects for start in begun] == [("push",), ("pull",)]
     for start in begun:
         assert np.array_equal(start.shared, sets.models[other].fit.point.shared)
+
+
+def test_a_search_goes_on_from_an_effect_that_nearly_took_the_place_of_the_one_found() -> None:
+    sets = of_sets(
+        trials_with(push=0.3, pull=0.3, channels=CHANNELS), dict.fromkeys([(), ("pull",), ("push",)], 0.0)
+    )
+    first, second = ranked(sets.models[k] for k in [("pull",), ("push",)])
+    sets.screenings[()] = ()
+    again = search_from_rivals(sets.as_search(), sets.problem, CANDIDATES)
+    assert again.best.effects == ("pull", "push")
+    assert second.effects in again.screenings  # it was extended, and the first one was not
+    assert first.effects not in again.screenings
+
+
+@pytest.mark.parametrize("screened", [True, False], ids=["extended already", "far worse"])
+def test_a_search_does_not_go_on_from_what_is_no_rival(screened: bool) -> None:
+    missed = 0.0 if screened else 1e5
+    problem = trials_with(push=0.3, pull=0.3, channels=CHANNELS)
+    sets = of_sets(problem, {(): missed, ("pull",): 2 * missed, ("push",): 0.0})
+    second = ranked(sets.models.values())[1] if screened else sets.baseline
+    sets.screenings |= {(): (), second.effects: ()}
+    found = sets.as_search()
+    assert search_from_rivals(found, problem, CANDIDATES) is found
+
+
+@pytest.mark.parametrize(("together", "twins"), [(40.0, ("lag",)), (400.0, ())])
+def test_a_rival_is_judged_with_what_acts_beside_it(together: float, twins: tuple[str, ...]) -> None:
+    """By itself the lag leaves too much; with another effect beside it, it closes as much as the speed."""
+    left = {
+        ("speed", "tyre"): 10.0, ("exit", "lag"): together, ("lag", "tyre"): 900.0, ("speed",): 500.0,
+        (): 2000.0,
+    }  # fmt: skip
+    fitted = ask(push=0.3).search.best.fit
+    search = Search(tuple(Model(k, fitted, -misfit) for k, misfit in left.items()), {})
+
+    def of(models: Sequence[Model]) -> list[Predicted]:
+        units = [np.full(4, left[m.effects] / 4) for m in models]
+        return [Predicted(x, x, x, np.zeros(4), x, x) for x in units]
+
+    before, after = of([search.baseline, search.best])
+    competition = Competition(search.models, np.array([0.95, 0.05, 0.0, 0.0, 0.0]))
+    predictions = cast(Predictions, SimpleNamespace(of=of, tolerance=TOLERANCE))
+    found, _ = verdict._twins(
+        search, "speed", 0.5, verdict.performance_of(before, after), competition, predictions
+    )
+    assert found == twins
 
 
 def test_a_set_that_leaves_nothing_is_at_its_optimum_before_more_is_fitted_beside_it() -> None:
