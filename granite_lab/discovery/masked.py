@@ -1,57 +1,140 @@
 """Effects that the gains of the sensors mask: the trials hardly show them, and a simulation needs them.
 
 A wrong torque constant scales both motor currents, as gains of their sensors do. Where such gains are
-refitted, the effect changes no prediction, and it is not named. A simulation has no gains.
+refitted, the effect changes no prediction. A simulation has no gains. The gains tell of the effect: alike in
+all trials, they lie further off than their data sheets allow.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from granite_lab.discovery.models import Model, Search, finely, likely, ranked
+import numpy as np
+from scipy.special import softmax
+
+from granite_lab.discovery.fitted_sets import with_score
+from granite_lab.discovery.models import Model, Search, finely, likely
 from granite_lab.discovery.numbers import Numbers
-from granite_lab.discovery.saved_model import loss_of_model, predicts_worse
-from granite_lab.discovery.verdict import Judgement, unjudged
-from granite_lab.inference.constants import LEAST_GAIN, TRIED
+from granite_lab.discovery.resampling import SUREST
+from granite_lab.discovery.saved_model import loss_of_files, loss_of_model, predicts_worse, share_closed
+from granite_lab.discovery.sets import best_fits
+from granite_lab.discovery.verdict import EffectEvidence, Judgement, at_bounds, strained_numbers, unjudged
+from granite_lab.estimate import Estimate
+from granite_lab.inference.constants import CREDIBLE, LEAST_GAIN, THREE_SIGMA, TRIED
+from granite_lab.inference.descent import TO_OPTIMUM
+from granite_lab.inference.point import SHARED
 from granite_lab.inference.problem import Problem
 
 
 def with_masked(problem: Problem, search: Search, judgement: Judgement, tolerance: float) -> Judgement:
     """Return a judgement whose model also holds the effect that gains of the sensors mask.
 
-    Where gains that all trials share lie two std off their files, the first `TRIED` of the likely sets with
-    one more effect are fitted finely. The model is then the set that strains the gains least, of those that
-    are likelier than it and whose simulations predict what was left out better by more than a standard error.
-    What is named does not change; the further effect is listed as small.
+    The model is the set with one more effect, see `_relieved`, that strains the gains least. The effect is
+    named where a gain that it relieves lay `THREE_SIGMA` off, errors of the formulas included, and no other
+    of these sets may be the likelier one; else it is small.
 
     Args:
         problem, tolerance: as in `judge`.
         search: the search in the library.
         judgement: of it.
     """
-    best, strain = judgement.model, _strain(problem, judgement.model)
-    if not judgement.named or strain == 0:
+    if judgement.verdict == "none":
         return judgement
-    larger = [m for m in likely(search.models, best) if set(m.effects) > set(best.effects)]
-    tried = [m for m in larger if len(m.effects) == len(best.effects) + 1][:TRIED]
-    fine = ranked(finely(problem, tried))
+    small = {e.id for e in judgement.small}
+    best = search.model([e for e in judgement.model.effects if e not in small]) or judgement.model
+    relieved = _relieved(problem, search, best, tolerance)
+    if not relieved:
+        return judgement
+    model = relieved[0]
+    (id_,) = set(model.effects) - set(best.effects)
+    rest = tuple(e for e in judgement.small if e.id != id_)
+    shares = softmax([m.log_posterior for m in (model, best, *relieved[1:])])
+    probability = min(float(shares[0]), SUREST)
+    sure = probability >= CREDIBLE and _is_certain(problem, best, model)
+    if not sure or at_bounds(problem, model.fit, id_):
+        known = model.effects == judgement.model.effects
+        further = replace(judgement, model=model, small=(*unjudged([id_]), *rest), masked=(id_,))
+        return judgement if known else further
+    closes = _closes(problem, search, best, model, tolerance)
+    strained = strained_numbers(problem, model.fit, id_)
+    return replace(
+        judgement,
+        model=model,
+        verdict="named" if judgement.verdict == "named" else "partly named",
+        named=(*judgement.named, EffectEvidence(id_, (), probability, closes, closes, strained)),
+        small=rest,
+        probability=min([probability, *(n.probability for n in judgement.named)]),
+        masked=(id_,),
+    )
+
+
+def _relieved(problem: Problem, search: Search, best: Model, tolerance: float) -> list[Model]:
+    """Return sets with one more effect that strain the gains less, those that strain them least first.
+
+    Where gains that all trials share lie two std off their files, `TRIED` of the likely sets with one more
+    effect are fitted finely; where they lie `THREE_SIGMA` off, as many of the candidates that a screen beside
+    the model promises most of, too. The sets are those of them that are likelier than the model, and whose
+    simulations predict what was left out better by more than a standard error.
+    """
+    strains = _strain(problem, best).values()
+    strain = sum(strains)
+    if strain == 0:
+        return []
+    larger = _fitted_with_one_more(problem, search, best)
+    if max(strains) > THREE_SIGMA**2:
+        larger += _screened_with_one_more(problem, search, best)
+    likelier = [m for m in larger if m.log_posterior > best.log_posterior + LEAST_GAIN]
+    left = {m: sum(_strain(problem, m).values()) for m in likelier}
     before = loss_of_model(problem, best.fit, tolerance)
-
-    def simulates_better(model: Model) -> bool:
-        return predicts_worse(before, loss_of_model(problem, model.fit, tolerance), tolerance)
-
-    likelier = [m for m in fine if m.log_posterior > best.log_posterior + LEAST_GAIN]
-    relieved = [m for m in likelier if _strain(problem, m) < strain]
-    model = next(filter(simulates_better, sorted(relieved, key=lambda m: _strain(problem, m))), None)
-    if model is None:
-        return judgement
-    further = tuple(e for e in model.effects if e not in best.effects)
-    known = [e for e in judgement.small if e.id not in further]
-    return replace(judgement, model=model, small=(*unjudged(further), *known), masked=further)
+    return [
+        m
+        for m in sorted(likelier, key=lambda m: left[m])
+        if left[m] < strain and predicts_worse(before, loss_of_model(problem, m.fit, tolerance), tolerance)
+    ]
 
 
-def _strain(problem: Problem, model: Model) -> float:
-    """Return the sum of squares of the gains that all trials share, in std of their files, beyond two."""
+def _fitted_with_one_more(problem: Problem, search: Search, best: Model) -> list[Model]:
+    """Return `TRIED` of the fitted sets with one more effect at their optimum."""
+    larger = (m for m in likely(search.models, best) if set(m.effects) > set(best.effects))
+    return finely(problem, [m for m in larger if len(m.effects) == len(best.effects) + 1][:TRIED])
+
+
+def _screened_with_one_more(problem: Problem, search: Search, best: Model) -> list[Model]:
+    """Return the sets with a candidate of which a screen promises most, those that were not fitted."""
+    screenings = [k for k in search.screenings.get(best.effects, ()) if not k.tolerated]
+    scores = [s for k in screenings for s in k.scores[:TRIED] if s.gain > LEAST_GAIN]
+    new = [s for s in scores if search.model(best.with_effect(s.candidate)) is None]
+    starts = [(with_score(problem, best.fit.point, s), best.fit.scales) for s in new]
+    return [Model.of(k, f) for k, f in best_fits(problem, starts, TO_OPTIMUM).items()]
+
+
+def _closes(problem: Problem, search: Search, best: Model, model: Model, tolerance: float) -> Estimate:
+    """Return the share of the gap that a further effect closes, told by simulations: these have no gains."""
+    by_files = loss_of_files(problem, search.baseline.fit)
+    losses = [loss_of_model(problem, m.fit, tolerance) for m in (model, best)]
+    after, before = (
+        np.nan if loss is None or by_files is None else share_closed(loss, by_files, tolerance)
+        for loss in losses
+    )
+    return Estimate(float(after - before))
+
+
+def _is_certain(problem: Problem, best: Model, model: Model) -> bool:
+    """Tell whether a gain that a further effect relieves lay `THREE_SIGMA` off its file without it.
+
+    The std holds what the fit and errors of the formulas leave open of the gain: what a formula misses in a
+    channel may look like a gain of it.
+    """
+    numbers, shared = Numbers(problem, best.fit), best.fit.point.shared.size
+    first = best.fit.std.size - best.fit.point.common.size - shared
+    open_ = np.hypot(best.fit.std, numbers.by_formulas)[first : first + shared]
+    relieved = _strain(problem, best).keys() - _strain(problem, model).keys()
+    std = {name: np.hypot(problem.learnt_std[name], open_[SHARED.index(name)]) for name in relieved}
+    return any(abs(numbers.own_means[name]) > THREE_SIGMA * std[name] for name in relieved)
+
+
+def _strain(problem: Problem, model: Model) -> dict[str, float]:
+    """Return gain that all trials share to its square, in std of its file, where it lies beyond two."""
     numbers, std = Numbers(problem, model.fit), problem.learnt_std
     strained = (name for name in numbers.alike if name in model.fit.point.calibration)
-    return sum((numbers.own_means[name] / std[name]) ** 2 for name in strained)
+    return {name: (numbers.own_means[name] / std[name]) ** 2 for name in strained}

@@ -180,26 +180,39 @@ def test_gains_that_all_trials_have_alike_do_not_stand_in_for_what_is_missing() 
         assert best.scales.discrepancies[name.removesuffix(" gain")] > 3 * TOLERANCE
 
 
-def test_the_model_holds_what_gains_of_the_sensors_mask() -> None:
-    """Six percent of motor torque: gains take it up in every trial, and a simulation lacks them."""
+@pytest.mark.parametrize(("true", "sure"), [(0.06, False), (0.08, True), (0.1, True)])
+def test_the_model_holds_what_gains_of_the_sensors_mask(true: float, sure: bool) -> None:
+    """Some percent of motor torque: gains take it up in every trial, and a simulation lacks them.
+
+    They lie 3 and 4 std off their files with the first of these sizes, 4 and 6 with the second. The third is
+    found, and too small to be named by what it closes where gains are refitted.
+    """
     rng, problem = np.random.default_rng(0), problem_of(SIX)
     point = problem.with_effect(drawn(problem, rng, common=0.1), "push", (0.4,))
-    measure(problem, problem.with_effect(point, "motor", (0.06,)), rng, 0.002)
+    measure(problem, problem.with_effect(point, "motor", (true,)), rng, 0.002)
     found = search(problem, fit(problem, problem.neutral()), ("motor", "push"), TOLERANCE)
     judgement = judge(problem, found, TOLERANCE)
-    assert judgement.model.effects == ("push",)
+    assert [e.id for e in judgement.named] == ["push"]
     saved = with_masked(problem, found, judgement, TOLERANCE)
     assert saved.model.effects == ("motor", "push")
-    assert saved.named == judgement.named
-    assert [e.id for e in saved.small] == ["motor"]
+    assert [e.id for e in saved.named] == ["push", *(["motor"] if sure else [])]
+    assert [e.id for e in saved.small] == ([] if sure else ["motor"])
+    if sure:
+        motor = saved.named[-1]
+        assert motor.probability > 0.99
+        assert (
+            motor.closes.value > 0.001
+        )  # of the squared errors of simulations, most of which the push makes
     assert any("mask motor" in note for note in notes(problem, saved, ()))
     place = saved.model.fit.point.effects.index("motor")  # one number for each effect
     size, std = saved.model.fit.point.common[place], saved.model.fit.common_std[place]
-    assert size == pytest.approx(0.06, abs=2 * std)
-    points = (problem.with_effect(point, "motor", (0.06,)), judgement.model.fit.point, saved.model.fit.point)
+    assert size == pytest.approx(true, abs=2 * std)
+    alone = found.model(["push"])
+    assert alone is not None
+    points = (problem.with_effect(point, "motor", (true,)), alone.fit.point, saved.model.fit.point)
     runs = problem.pool.run([problem.centre(p, number) for p in points for number in range(3)])
-    true, before, after = (np.hstack([run[5:7] for run in runs[k : k + 3]]) for k in (0, 3, 6))
-    assert np.std(after - true) < np.std(before - true) / 4
+    currents, before, after = (np.hstack([run[5:7] for run in runs[k : k + 3]]) for k in (0, 3, 6))
+    assert np.std(after - currents) < np.std(before - currents) / 4
 
 
 def test_the_model_stays_where_gains_are_as_their_files_say() -> None:
