@@ -149,7 +149,7 @@ def _notes_on_model(
     if judgement.masked:
         yield (
             f"Gains of the sensors, alike in all trials, mask {' and '.join(judgement.masked)}. The saved "
-            "model holds it, for a simulation has no gains."
+            "model holds it, for a simulation has no gains; its share of the gap is what simulations close."
         )
     library = problem.pool.scenario.effects
     if laws := [e.id for e in effects if e.id in library and library[e.id].law]:
