@@ -74,7 +74,7 @@ def _relieved(problem: Problem, search: Search, best: Model, tolerance: float) -
     Where gains that all trials share lie two std off their files, `TRIED` of the likely sets with one more
     effect are fitted finely; where they lie `THREE_SIGMA` off, as many of the candidates that a screen beside
     the model promises most of, too. The sets are those of them that are likelier than the model, and whose
-    simulations predict what was left out better by more than a standard error.
+    simulations predict what was left out better by more than a standard error, and no worse than the files do.
     """
     strains = _strain(problem, best).values()
     strain = sum(strains)
@@ -85,12 +85,17 @@ def _relieved(problem: Problem, search: Search, best: Model, tolerance: float) -
         larger += _screened_with_one_more(problem, search, best)
     likelier = [m for m in larger if m.log_posterior > best.log_posterior + LEAST_GAIN]
     left = {m: sum(_strain(problem, m).values()) for m in likelier}
-    before = loss_of_model(problem, best.fit, tolerance)
-    return [
-        m
-        for m in sorted(likelier, key=lambda m: left[m])
-        if left[m] < strain and predicts_worse(before, loss_of_model(problem, m.fit, tolerance), tolerance)
-    ]
+    before, by_files = (
+        loss_of_model(problem, best.fit, tolerance),
+        loss_of_files(problem, search.baseline.fit),
+    )
+
+    def simulates_better(model: Model) -> bool:
+        after = loss_of_model(problem, model.fit, tolerance)
+        return predicts_worse(before, after, tolerance) and not predicts_worse(after, by_files, tolerance)
+
+    less = [m for m in likelier if left[m] < strain]
+    return [m for m in sorted(less, key=lambda m: left[m]) if simulates_better(m)]
 
 
 def _fitted_with_one_more(problem: Problem, search: Search, best: Model) -> list[Model]:
