@@ -74,7 +74,7 @@ def _relieved(problem: Problem, search: Search, best: Model, tolerance: float) -
     Where gains that all trials share lie two std off their files, `TRIED` of the likely sets with one more
     effect are fitted finely; where they lie `THREE_SIGMA` off, as many of the candidates that a screen beside
     the model promises most of, too. The sets are those of them that are likelier than the model, and whose
-    simulations predict what was left out better by more than a standard error, and no worse than the files do.
+    simulations predict what was left out better by more than a standard error, and no worse than files do.
     """
     strains = _strain(problem, best).values()
     strain = sum(strains)
