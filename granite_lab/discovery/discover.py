@@ -196,7 +196,9 @@ def _judged(
     )
     searched, judged = parts.attempt(
         "rivals of what was found",
-        lambda: _reconsidered(problem, searched, judged, library, tolerance, tell),
+        lambda: _reconsidered(
+            problem, searched, judged, library, tolerance, lambda text: tell(text, STEPS - 2)
+        ),
         (searched, judged),
     )
     judged = parts.attempt("what may be saved", lambda: savable(problem, searched, judged, tolerance), judged)
@@ -239,12 +241,12 @@ def _reconsidered(
     judged: Judgement,
     library: Sequence[str],
     tolerance: float,
-    tell: Callable[[str, int], None],
+    tell: Callable[[str], None],
 ) -> tuple[Search, Judgement]:
     """Search on from rivals where not all that matters is named; return search and judgement."""
     if judged.verdict in ("none", "named"):
         return searched, judged
-    again = search_from_rivals(searched, problem, library, tolerance, tell)
+    again = search_from_rivals(searched, problem, library, tolerance, lambda text, _: tell(text))
     return (searched, judged) if again is searched else (again, judge(problem, again, tolerance))
 
 
