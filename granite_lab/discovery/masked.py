@@ -31,17 +31,20 @@ def with_masked(problem: Problem, search: Search, judgement: Judgement, toleranc
 
     The model is the set with one more effect, see `_relieved`, that strains the gains least. The effect is
     named where a gain that it relieves lay `THREE_SIGMA` off, errors of the formulas included, and no other
-    of these sets may be the likelier one; else it is small.
+    of these sets may be the likelier one; else it is small, which matters only beside what is named.
 
     Args:
         problem, tolerance: as in `judge`.
         search: the search in the library.
         judgement: of it.
     """
-    if judgement.verdict == "none":
+    if judgement.verdict == "none" or problem.is_exhausted:
         return judgement
     small = {e.id for e in judgement.small}
     best = search.model([e for e in judgement.model.effects if e not in small]) or judgement.model
+    strain = max(_strain(problem, best).values(), default=0.0)
+    if strain <= (0.0 if judgement.named else THREE_SIGMA**2):
+        return judgement
     relieved = _relieved(problem, search, best, tolerance)
     if not relieved:
         return judgement
@@ -78,8 +81,6 @@ def _relieved(problem: Problem, search: Search, best: Model, tolerance: float) -
     """
     strains = _strain(problem, best).values()
     strain = sum(strains)
-    if strain == 0:
-        return []
     larger = _fitted_with_one_more(problem, search, best)
     if max(strains) > THREE_SIGMA**2:
         larger += _screened_with_one_more(problem, search, best)
