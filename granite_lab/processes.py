@@ -29,21 +29,23 @@ SHORT_OF_MEMORY = "is memory short? --jobs 1 works in one process"
 """What to do where a process has died."""
 
 
-def init_worker() -> None:
+def init_worker(parent: int) -> None:
     """Begin a worker process: leave Ctrl-C to the parent, and end when the parent ends.
 
     A parent that was killed cannot tell its workers; without the watch they would wait for work
     for ever.
+
+    Args:
+        parent: its number, told by itself: when the worker begins, it may be gone already.
     """
     gc.freeze()  # no collection looks at what was inherited, so that its memory stays shared
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    threading.Thread(target=_watch, daemon=True).start()
+    threading.Thread(target=_watch, args=(parent,), daemon=True).start()
 
 
-def _watch(interval: float = 0.2) -> None:
-    parent = os.getppid()
+def _watch(parent: int, interval: float = 0.2) -> None:
     while os.getppid() == parent:
         time.sleep(interval)
     os._exit(1)
@@ -83,10 +85,14 @@ def forked_pool(workers: int, enter: Callable[[X], None], given: X) -> ProcessPo
 
 
 def _forks(workers: int, begin: Callable[..., None], *given: Any) -> ProcessPoolExecutor | None:
-    """Return a pool of forked processes; None where the system cannot fork safely."""
+    """Return a pool of forked processes, each begun by a call with the number of this one and what is given.
+
+    None where the system cannot fork safely.
+    """
     if sys.platform != "linux":
         return None
     context = multiprocessing.get_context("fork")
+    given = (os.getpid(), *given)
     return ProcessPoolExecutor(workers, mp_context=context, initializer=begin, initargs=given)
 
 
@@ -101,7 +107,7 @@ def worker_pool(workers: int) -> Executor:
         return pool
     import loky  # noqa: PLC0415, elsewhere a pool of the standard library needs a guarded main module
 
-    return cast(Executor, loky.ProcessPoolExecutor(workers, initializer=init_worker))
+    return cast(Executor, loky.ProcessPoolExecutor(workers, initializer=init_worker, initargs=(os.getpid(),)))
 
 
 def shut_down(pool: Executor, *, kill: bool) -> None:
@@ -115,8 +121,8 @@ def shut_down(pool: Executor, *, kill: bool) -> None:
         cast(Any, pool).shutdown(kill_workers=kill)
 
 
-def _begin(enter: Callable[[X], None], given: X) -> None:
-    init_worker()
+def _begin(parent: int, enter: Callable[[X], None], given: X) -> None:
+    init_worker(parent)
     enter(given)
 
 

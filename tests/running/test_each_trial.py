@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -50,6 +51,13 @@ def test_nothing_is_done_twice_but_a_changed_log(logs: list[Path], how: Executio
     logs[2].write_text("xxx", encoding="utf-8")  # as it was: remembered, too
     run(logs, how)
     assert worked == []
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows does not pass a process on to another parent")
+def test_a_worker_whose_parent_has_ended_before_it_begins_ends_too() -> None:
+    code = "import time; from granite_lab.processes import init_worker; init_worker(0); time.sleep(60)"
+    done = subprocess.run([sys.executable, "-c", code], timeout=40, check=False)
+    assert done.returncode == 1
 
 
 @pytest.mark.parametrize("by", ["option", "log"])
