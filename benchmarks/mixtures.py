@@ -118,7 +118,7 @@ def page(lines: Sequence[Mapping[str, Any]]) -> str:
 
 Virtual trials of `granite-lab hide --effect mixture` ([hidden effects](hidden.md#mixtures)): two to five
 causes, half of the sets on another contact law, in laboratories drawn by the seed. All seeds were judged once
-by code {lines[-1]["code"]} ({lines[-1]["commit"]}); no version was developed on them.
+by code {lines[-1]["code"]} ({lines[-1]["commit"]}); no earlier version was developed on them.
 
 An effect of the library counts where its absence reopens a tenth of the squared gap after sand, gains, tilt
 and delays have been fitted again. Of the others these absorb so much that little is left to tell them by.

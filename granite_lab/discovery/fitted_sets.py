@@ -58,6 +58,19 @@ class FittedSets:
     stage: int = 0
     _losses: dict[Fit, Array] = field(default_factory=dict)
 
+    @classmethod
+    def of_search(
+        cls,
+        found: Search,
+        problem: Problem,
+        candidates: Sequence[str],
+        tolerance: float,
+        tell: Callable[[str, int], None],
+    ) -> FittedSets:
+        """Return the sets of a search that has ended, to search on; the search stays as it is."""
+        models = {m.effects: m for m in found.models}
+        return cls(problem, candidates, tolerance, tell, models, dict(found.screenings), set(found.set_aside))
+
     @property
     def baseline(self) -> Model:
         """The model without effects."""

@@ -64,9 +64,9 @@ def search_beside(
         start: the set.
         problem, candidates, tolerance, tell: as in `search`.
     """
-    models = {m.effects: m for m in (*found.models, start)}
-    set_aside = set(found.set_aside) - {start.effects}
-    sets = FittedSets(problem, candidates, tolerance, tell, models, dict(found.screenings), set_aside)
+    sets = FittedSets.of_search(found, problem, candidates, tolerance, tell)
+    sets.models[start.effects] = start
+    sets.set_aside.discard(start.effects)
     return _exchanged(sets, *extend_fully(sets, start))
 
 
@@ -90,17 +90,14 @@ def search_from_rivals(
     Returns:
         the search with what was fitted; the same where there is no rival.
     """
-    models = {m.effects: m for m in found.models}
-    sets = FittedSets(
-        problem, candidates, tolerance, tell, models, dict(found.screenings), set(found.set_aside)
-    )
+    sets = FittedSets.of_search(found, problem, candidates, tolerance, tell)
     best = sets.likeliest()
     rivals = _rivals(sets, best)[:FEW]
     if not rivals or problem.is_exhausted:
         return found
     for rival in rivals:
         size = len(rival.effects) + 1
-        parts = [m for k, m in models.items() if set(k) <= set(best.effects) and len(k) <= size]
+        parts = [m for m in found.models if set(m.effects) <= set(best.effects) and len(m.effects) <= size]
         larger, tried = extend(sets, rival)
         if larger.log_posterior <= max(m.log_posterior for m in parts) + LEAST_GAIN:
             continue

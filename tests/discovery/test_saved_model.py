@@ -200,9 +200,7 @@ def test_the_model_holds_what_gains_of_the_sensors_mask(true: float, sure: bool)
     if sure:
         motor = saved.named[-1]
         assert motor.probability > 0.99
-        assert (
-            motor.closes.value > 0.001
-        )  # of the squared errors of simulations, most of which the push makes
+        assert motor.closes.value > 0.001  # of what simulations miss the push makes nearly all
     assert any("mask motor" in note for note in notes(problem, saved, ()))
     place = saved.model.fit.point.effects.index("motor")  # one number for each effect
     size, std = saved.model.fit.point.common[place], saved.model.fit.common_std[place]
