@@ -11,7 +11,7 @@ from granite_lab.inference.derivatives import differentiate
 from granite_lab.inference.normal import NormalEquations, Posterior, Scales, least_within
 from granite_lab.inference.point import Derivatives, Point
 from granite_lab.inference.problem import Problem
-from granite_lab.inference.scales import change, evidence_with_prior, learn_scales, posterior_at
+from granite_lab.inference.scales import between, change, evidence_with_prior, learn_scales, posterior_at
 from granite_lab.logs.trial import Array
 
 LEAST, LEAST_OF_ROUGH = 0.002, 2.0
@@ -20,8 +20,8 @@ number is further from the optimum than 0.045 of its std. Of a rough fit, which 
 to rank sets of effects, a whole one, a third of what a further effect must bring."""
 
 NO_FURTHER = NEGLIGIBLE**2
-"""Predicted drop below which a fine fit that ran out of steps has converged: no number is further from the
-optimum than a tenth of its std."""
+"""Predicted drop below which a fine fit has converged that ran out of steps, or finds a step to lead up: no
+number is further from the optimum than a tenth of its std."""
 
 TRUSTED, TRUSTED_ROUGH = NEGLIGIBLE, 0.4
 """How far from one the ratio of the actual to the predicted drop may be for the derivatives to be kept; of a
@@ -38,9 +38,10 @@ than formulas are: it is wrong, and half a percent of the rms of what it leaves 
 LEAST_FRACTION = 1 / 1024
 """Least fraction of a step that is tried; convention."""
 
-AS_PREDICTED = 0.75
-"""Ratio of the actual to the expected drop above which the next step may be twice as long; usual for trust
-regions (Nocedal and Wright, Numerical Optimization, 2nd ed., 2006, algorithm 4.1)."""
+AS_PREDICTED, TOO_LITTLE = 0.75, 0.25
+"""Ratio of the actual to the expected drop above which the next step may be twice as long, and below which it
+is half as long; usual for trust regions (Nocedal and Wright, Numerical Optimization, 2nd ed., 2006,
+algorithm 4.1)."""
 
 SETTLED = 0.02
 """Change of the logarithm of a scale at which scales and numbers are at their joint optimum: the numbers then
@@ -115,6 +116,7 @@ class Descent:
         fraction: of a step that is taken.
         settled: the scales are those of an optimum of the numbers. Near it a fine fit keeps them in between:
             scales that are learnt at each step move the optimum by more than a last step does.
+        jump: how far the scales moved when they were last learnt at an optimum of the numbers, see `change`.
         reached: evidence before each step, where the goal asks for some.
     """
 
@@ -127,6 +129,7 @@ class Descent:
     turned: bool = False
     fraction: float = 1.0
     settled: bool = False
+    jump: float = np.inf
     reached: list[float] = field(default_factory=list)
 
     def run(self, problem: Problem) -> bool:
@@ -146,7 +149,7 @@ class Descent:
             ratio = self._step(problem, objective, aim, predicted) if predicted >= least else 0.0
             if ratio <= 0 and self.distance == 0:
                 self.fraction /= 2
-                if not self._goes_on(problem):
+                if (self.settled and predicted < NO_FURTHER) or not self._goes_on(problem):
                     break
             elif abs(ratio - 1) > trusted:
                 if not self._differentiate(problem):
@@ -195,10 +198,14 @@ class Descent:
         return bool(further < self.goal.share * (self.goal.evidence - evidence))
 
     def _settle(self, problem: Problem) -> None:
-        """Learn the scales at an optimum of the numbers."""
+        """Learn the scales at an optimum of the numbers; half as far where they would jump to and fro."""
         before = self.scales
         self.learn(problem)
-        self.settled = change(before, self.scales) < (SETTLED if self.goal.fine else NEGLIGIBLE)
+        moved = change(before, self.scales)
+        self.settled = moved < (SETTLED if self.goal.fine else NEGLIGIBLE)
+        if moved > self.jump / 2:
+            self.scales = between(before, self.scales)
+        self.jump = moved
 
     def _step(self, problem: Problem, objective: float, aim: Point, predicted: float) -> float:
         """Take a fraction of a step if it leads down; return the ratio of the actual to the expected drop."""
@@ -214,6 +221,8 @@ class Descent:
             self.turned = False
             if ratio > AS_PREDICTED:
                 self.fraction = min(1.0, 2 * self.fraction)
+            elif ratio < TOO_LITTLE:
+                self.fraction /= 2
         return ratio
 
     def _differentiate(self, problem: Problem) -> bool:

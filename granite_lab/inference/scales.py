@@ -121,7 +121,7 @@ def learn_discrepancy(problem: Problem, normal: NormalEquations, point: Point, s
             best, highest = scales, evidence
             scales = _scored(problem, normal, post, scales)
         else:
-            scales = _between(best, scales)
+            scales = between(best, scales)
         if change(best, scales) < NEGLIGIBLE:
             return scales
     return best
@@ -156,13 +156,18 @@ def _scored(problem: Problem, normal: NormalEquations, post: Posterior, scales: 
     return replace(scales, discrepancies=discrepancies, formulas=formulas)
 
 
-def _between(first: Scales, second: Scales) -> Scales:
-    """Return the geometric means of two scales of the discrepancy."""
-    names = second.discrepancies
+def between(first: Scales, second: Scales) -> Scales:
+    """Return the geometric means of two sets of scales that were learnt."""
+
+    def mean(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, float]:
+        return {key: float(np.sqrt(before.get(key, size) * size)) for key, size in after.items()}
+
     return replace(
         second,
-        discrepancies={c: float(np.sqrt(first.discrepancy_of(c) * second.discrepancy_of(c))) for c in names},
-        formulas={c: float(np.sqrt(first.formula_of(c) * second.formula_of(c))) for c in names},
+        priors=mean(first.priors, second.priors),
+        discrepancies=mean(first.discrepancies, second.discrepancies),
+        formulas=mean(first.formulas, second.formulas),
+        noise_factor=mean(first.noise_factor, second.noise_factor),
     )
 
 
