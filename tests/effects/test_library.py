@@ -59,6 +59,24 @@ def test_a_run_out_of_the_wheels_heaves_the_body_by_as_much() -> None:
     assert slope == pytest.approx(-e, rel=0.1)
 
 
+def test_the_work_of_an_oval_wheel_is_that_of_its_motor() -> None:
+    """Forces F_x, F_z on a wheel of radius r − h(θ) do the work −h F_x + h' F_z more than on a round one."""
+    effect, θ = get("wheel_eccentricity"), np.linspace(0, 2 * np.pi, 721)
+    numbers = {"cos_front": 4e-4, "sin_front": -7e-4, "oval_front": 0.3, "oval_sin_front": -0.2}
+    sym = Symbols(numbers, {}, 0.0, MODEL)
+    of_wheel = [replace(WHEEL, angle=angle, rate=2.0, tread_rate=2.0) for angle in θ]
+    heights = np.array([float(WHEEL.sinkage - effect.wheel(w, sym).sinkage) for w in of_wheel])
+    angles = contact_angles(WHEEL, 0.5)
+    given = replace(wheel_forces(WHEEL, angles, SOIL, 1000.0), moment=0.0)
+    F_x, F_z = float(given.longitudinal), float(given.normal)
+    moments = [float(effect.wheel_forces(given, w, angles, SOIL, sym).moment) for w in of_wheel]
+    slope = np.gradient(heights, θ, edge_order=2)
+    assert np.allclose(moments, F_x * heights + F_z * slope, atol=2e-4 * max(np.abs(moments)))
+    ψ = θ - np.arctan2(-7e-4, 4e-4)
+    expected = np.hypot(4e-4, 7e-4) * (np.cos(ψ) + 0.3 * np.cos(2 * ψ) - 0.2 * np.sin(2 * ψ))
+    assert np.allclose(heights, expected, atol=1e-8)
+
+
 def test_a_contact_angle_that_follows_the_actual_speed_is_that_of_the_actual_speed() -> None:
     changed = run("contact_angle_actual_speed", weight=1.0, length=0.05)
     v, x = changed["v_mps"], changed["x_m"]
