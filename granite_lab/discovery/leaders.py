@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -160,3 +160,34 @@ def leaders(screenings: Sequence[Screening], fitted: Fitted = NOTHING_FITTED) ->
     for prospect in prospects:
         first.setdefault(prospect.score.candidate, prospect)
     return list(first.values())
+
+
+def overlooked(
+    before: Sequence[Screening], after: Sequence[Screening], added: str, tried: Collection[str]
+) -> list[Score]:
+    """Return candidates that were taken to add to an effect, and turn out to be its rivals.
+
+    Beside the set before it they promised `RIVAL` of what the effect did, and beside the effect they promise
+    less than half of that. They are the `FEW` that promised most.
+
+    Args:
+        before, after: the screens beside the set before the effect was added, and behind it.
+        added: the effect.
+        tried: candidates that were fitted beside the set before it, the effect among them.
+    """
+    shares: dict[str, tuple[float, Score]] = {}
+    for kind in (False, True):
+        first, then = (_best_scores(screenings, kind) for screenings in (before, after))
+        least = max(first[added].gain, LEAST_GAIN) if added in first else np.inf
+        for id_, score in first.items():
+            share = score.gain / least
+            is_less = id_ not in then or then[id_].gain < score.gain / 2
+            if id_ not in tried and is_less and share > max(RIVAL, shares.get(id_, (0.0, score))[0]):
+                shares[id_] = share, score
+    return [score for _, score in sorted(shares.values(), key=lambda pair: -pair[0])[:FEW]]
+
+
+def _best_scores(screenings: Sequence[Screening], kind: bool) -> dict[str, Score]:
+    """Return candidate to the score that promises most in the screens under tolerated or learnt scales."""
+    scores = [s for screening in screenings if screening.tolerated is kind for s in screening.scores]
+    return {score.candidate: score for score in sorted(scores, key=lambda s: s.gain)}

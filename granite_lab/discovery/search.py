@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from granite_lab.discovery.candidates import Score
 from granite_lab.discovery.fitted_sets import MOST, FittedSets, with_score
 from granite_lab.discovery.heldout import Equations, losses, predict, predicts_better
-from granite_lab.discovery.leaders import Fitted, Prospect
+from granite_lab.discovery.leaders import Fitted, Prospect, overlooked
 from granite_lab.discovery.models import Model, Search, finely, likely, ranked
 from granite_lab.discovery.relevance import exceeds_formula_errors, left_without, share_made, unexplained
 from granite_lab.discovery.saved_model import loss_of_files, loss_of_model, predicts_worse
@@ -128,6 +128,8 @@ def _exchanged(sets: FittedSets, best: Model, steps: Sequence[Extension]) -> Sea
     """Exchange the effects of the best set, and reduce the set to those that are needed."""
     if not sets.problem.is_exhausted:
         exchange(sets, best, steps)
+        if (new := sets.likeliest()) is not best:
+            extend_fully(sets, new)
     for _ in range(MOST):
         set_aside_bad_predictors(sets)
         if sets.problem.is_exhausted:
@@ -150,14 +152,35 @@ class Extension:
 def extend_fully(sets: FittedSets, model: Model) -> tuple[Model, list[Extension]]:
     """Extend a set effect by effect; return the last set and the steps to it."""
     steps: list[Extension] = []
+    model = sets.at_optimum_if_adequate(model)
     while sum(not is_term(e) for e in model.effects) < MOST and not sets.problem.is_exhausted:
-        model = sets.at_optimum_if_adequate(model)
         larger, tried = extend(sets, model)
         if larger is model:
             break
-        steps.append(Extension(model, larger, tried))
-        model = larger
+        step = _or_overlooked(sets, Extension(model, sets.at_optimum_if_adequate(larger), tried))
+        steps.append(step)
+        model = step.after
     return model, steps
+
+
+def _or_overlooked(sets: FittedSets, step: Extension) -> Extension:
+    """Return a step, or that to an overlooked rival of the added effect where the rival is better.
+
+    See `leaders.overlooked`.
+    """
+    if sets.problem.is_exhausted:
+        return step
+    before, added = step.before, _added(step.after, step.before)
+    sets.stage = min(MOST, max(sets.stage, len(step.after.effects)))
+    sets.prospects(step.after)  # screens beside it
+    first, then = (sets.screenings.get(m.effects, ()) for m in (before, step.after))
+    new = overlooked(first, then, added, {score.candidate for score in step.tried})
+    if not new:
+        return step
+    points = [with_score(sets.problem, before.fit.point, score) for score in new]
+    sets.fit_new([(point, before.fit) for point in points], step.after.log_posterior)
+    best = _best_of(sets, before, [added, *(score.candidate for score in new)])
+    return Extension(before, best, [*step.tried, *new])
 
 
 def extend(sets: FittedSets, model: Model) -> tuple[Model, list[Score]]:
@@ -177,10 +200,10 @@ def extend(sets: FittedSets, model: Model) -> tuple[Model, list[Score]]:
         while new:
             tried |= {p.score.candidate: p for p in new}
             sets.fit_prospects(model, new)
-            best = _best_of(sets, model, list(tried.values()))
+            best = _best_of(sets, model, list(tried))
             new = further(_added(best, model)) if best is not model and sets.is_adequate(best) else []
-        if not groups and best is model and not _may_be_explained(sets, model):
-            groups = _fitted_together(sets, model, further())
+        if not groups and best is model and _is_more_missing(sets, model, tried):
+            groups = _fitted_together(sets, model, further(), is_first=False)
     return best, [p.score for p in tried.values()]
 
 
@@ -190,16 +213,30 @@ def _added(larger: Model, model: Model) -> str:
     return id_
 
 
-def _fitted_together(sets: FittedSets, model: Model, prospects: list[Prospect]) -> list[list[Prospect]]:
+def _fitted_together(
+    sets: FittedSets, model: Model, prospects: list[Prospect], *, is_first: bool = True
+) -> list[list[Prospect]]:
     """Return the groups in which candidates are fitted beside a model until one of them stays.
 
     Beside a set that leaves no discrepancy there are `TOGETHER` in each, for most often none stays. Where
-    errors of the formulas may explain all that is left, it is only the first; elsewhere all together.
+    errors of the formulas may explain all that is left, it is only the first candidate, if none was fitted
+    before; elsewhere all together.
     """
     if sets.is_adequate(model):
         return [prospects[k : k + TOGETHER] for k in range(0, len(prospects), TOGETHER)]
-    few = prospects[:1] if _may_be_explained(sets, model) else prospects
+    few = prospects[:1] if is_first and _may_be_explained(sets, model) else prospects
     return [few] if few else []
+
+
+def _is_more_missing(sets: FittedSets, model: Model, tried: Collection[str]) -> bool:
+    """Tell whether more is missing beside a set than errors of its formulas explain.
+
+    It is, where a set with one of the tried effects is likelier although that effect does not stay.
+    """
+    larger = (sets.models.get(model.with_effect(id_)) for id_ in tried)
+    if any(m is not None and model.is_improved_by(m) for m in larger):
+        return True
+    return not _may_be_explained(sets, model)
 
 
 def _may_be_explained(sets: FittedSets, model: Model) -> bool:
@@ -210,13 +247,13 @@ def _may_be_explained(sets: FittedSets, model: Model) -> bool:
     return max(left.values(), default=0.0) <= sets.tolerance
 
 
-def _best_of(sets: FittedSets, model: Model, tried: Sequence[Prospect]) -> Model:
+def _best_of(sets: FittedSets, model: Model, tried: Sequence[str]) -> Model:
     """Return the likeliest set with one of the tried whose new effect stays; the set itself if none.
 
     Where a likelier set predicts worse, its sand may still stand in for what was missing: it is fitted again
     from the numbers of the files.
     """
-    keys = [model.with_effect(p.score.candidate) for p in tried]
+    keys = [model.with_effect(id_) for id_ in tried]
     for larger in ranked(sets.models[k] for k in keys if k in sets.models and k not in sets.set_aside):
         if larger.log_posterior <= model.log_posterior + LEAST_GAIN:
             break
@@ -312,7 +349,10 @@ def exchange(sets: FittedSets, best: Model, steps: Sequence[Extension]) -> None:
     points: list[Point] = []
     for step in steps:
         without = sets.problem.without_effect(best.fit.point, _added(step.after, step.before))
-        rivals = [*_screened_laws(sets, step), *(_tried_rivals(sets, step) if step is not steps[-1] else ())]
+        rivals = [
+            *_screened_laws(sets, step),
+            *(_tried_rivals(sets, step) if step is not steps[-1] else ()),
+        ]
         points += [with_score(sets.problem, without, s) for s in rivals if s.candidate not in best.effects]
     sets.fit_new([(point, best.fit) for point in points], best.log_posterior)
     exchanged = (sets.models[k] for k in dict.fromkeys(map(set_of, points)) if k in sets.models)

@@ -1,18 +1,20 @@
 """Screening on trials in closed form: traces that move with their size, probes without a solution."""
 
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
-from granite_lab.discovery.candidates import scores
+from granite_lab.discovery.candidates import Score, scores
 from granite_lab.discovery.fitted_sets import FittedSets
+from granite_lab.discovery.leaders import Screening, overlooked
 from granite_lab.discovery.models import Model
 from granite_lab.discovery.screens import around, screen, sizes
 from granite_lab.inference.constants import FEW, LEAST_GAIN, TOLERANCE
 from granite_lab.inference.descent import ROUGH
-from granite_lab.inference.fit import fit
+from granite_lab.inference.fit import Fit, fit
 from granite_lab.inference.gap import prediction_change
 from granite_lab.inference.pool import ACCURACY, Scenario, Task
 from granite_lab.logs.trial import Array
@@ -131,3 +133,22 @@ def test_a_candidate_matters_as_likely_as_its_fit_says_that_it_moves_a_channel_b
         (score,) = scores(problem, columns, tolerance)
         beyond = norm.sf(tolerance / one, [value, -value], std).sum()
         assert score.relevant == pytest.approx(beyond, abs=0.1)
+
+
+def test_a_candidate_that_an_effect_makes_needless_was_its_rival_and_not_one_that_adds_to_it() -> None:
+    """Beside the set the effect promised 100; then half of what the others promised counts as lost."""
+    fitted = cast(Fit, None)
+
+    def screens(learnt: dict[str, float], tolerated: dict[str, float]) -> list[Screening]:
+        kinds = ((learnt, False), (tolerated, True))
+        return [
+            Screening(fitted, None, tuple(Score(c, gain, ()) for c, gain in gains.items()), kind)
+            for gains, kind in kinds
+        ]
+
+    before = screens(
+        {"a": 100.0, "rival": 55.0, "adds": 90.0, "weak": 25.0, "tried": 80.0}, {"a": 40.0, "late": 30.0}
+    )
+    after = screens({"rival": 20.0, "adds": 50.0, "weak": 1.0, "tried": 1.0}, {"late": 14.0})
+    found = overlooked(before, after, "a", {"a", "tried"})
+    assert [score.candidate for score in found] == ["late", "rival"]
