@@ -179,8 +179,9 @@ def _or_overlooked(sets: FittedSets, step: Extension) -> Extension:
         return step
     points = [with_score(sets.problem, before.fit.point, score) for score in new]
     sets.fit_new([(point, before.fit) for point in points], step.after.log_posterior)
-    best = _best_of(sets, before, [added, *(score.candidate for score in new)])
-    return Extension(before, best, [*step.tried, *new])
+    best = _best_of(sets, before, [score.candidate for score in new])
+    after = best if best.log_posterior > step.after.log_posterior else step.after
+    return Extension(before, after, [*step.tried, *new])
 
 
 def extend(sets: FittedSets, model: Model) -> tuple[Model, list[Score]]:
