@@ -7,6 +7,7 @@ all trials, they lie further off than their data sheets allow.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -42,10 +43,10 @@ def with_masked(problem: Problem, search: Search, judgement: Judgement, toleranc
         return judgement
     small = {e.id for e in judgement.small}
     best = search.model([e for e in judgement.model.effects if e not in small]) or judgement.model
-    strain = max(_strain(problem, best).values(), default=0.0)
-    if strain <= (0.0 if judgement.named else THREE_SIGMA**2):
+    strains = _strain(problem, best)
+    if max(strains.values(), default=0.0) <= (0.0 if judgement.named else THREE_SIGMA**2):
         return judgement
-    relieved = _relieved(problem, search, best, tolerance)
+    relieved = _relieved(problem, search, best, strains, tolerance)
     if not relieved:
         return judgement
     model = relieved[0]
@@ -53,7 +54,8 @@ def with_masked(problem: Problem, search: Search, judgement: Judgement, toleranc
     rest = tuple(e for e in judgement.small if e.id != id_)
     shares = softmax([m.log_posterior for m in (model, best, *relieved[1:])])
     probability = min(float(shares[0]), SUREST)
-    sure = probability >= CREDIBLE and _is_certain(problem, best, model)
+    gains = strains.keys() - _strain(problem, model).keys()
+    sure = probability >= CREDIBLE and _is_certain(problem, best, gains)
     if not sure or at_bounds(problem, model.fit, id_):
         known = model.effects == judgement.model.effects
         further = replace(judgement, model=model, small=(*unjudged([id_]), *rest), masked=(id_,))
@@ -71,7 +73,9 @@ def with_masked(problem: Problem, search: Search, judgement: Judgement, toleranc
     )
 
 
-def _relieved(problem: Problem, search: Search, best: Model, tolerance: float) -> list[Model]:
+def _relieved(
+    problem: Problem, search: Search, best: Model, strains: Mapping[str, float], tolerance: float
+) -> list[Model]:
     """Return sets with one more effect that strain the gains less, those that strain them least first.
 
     Where gains that all trials share lie two std off their files, `TRIED` of the likely sets with one more
@@ -79,10 +83,8 @@ def _relieved(problem: Problem, search: Search, best: Model, tolerance: float) -
     the model promises most of, too. The sets are those of them that are likelier than the model, and whose
     simulations predict what was left out better by more than a standard error, and no worse than files do.
     """
-    strains = _strain(problem, best).values()
-    strain = sum(strains)
     larger = _fitted_with_one_more(problem, search, best)
-    if max(strains) > THREE_SIGMA**2:
+    if max(strains.values()) > THREE_SIGMA**2:
         larger += _screened_with_one_more(problem, search, best)
     likelier = [m for m in larger if m.log_posterior > best.log_posterior + LEAST_GAIN]
     left = {m: sum(_strain(problem, m).values()) for m in likelier}
@@ -95,7 +97,7 @@ def _relieved(problem: Problem, search: Search, best: Model, tolerance: float) -
         after = loss_of_model(problem, model.fit, tolerance)
         return predicts_worse(before, after, tolerance) and not predicts_worse(after, by_files, tolerance)
 
-    less = [m for m in likelier if left[m] < strain]
+    less = [m for m in likelier if left[m] < sum(strains.values())]
     return [m for m in sorted(less, key=lambda m: left[m]) if simulates_better(m)]
 
 
@@ -125,8 +127,8 @@ def _closes(problem: Problem, search: Search, best: Model, model: Model, toleran
     return Estimate(float(after - before))
 
 
-def _is_certain(problem: Problem, best: Model, model: Model) -> bool:
-    """Tell whether a gain that a further effect relieves lay `THREE_SIGMA` off its file without it.
+def _is_certain(problem: Problem, best: Model, gains: Collection[str]) -> bool:
+    """Tell whether one of the gains that a further effect relieves lay `THREE_SIGMA` off its file without it.
 
     The std holds what the fit and errors of the formulas leave open of the gain: what a formula misses in a
     channel may look like a gain of it.
@@ -134,9 +136,8 @@ def _is_certain(problem: Problem, best: Model, model: Model) -> bool:
     numbers, shared = Numbers(problem, best.fit), best.fit.point.shared.size
     first = best.fit.std.size - best.fit.point.common.size - shared
     open_ = np.hypot(best.fit.std, numbers.by_formulas)[first : first + shared]
-    relieved = _strain(problem, best).keys() - _strain(problem, model).keys()
-    std = {name: np.hypot(problem.learnt_std[name], open_[SHARED.index(name)]) for name in relieved}
-    return any(abs(numbers.own_means[name]) > THREE_SIGMA * std[name] for name in relieved)
+    std = {name: np.hypot(problem.learnt_std[name], open_[SHARED.index(name)]) for name in gains}
+    return any(abs(numbers.own_means[name]) > THREE_SIGMA * std[name] for name in gains)
 
 
 def _strain(problem: Problem, model: Model) -> dict[str, float]:
