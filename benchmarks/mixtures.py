@@ -30,7 +30,7 @@ from granite_lab.errors import EstimateError
 
 RESULTS = ROOT / "benchmarks" / "results" / "mixtures.jsonl"
 
-FIRST = 354_000
+FIRST = 355_000
 """First seed; no version was developed on it or on those behind it. Earlier ones were looked into."""
 
 DIAGRAM = "figures/blind-mixtures.png"

@@ -87,7 +87,8 @@ def _relieved(
     if max(strains.values()) > THREE_SIGMA**2:
         larger += _screened_with_one_more(problem, search, best)
     likelier = [m for m in larger if m.log_posterior > best.log_posterior + LEAST_GAIN]
-    left = {m: sum(_strain(problem, m).values()) for m in likelier}
+    strained = {m: _strain(problem, m) for m in likelier}
+    left = {m: after for m, after in strained.items() if _is_relief(strains, after)}
     before, by_files = (
         loss_of_model(problem, best.fit, tolerance),
         loss_of_files(problem, search.baseline.fit),
@@ -97,8 +98,13 @@ def _relieved(
         after = loss_of_model(problem, model.fit, tolerance)
         return predicts_worse(before, after, tolerance) and not predicts_worse(after, by_files, tolerance)
 
-    less = [m for m in likelier if left[m] < sum(strains.values())]
-    return [m for m in sorted(less, key=lambda m: left[m]) if simulates_better(m)]
+    return [m for m in sorted(left, key=lambda m: sum(left[m].values())) if simulates_better(m)]
+
+
+def _is_relief(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
+    """Tell whether gains are strained less, one of them by more than half."""
+    is_less = sum(after.values()) < sum(before.values())
+    return is_less and any(after.get(name, 0.0) < strain / 2 for name, strain in before.items())
 
 
 def _fitted_with_one_more(problem: Problem, search: Search, best: Model) -> list[Model]:

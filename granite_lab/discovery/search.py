@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -203,8 +203,8 @@ def extend(sets: FittedSets, model: Model) -> tuple[Model, list[Score]]:
             sets.fit_prospects(model, new)
             best = _best_of(sets, model, list(tried))
             new = further(_added(best, model)) if best is not model and sets.is_adequate(best) else []
-        if not groups and best is model and _is_more_missing(sets, model, tried):
-            groups = _fitted_together(sets, model, further(), is_first=False)
+        if not groups and best is model and not _may_be_explained(sets, model):
+            groups = _fitted_together(sets, model, further())
     return best, [p.score for p in tried.values()]
 
 
@@ -214,30 +214,16 @@ def _added(larger: Model, model: Model) -> str:
     return id_
 
 
-def _fitted_together(
-    sets: FittedSets, model: Model, prospects: list[Prospect], *, is_first: bool = True
-) -> list[list[Prospect]]:
+def _fitted_together(sets: FittedSets, model: Model, prospects: list[Prospect]) -> list[list[Prospect]]:
     """Return the groups in which candidates are fitted beside a model until one of them stays.
 
     Beside a set that leaves no discrepancy there are `TOGETHER` in each, for most often none stays. Where
-    errors of the formulas may explain all that is left, it is only the first candidate, if none was fitted
-    before; elsewhere all together.
+    errors of the formulas may explain all that is left, it is only the first; elsewhere all together.
     """
     if sets.is_adequate(model):
         return [prospects[k : k + TOGETHER] for k in range(0, len(prospects), TOGETHER)]
-    few = prospects[:1] if is_first and _may_be_explained(sets, model) else prospects
+    few = prospects[:1] if _may_be_explained(sets, model) else prospects
     return [few] if few else []
-
-
-def _is_more_missing(sets: FittedSets, model: Model, tried: Collection[str]) -> bool:
-    """Tell whether more is missing beside a set than errors of its formulas explain.
-
-    It is, where a set with one of the tried effects is likelier although that effect does not stay.
-    """
-    larger = (sets.models.get(model.with_effect(id_)) for id_ in tried)
-    if any(m is not None and model.is_improved_by(m) for m in larger):
-        return True
-    return not _may_be_explained(sets, model)
 
 
 def _may_be_explained(sets: FittedSets, model: Model) -> bool:
