@@ -171,7 +171,7 @@ def overlooked(
     less than half of that. They are the `FEW` that promised most.
 
     Args:
-        before, after: the screens beside the set before the effect was added, and behind it.
+        before, after: the screens beside the set without the effect, and beside that with it.
         added: the effect.
         tried: candidates that were fitted beside the set before it, the effect among them.
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -157,17 +157,17 @@ def _scored(problem: Problem, normal: NormalEquations, post: Posterior, scales: 
 
 
 def between(first: Scales, second: Scales) -> Scales:
-    """Return the geometric means of two sets of scales that were learnt."""
+    """Return the geometric means of two sets of scales; what the first has not learnt is as at the start."""
 
-    def mean(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, float]:
-        return {key: float(np.sqrt(before.get(key, size) * size)) for key, size in after.items()}
+    def mean(before: Callable[[str], float], after: Mapping[str, float]) -> dict[str, float]:
+        return {key: float(np.sqrt(before(key) * size)) for key, size in after.items()}
 
     return replace(
         second,
-        priors=mean(first.priors, second.priors),
-        discrepancies=mean(first.discrepancies, second.discrepancies),
-        formulas=mean(first.formulas, second.formulas),
-        noise_factor=mean(first.noise_factor, second.noise_factor),
+        priors=mean(lambda name: first.priors.get(name, second.priors[name]), second.priors),
+        discrepancies=mean(first.discrepancy_of, second.discrepancies),
+        formulas=mean(first.formula_of, second.formulas),
+        noise_factor=mean(lambda name: first.noise_factor.get(name, 1.0), second.noise_factor),
     )
 
 
