@@ -177,7 +177,7 @@ def overlooked(
     """
     shares: dict[str, tuple[float, Score]] = {}
     for kind in (False, True):
-        first, then = (_best_scores(screenings, kind) for screenings in (before, after))
+        first, then = (best_scores(screenings, under_tolerated=kind) for screenings in (before, after))
         least = max(first[added].gain, LEAST_GAIN) if added in first else np.inf
         for id_, score in first.items():
             share = score.gain / least
@@ -187,7 +187,9 @@ def overlooked(
     return [score for _, score in sorted(shares.values(), key=lambda pair: -pair[0])[:FEW]]
 
 
-def _best_scores(screenings: Sequence[Screening], kind: bool) -> dict[str, Score]:
-    """Return candidate to the score that promises most in the screens under tolerated or learnt scales."""
-    scores = [s for screening in screenings if screening.tolerated is kind for s in screening.scores]
+def best_scores(screenings: Sequence[Screening], *, under_tolerated: bool = False) -> dict[str, Score]:
+    """Return candidate to the score that promises most, the best last; by scales as learnt, or tolerated."""
+    scores = [
+        s for screening in screenings if screening.tolerated is under_tolerated for s in screening.scores
+    ]
     return {score.candidate: score for score in sorted(scores, key=lambda s: s.gain)}

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granite_lab.discovery.candidates import Score
-from granite_lab.discovery.leaders import Screening
+from granite_lab.discovery.leaders import Screening, best_scores
 from granite_lab.discovery.sets import UNLIKELY, EffectSet, best_fits, log_posterior
 from granite_lab.inference.constants import LEAST_GAIN
 from granite_lab.inference.descent import TO_OPTIMUM
@@ -103,8 +103,7 @@ class Search:
 
     def screened_alone(self) -> dict[str, Score]:
         """Return candidate to the screen of it as the only effect that promises most, by scales as learnt."""
-        scores = [s for k in self.screenings.get((), ()) if not k.tolerated for s in k.scores]
-        return {s.candidate: s for s in sorted(scores, key=lambda s: s.gain)}
+        return best_scores(self.screenings.get((), ()))
 
     def model(self, effects: Sequence[str]) -> Model | None:
         """Return the model of a set, None where it was not fitted."""

@@ -10,7 +10,7 @@ import numpy as np
 from granite_lab.discovery.candidates import Score
 from granite_lab.discovery.fitted_sets import MOST, FittedSets, with_score
 from granite_lab.discovery.heldout import Equations, losses, predict, predicts_better
-from granite_lab.discovery.leaders import Fitted, Prospect, overlooked
+from granite_lab.discovery.leaders import Fitted, Prospect, best_scores, overlooked
 from granite_lab.discovery.models import Model, Search, finely, likely, ranked
 from granite_lab.discovery.relevance import exceeds_formula_errors, left_without, share_made, unexplained
 from granite_lab.discovery.saved_model import loss_of_files, loss_of_model, predicts_worse
@@ -367,12 +367,9 @@ def _screened_laws(sets: FittedSets, step: Extension) -> list[Score]:
     if not effects[_added(step.after, step.before)].law:
         return []
     tried = {score.candidate for score in step.tried}
-    best: dict[str, Score] = {}
-    for screening in sets.screenings.get(step.before.effects, ()):
-        for score in (s for s in screening.scores if effects[s.candidate].law and not screening.tolerated):
-            if score.candidate not in tried and score.gain > LEAST_GAIN:
-                best[score.candidate] = max(best.get(score.candidate, score), score, key=lambda s: s.gain)
-    return sorted(best.values(), key=lambda s: -s.gain)[:TRIED]
+    best = best_scores(sets.screenings.get(step.before.effects, ())).values()
+    laws = [s for s in best if effects[s.candidate].law and s.candidate not in tried and s.gain > LEAST_GAIN]
+    return sorted(laws, key=lambda s: -s.gain)[:TRIED]
 
 
 def set_aside_bad_predictors(sets: FittedSets) -> None:
